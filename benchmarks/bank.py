@@ -20,7 +20,7 @@ from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
-from strainsight.loads.unknowns import Unknowns
+from strainsight.loads.input_models import Unknowns
 from strainsight.runner.where import Where, opened
 
 THIRDS = ("E1", "E2", "E3")

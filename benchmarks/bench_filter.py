@@ -30,12 +30,11 @@ import numpy as np
 from benchmarks.full_bench import full_bench, loads_of_file
 
 from strainsight.estimation.filter import filter_runs
+from strainsight.multibody.initial import static_equilibrium
 from strainsight.multibody.inverse.loads import walks
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.inverse.parameters import parameter_coordinates
-from strainsight.multibody.inverse.start import start_covariance, white_force
+from strainsight.multibody.inverse.parameters import parameter_coordinates, start_covariance, white_force
 from strainsight.multibody.simulate import simulate
-from strainsight.multibody.static import static_equilibrium
 
 NOISE = 1e-11
 

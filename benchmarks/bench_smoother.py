@@ -15,7 +15,7 @@ from benchmarks.bench_sigma import FINE, SIZE, SMOOTH, drawn, motion
 from tests.multibody.inverse.benches import bench
 
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.orthogonal_smoother import smooth_first
+from strainsight.estimation.smoother import smooth_first
 from strainsight.experiment.bench.inverse.truth import drawn as drawn_truth
 from strainsight.loads.input_models import InputModel, Matern, RandomWalk
 from strainsight.multibody.inverse.loads import load_process

@@ -28,8 +28,8 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.smoother import smooth
 from strainsight.fem.affine import AffineOperator
-from strainsight.loads.noise import process_intensity
-from strainsight.loads.unknowns import Unknowns
+from strainsight.loads.input_models import Unknowns
+from strainsight.loads.linearisation import process_intensity
 from strainsight.rom.model import Damping, ReducedModel
 
 E0, RHO, LENGTH, WIDTH, HEIGHT, MODES = 2.1e11, 7850.0, 2.0, 0.2, 0.195, 11

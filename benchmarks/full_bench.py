@@ -14,10 +14,9 @@ from strainsight.config.load import load_config
 from strainsight.experiment.bench.bench import Bench, bench_of
 from strainsight.experiment.bench.sensors import sensors_of
 from strainsight.multibody.forces import RelativeElement
-from strainsight.multibody.initial import project_position, state
+from strainsight.multibody.initial import project_position, state, static_equilibrium
 from strainsight.multibody.sensors import Readings, RelationSensor, readings
-from strainsight.multibody.static import static_equilibrium
-from strainsight.records.bodies import ReducedBodies
+from strainsight.records.bench import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.runner.plan import Job

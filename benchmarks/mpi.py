@@ -18,8 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.contrib.mpi.programs import LAUNCHER
-from strainsight.contrib.mpi.session import WORKER, OverMpi
+from strainsight.contrib.mpi.session import LAUNCHER, WORKER, OverMpi
 from strainsight.decks.reader import read_mesh
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model

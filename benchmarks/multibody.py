@@ -30,17 +30,16 @@ from benchmarks.full_bench import loads_of_file
 from scipy.linalg import eigh
 from scipy.sparse import csr_matrix
 
-from strainsight.multibody.advance import advance, slopes
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
-from strainsight.multibody.bodies import FlexibleBody, RigidBody
+from strainsight.multibody.bodies import FlexibleBody, Frame, RigidBody
 from strainsight.multibody.forces import Gravity, RelativeElement
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import Joint, revolute, spherical
 from strainsight.multibody.relations import bearing_displacements, dot
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import simulate
+from strainsight.multibody.step import advance, slopes
 from strainsight.multibody.system import System, assemble
 from strainsight.rom.inertia import InertiaInvariants
 

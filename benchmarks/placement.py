@@ -47,8 +47,7 @@ def bending(count: int) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], 
 def make_scenarios(pool: int, modes: int, inputs: tuple[str, ...], count: int, seed: int = 0) -> tuple[Any, ...]:
     """`count` linearisation instants of the beam with `pool` gauges and its lowest `modes`."""
     from strainsight.fem.affine import AffineOperator
-    from strainsight.loads.linearisation import Unknowns, augment_rows, linearise
-    from strainsight.loads.noise import gauge_intensity, process_intensity
+    from strainsight.loads.linearisation import Unknowns, augment_rows, gauge_intensity, linearise, process_intensity
     from strainsight.placement.elimination import Scenario, whole_pool_weight
     from strainsight.rom.model import Damping, ReducedModel
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from strainsight import api
 from strainsight.errors import ContradictionError, UserError
-from strainsight.experiment.structure.channels import readings
+from strainsight.experiment.structure.candidates import readings
 from strainsight.experiment.structure.problem import problem_of, sample_std
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.loads.histories import Tones, instant_values, tones_of

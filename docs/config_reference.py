@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from strainsight.config.schema import config_schema
+from strainsight.config.template import config_schema
 
 KINDS = {"placement": "PlacementConfig", "bench": "BenchConfig", "bearing": "BearingConfig", "suite": "SuiteConfig"}
 WHAT = {

@@ -5,8 +5,13 @@ from __future__ import annotations
 import numpy as np
 from scipy import linalg
 
-from strainsight.fem.beam_curved import curved_beam_masses, curved_beam_stiffnesses
-from strainsight.fem.beam_matrices import BeamProperties, beam_masses, beam_stiffnesses
+from strainsight.fem.beam_matrices import (
+    BeamProperties,
+    beam_masses,
+    beam_stiffnesses,
+    curved_beam_masses,
+    curved_beam_stiffnesses,
+)
 
 
 def axes_of(ends, towards):

@@ -6,7 +6,7 @@ import os
 
 import pytest
 
-from strainsight.contrib.mpi.programs import programs
+from strainsight.contrib.mpi.session import programs
 from strainsight.errors import UserError
 
 ALLOWED = {

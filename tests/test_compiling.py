@@ -36,10 +36,10 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.forces import Gravity, RelativeElement
-from strainsight.multibody.frames import Frame
+from strainsight.multibody.bodies import Frame
 from strainsight.multibody.initial import state
 from strainsight.multibody.relations import bearing_displacements
-from strainsight.multibody.advance import sensitivities
+from strainsight.multibody.step import sensitivities
 from strainsight.multibody.equations import balance
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble

@@ -12,7 +12,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
-from strainsight.config.schema import config_schema
+from strainsight.config.template import config_schema
 from strainsight_cli.main import app
 
 from .shared import ROOT, script

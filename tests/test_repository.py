@@ -153,4 +153,5 @@ def test_a_test_file_that_cannot_be_imported_is_an_error(tmp_path):
     (tmp_path / "test_x.py").write_text("from math import no_such\ndef test_a(): pass\n", encoding="utf-8")
     command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-c", os.devnull, "--rootdir", ".", "--import-mode=importlib"]
     done = subprocess.run([*command, "."], cwd=tmp_path, capture_output=True, text=True, check=False)
-    assert done.returncode == pytest.ExitCode.INTERRUPTED and "cannot import name 'no_such'" in done.stdout
+    assert done.returncode == pytest.ExitCode.INTERRUPTED
+    assert "cannot import name 'no_such'" in done.stdout

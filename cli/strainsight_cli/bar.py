@@ -10,7 +10,7 @@ from typing import Any
 
 from strainsight.errors import printable
 from strainsight_cli.clock import Left
-from strainsight_cli.levels import Level, shown
+from strainsight_cli.printing import Level, shown
 from strainsight_cli.work import Progress
 
 

@@ -11,9 +11,8 @@ import typer
 
 from strainsight_cli import pipelines
 from strainsight_cli.failures import CONTRADICTED, reported
-from strainsight_cli.levels import Level, shown
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
-from strainsight_cli.printing import json_line, say
+from strainsight_cli.printing import Level, json_line, say, shown
 from strainsight_cli.render import print_tables
 from strainsight_cli.work import bring_up_to_date
 

@@ -53,7 +53,7 @@ def check_solver() -> list[Finding]:
 
 def check_mpi() -> list[Finding]:
     """What `solver: slepc` needs: none of it is missed by other configs, so that its absence is good news, too."""
-    from strainsight.contrib.mpi.programs import programs
+    from strainsight.contrib.mpi.session import programs
 
     try:
         found = programs()

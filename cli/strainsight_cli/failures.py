@@ -20,8 +20,7 @@ import typer
 
 from strainsight.errors import printable
 from strainsight.processes import end_children
-from strainsight_cli.levels import Level, level_of, shown, speaking
-from strainsight_cli.printing import say
+from strainsight_cli.printing import Level, level_of, say, shown, speaking
 
 INTERNAL, USER, CONTRADICTED, INTERRUPTED = 1, 2, 3, 130
 SHOW_CURSOR = b"\x1b[?25h\n"

@@ -44,8 +44,7 @@ def costs_of(
 ) -> tuple[Size, dict[str, Cost]] | tuple[()] | None:
     """The size, and the cost of every stage that has a law; empty where none will run; None where the size is not known."""
     from strainsight.config.placement import PlacementConfig
-    from strainsight.experiment.structure.cost import SOLVES, cost_of
-    from strainsight.experiment.structure.cost_of_place import cost_of_place
+    from strainsight.experiment.structure.cost import SOLVES, cost_of, cost_of_place
 
     config = work.job.model
     if not isinstance(config, PlacementConfig) or config.mesh.matrices is not None:

@@ -214,7 +214,7 @@ def doctor(results: Results = DEFAULT_RESULTS, as_json: DoctorJson = False, verb
 @app.command(help="Print the JSON Schema of a config.")
 def schema() -> None:
     with reported():
-        from strainsight.config.schema import schema_text
+        from strainsight.config.template import schema_text
 
         say(*schema_text().splitlines())
 

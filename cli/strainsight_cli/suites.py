@@ -2,32 +2,102 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import signal
+import sys
+import warnings
+from collections.abc import Generator, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import closing, contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from multiprocessing import active_children, get_context, resource_tracker
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import typer
 
+from strainsight import processes
 from strainsight.errors import ConfigError, did_you_mean
+from strainsight.processes import end_with_parent
 from strainsight.runner.where import Where
-from strainsight_cli import pipelines, render
+from strainsight_cli import pipelines, printing, render
 from strainsight_cli.bar import progress_bar
-from strainsight_cli.failures import tell
+from strainsight_cli.failures import Failure, failure_of, plain_warnings, tell, warn
 from strainsight_cli.printing import say
 from strainsight_cli.status import print_statuses, sum_of
-from strainsight_cli.timing import peak_memory, timing_table
 from strainsight_cli.work import (
     Progress,
     Work,
     bring_up_to_date,
     exit_code,
     makers,
+    note,
     refuse_taken,
     show_results,
     show_warnings,
 )
+
+if TYPE_CHECKING:
+    from strainsight.runner.artefact import Artefact
+    from strainsight.runner.output import Table
+
+Computed = tuple[str, str, float | None]
+"""Key, digest and seconds: a reused artefact is the same to the last digit."""
+
+
+def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page: Artefact) -> Table:
+    """A row a run, a column a stage: seconds that the stage took when it was computed, "↩ 2" where it was run 2 that did.
+
+    Which run it was is known of what was reused just now; of what was there before, the first run is taken to be it.
+    page: the suite's own artefact, in a row of its own.
+    """
+    from strainsight.runner.output import Table
+
+    stages = list(dict.fromkeys(artefact.header.stage for artefacts in found for artefact in artefacts))
+    by: dict[Computed, int] = {}
+    for reused in (False, True):
+        for i, artefacts in enumerate(found):
+            for artefact in artefacts:
+                if bool(artefact.source) == reused:
+                    by.setdefault(_computed(artefact), i)
+    cells: list[list[str]] = []
+    spent = [[0.0] * len(stages) for _ in runs]
+    for i, artefacts in enumerate(found):
+        cells.append([""] * len(stages))
+        for artefact in artefacts:
+            column, seconds = stages.index(artefact.header.stage), artefact.header.seconds
+            if (maker := by[_computed(artefact)]) != i:
+                cells[i][column] = f"↩ {maker + 1}"
+            else:
+                cells[i][column] = "?" if seconds is None else _seconds(seconds)
+                spent[i][column] = seconds or 0.0
+    rows = [
+        (str(i + 1), name, *cells[i], _seconds(sum(spent[i])) if any(spent[i]) else "") for i, name in enumerate(runs)
+    ]
+    own = page.header.seconds or 0.0
+    rows.append(("", "the suite's page", *[""] * len(stages), _seconds(own)))
+    below = [_seconds(sum(column)) for column in zip(*spent, strict=True)]
+    rows.append(("", "all", *below, _seconds(own + sum(map(sum, spent)))))
+    return Table("where the time goes [s] (↩ n: reused from run n)", ("", "run", *stages, "all"), tuple(rows))
+
+
+def peak_memory(jobs: int) -> str:
+    """The most memory that this process held, and the largest of its children, of which there were `jobs` at a time."""
+    own, child = (processes.peak_memory(children) for children in (False, True))
+    if own is None or child is None:
+        return "\npeak memory: not known here"
+    at_once = f", {jobs} of them at a time" if jobs > 1 else ""
+    largest = f", largest child process {child / 2**30:.2f} GiB{at_once}" if child else ""
+    return f"\npeak memory: {own / 2**30:.2f} GiB{largest}"
+
+
+def _computed(artefact: Artefact) -> Computed:
+    return artefact.key, artefact.digest, artefact.header.seconds
+
+
+def _seconds(value: float) -> str:
+    return f"{value:.1f}" if value < 100 else f"{value:.0f}"
+
 
 if TYPE_CHECKING:
     from strainsight.config.load import LoadedConfig
@@ -101,8 +171,7 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
 
 def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
     """The run's stages up to the last one that is asked for, but for those that neither it nor the page of the suite needs."""
-    from strainsight.config.suite import SuiteConfig
-    from strainsight.config.suite_measures import measures_of
+    from strainsight.config.suite import SuiteConfig, measures_of
     from strainsight.stages.pages.suite_entries import OF_A_BENCH
 
     stages = pipelines.stages_of(run.config.data)
@@ -180,8 +249,6 @@ def _all_runs(
     works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool, progress: Progress
 ) -> list[Sequence[Artefact]]:
     if jobs > 1 and len(works) > 1:
-        from strainsight_cli.side_by_side import side_by_side
-
         by_place: dict[int, Sequence[Artefact]] = {}
         failed = []
         with closing(side_by_side(works, jobs, force, as_json, verbose, progress)) as runs:
@@ -236,3 +303,117 @@ def _look_for_inputs(works: Sequence[Work]) -> None:
             if inputs.files.keys() - inputs.digests.keys() - coming.keys():
                 with _named(work):
                     inputs_of(stage, work.job)
+
+
+if TYPE_CHECKING:
+    from strainsight.runner.artefact import Artefact
+
+LOOK = 0.2
+"""[s] between two looks at what the processes say."""
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A run that ended: its lines; artefacts of its stages; what is reported of the failure that ended it, if any."""
+
+    place: int
+    lines: tuple[str, ...]
+    artefacts: tuple[Artefact, ...]
+    failure: Failure | None
+
+
+def side_by_side(
+    works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool, progress: Progress
+) -> Generator[Ended]:
+    """Every run as it ends, `jobs` at a time; where one process computes what another needs, the other waits and reuses
+    it. After a run that failed no other is started. Raises StrainsightError where a process was killed."""
+    waits = [set(makers(work, works).values()) for work in works]
+    pending, ended = list(range(len(works))), set[int]()
+    running: dict[Future[Ended], int] = {}
+    with _processes(min(jobs, len(works)), verbose) as (pool, moves):
+        while pending or running:
+            for place in [place for place in pending if waits[place] <= ended][: jobs - len(running)]:
+                pending.remove(place)
+                running[pool.submit(_run, place, works[place], force, as_json, verbose)] = place
+            done = wait(running, timeout=LOOK, return_when=FIRST_COMPLETED).done
+            _pass_on(moves, progress)
+            for future in sorted(done, key=lambda future: (future.exception() is not None, running[future])):
+                try:
+                    result = future.result()
+                except BrokenProcessPool:
+                    raise _killed([works[place] for _, place in sorted(running.items(), key=lambda r: r[1])]) from None
+                ended.add(running.pop(future))
+                if result.failure is not None:
+                    pending.clear()
+                yield result
+
+
+@contextmanager
+def _processes(count: int, verbose: bool) -> Iterator[tuple[ProcessPoolExecutor, Any]]:
+    context = get_context("spawn")
+    _quiet_tracker()
+    moves = context.SimpleQueue()
+    with ProcessPoolExecutor(count, context, _start, (moves, verbose, printing.now())) as pool:
+        try:
+            yield pool, moves
+        except BaseException:
+            # Nobody listens any more: they would wait for that, and the pool for them.
+            for process in active_children():
+                process.terminate()
+            raise
+
+
+def _quiet_tracker() -> None:
+    """Start the process that clears up semaphores after Ctrl-C so that it does not speak of it."""
+    sys.warnoptions.append("ignore:resource_tracker")
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.pop()
+
+
+def _pass_on(moves: Any, progress: Progress) -> None:
+    """What the processes sent since the last look: a move of the bar, a note or a warning."""
+    while not moves.empty():
+        text = moves.get()
+        if isinstance(text, str):
+            note(text)
+        elif isinstance(text, UserWarning):
+            warn(str(text))
+        else:
+            progress(*text)
+
+
+def _killed(works: Sequence[Work]) -> Exception:
+    from strainsight.errors import StrainsightError
+
+    return StrainsightError(
+        "a process was killed, probably for lack of memory: --set jobs=1",
+        where=", ".join(work.beside for work in works),
+    )
+
+
+_moves: Any = None
+
+
+def _start(moves: Any, verbose: bool, level: printing.Level) -> None:
+    """In a new process: end with the parent, and leave warnings to it, which prints each once."""
+    global _moves
+    _moves = moves
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    end_with_parent()
+    printing.set_level(level)
+    plain_warnings(verbose)
+    warnings.showwarning = lambda message, *_, **__: moves.put(UserWarning(str(message)))
+
+
+def _run(place: int, work: Work, force: bool, as_json: bool, verbose: bool) -> Ended:
+    lines: list[str] = []
+    forced = [stage.name for stage in work.stages] if force else []
+    try:
+        found = bring_up_to_date(
+            work, forced, as_json, verbose, lines.append, lambda *move: _moves.put(move), lambda text: _moves.put(text)
+        )
+    except Exception as error:
+        return Ended(place, tuple(lines), (), failure_of(error))
+    return Ended(place, tuple(lines), tuple(found), None)

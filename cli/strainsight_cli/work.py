@@ -12,8 +12,7 @@ from strainsight.runner.where import Where, opened
 from strainsight_cli import render
 from strainsight_cli.clock import Left, after, ends_at, seconds_of
 from strainsight_cli.failures import same_text, warn
-from strainsight_cli.levels import Level, shown
-from strainsight_cli.printing import say
+from strainsight_cli.printing import Level, say, shown
 from strainsight_cli.runlog import peak, run_log
 
 if TYPE_CHECKING:
@@ -177,8 +176,7 @@ def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None
 
 def config_warnings(job: Job, imported: Artefact | None = None) -> tuple[str, ...]:
     """Numbers of a config outside their plausible ranges; imported: the artefact with the size of the structure."""
-    from strainsight.config.plausible import implausible
-    from strainsight.config.problem import shown_key
+    from strainsight.config.base import implausible, shown_key
 
     if job.model is None:
         return ()

@@ -35,7 +35,7 @@ from strainsight.records.training import Screened, Training
 from strainsight.runs import BenchRun, Run, open_bench, open_run, to_pyvista
 
 if TYPE_CHECKING:
-    from strainsight.experiment.layout.expectation import Expectation
+    from strainsight.experiment.layout.advice import Expectation
     from strainsight.experiment.structure.campaign import Campaign
     from strainsight.experiment.structure.estimation import Estimation
     from strainsight.experiment.structure.placement import Placement

@@ -11,16 +11,13 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
-from strainsight.records.bearing import BearingsAlone
-from strainsight.records.bench_estimated import BenchEstimated
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.bodies import ReducedBodies, ReducedBody
+from strainsight.records.bench import BearingsAlone, ReducedBodies, ReducedBody, Simulated, SurfaceInTime
+from strainsight.records.bench_estimated import BenchEstimated, BenchPlaced
 from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import Meshes, mesh_from
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.record import Record, read
 from strainsight.records.reduced import Modes, Reduced
-from strainsight.records.simulated import Simulated, SurfaceInTime
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact

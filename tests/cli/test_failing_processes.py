@@ -41,7 +41,7 @@ def dies(context):
 """
 INTERRUPTED = """
 import os
-from strainsight_cli.side_by_side import _processes
+from strainsight_cli.suites import _processes
 if __name__ == "__main__":
     with _processes(2, False) as (pool, moves):
         pool.submit(os.getpid).result()

@@ -18,10 +18,9 @@ from strainsight.runner.output import Dataset, Output
 from strainsight.runner.plan import Job
 from strainsight.runner.stage import Stage
 from strainsight_cli import runlog
-from strainsight_cli.levels import Level, now
 from strainsight_cli.main import app
-from strainsight_cli.placeless import placeless
-from strainsight_cli.runlog import append
+from strainsight_cli.printing import Level, now
+from strainsight_cli.runlog import append, placeless
 from strainsight_cli.work import Work, bring_up_to_date
 
 from ..robustness.small import PLACEMENT, write_project

@@ -10,9 +10,8 @@ import pytest
 
 from strainsight.config.answers import Answers, Place
 from strainsight.config.load import load_config
-from strainsight.config.schema import schema_text
 from strainsight.config.suite_runs import runs_of
-from strainsight.config.template import template
+from strainsight.config.template import schema_text, template
 from strainsight.errors import ConfigError
 
 CONFIGS = Path(__file__).parents[2] / "configs"

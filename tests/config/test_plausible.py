@@ -9,14 +9,13 @@ from typing import get_args
 import pytest
 from pydantic import BaseModel
 
-from strainsight.config.bench.bearing import BearingConfig
+from strainsight.config.base import Marker, Plausible, PlausibleBy, Unbounded, implausible, mark_of
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.damage import DamageSettings, MeanStress, SNCurve, damage_problems
+from strainsight.config.bench.bodies import BearingConfig
+from strainsight.config.estimate import DamageSettings, MeanStress, SNCurve, damage_problems
 from strainsight.config.load import load_config
-from strainsight.config.marks import mark_of
 from strainsight.config.overrides import Override
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.plausible import Marker, Plausible, PlausibleBy, Unbounded, implausible
 from strainsight.config.suite import SuiteConfig
 from strainsight.config.yaml_text import YamlProblem, parse
 from strainsight.errors import ConfigError

@@ -14,8 +14,7 @@ import pytest
 from scipy import sparse
 
 from strainsight.contrib.mpi import session
-from strainsight.contrib.mpi.programs import LAUNCHER, PYTHON
-from strainsight.contrib.mpi.session import OverMpi
+from strainsight.contrib.mpi.session import LAUNCHER, PYTHON, OverMpi
 from strainsight.errors import NumericalError, UserError
 from strainsight.fem.modes import modes
 

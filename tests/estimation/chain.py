@@ -9,7 +9,7 @@ from scipy.linalg import eigh, expm
 
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
-from strainsight.loads.unknowns import Unknowns
+from strainsight.loads.input_models import Unknowns
 from strainsight.rom.model import Damping, ReducedModel
 
 KAPPA, H, STEPS, RATIO = 30.0, 0.02, 40, 0.03

@@ -11,8 +11,7 @@ from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.model import FilterModel
 from strainsight.fem.affine import AffineOperator
-from strainsight.loads.input_models import InputModel, input_intensity
-from strainsight.loads.unknowns import Unknowns
+from strainsight.loads.input_models import InputModel, Unknowns, input_intensity
 from strainsight.rom.model import Damping, ReducedModel
 from strainsight.sensors.candidates import ACCELERATION, STRAIN
 

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_claim import bank_claim
-from strainsight.estimation.claim import covariance_recursion
+from strainsight.estimation.claim import bank_claim, covariance_recursion
 from strainsight.estimation.conditional import (
     Nuisances,
     acceleration_change,

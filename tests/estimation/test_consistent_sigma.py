@@ -11,7 +11,7 @@ from scipy.signal import lfilter
 from scipy.spatial.distance import mahalanobis
 from scipy.stats import binom, chi2
 
-from strainsight.estimation.consistency import nees, nis, verdict, whiteness, whiteness_band
+from strainsight.estimation.consistency import after_start, nees, nis, verdict, whiteness, whiteness_band
 from strainsight.estimation.decision import (
     ALLOWED,
     LEVEL,
@@ -32,7 +32,6 @@ from strainsight.estimation.decision import (
 )
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.metrics import after_start
 from strainsight.estimation.smoother import smooth
 from strainsight.loads.input_models import Matern, Oscillator
 from strainsight.pages.text import number

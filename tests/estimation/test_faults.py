@@ -25,7 +25,7 @@ from strainsight.estimation.faults import (
     undone,
 )
 from strainsight.estimation.load_faults import KnownLoads
-from strainsight.estimation.settled import Settled
+from strainsight.estimation.reduced import Settled
 from strainsight.estimation.suspect import explained
 
 from ..shared import slowly

@@ -11,25 +11,24 @@ from scipy.linalg import expm
 from scipy.stats import norm
 
 from strainsight.errors import ConfigError, NumericalError
-from strainsight.estimation import tuning
+from strainsight.estimation import consistency
+from strainsight.estimation.consistency import input_error, load_scale, scale_noise, settling_time, tune
 from strainsight.estimation.draws import covariance_factor, draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.lattice import lattice_about
-from strainsight.estimation.metrics import input_error, load_scale, settling_time
+from strainsight.estimation.mixture import marginal, peaks_of
 from strainsight.estimation.model import input_hold, inputs_of, loads_of, physical, process_covariance
-from strainsight.estimation.posterior import marginal, peaks_of
 from strainsight.estimation.smoother import smooth
-from strainsight.estimation.tuning import scale_noise, tune
 from strainsight.estimation.update import predict
 from strainsight.loads.input_models import (
     IntegratedRandomWalk,
     Matern,
     Oscillator,
     RandomWalk,
+    Unknowns,
     input_intensity,
     rate_matrix,
 )
-from strainsight.loads.unknowns import Unknowns
 
 from .conftest import drawn, make_beam, make_filter, prior, sine
 
@@ -358,7 +357,7 @@ def test_where_every_run_diverges_the_search_turns_back(best, monkeypatch):
             raise NumericalError("lost")
         return run_filter(filtering, *arguments)
 
-    monkeypatch.setattr(tuning, "run_filter", fragile)
+    monkeypatch.setattr(consistency, "run_filter", fragile)
     assert tune(stated, *rest, parts=("noise",)).factors["noise"] == pytest.approx(best / 100, rel=0.02)
     assert lost
 
@@ -383,7 +382,7 @@ def test_where_runs_of_one_side_are_lost_the_slope_is_that_of_the_other(best, mo
         lost = np.broadcast_to(filtering.r, (len(run.log_likelihood), 4)).min(axis=1) < 0.999 * stated.r.min()
         return replace(run, log_likelihood=np.where(lost, -np.inf, run.log_likelihood))
 
-    monkeypatch.setattr(tuning, "run_filter", fragile)
+    monkeypatch.setattr(consistency, "run_filter", fragile)
     found = tune(stated, *rest, parts=("noise",))
     assert found.factors["noise"] == pytest.approx(4 * best, rel=0.02)
     assert found.gained > 0

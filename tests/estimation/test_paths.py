@@ -8,17 +8,14 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from strainsight.damage.curve import Curve
-from strainsight.damage.intervals import interval_of
-from strainsight.damage.sums import damage_of
+from strainsight.damage.sums import Curve, damage_of, interval_of
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_paths import bank_paths
 from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.biased import driven_with_offsets
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.error_paths import smoother_errors
+from strainsight.estimation.error_paths import bank_paths, smoother_errors
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.smoother import smooth
 
 from ..shared import slowly

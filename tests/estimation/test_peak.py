@@ -9,12 +9,12 @@ import pytest
 from scipy.linalg import expm
 
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_claim import bank_claim
 from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.claim import bank_claim
 from strainsight.estimation.conditional import Nuisances, no_nuisances
 from strainsight.estimation.peak import MOST_SCANNED, peak_of, resonance_widths, scan_lattice
-from strainsight.estimation.settled import Settled, start_errors
+from strainsight.estimation.reduced import Settled, start_errors
 from strainsight.rom.model import Damping
 
 from ..shared import slowly

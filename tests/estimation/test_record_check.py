@@ -11,10 +11,10 @@ from strainsight.estimation import record_check, stretches
 from strainsight.estimation.conditional import known_ends, no_nuisances
 from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.faults import misfits
+from strainsight.estimation.load_faults import residual_pattern
 from strainsight.estimation.record_check import SPIKE, check_record, spikes_of
-from strainsight.estimation.settled import Settled
+from strainsight.estimation.reduced import Settled
 from strainsight.estimation.stretches import at_rest, loudest_stretches, moving_part_of, part_of, with_intensity
-from strainsight.estimation.unmodelled_load import residual_pattern
 
 from ..shared import slowly
 from .chain import NOISE, H, forces, loaded_chain, start

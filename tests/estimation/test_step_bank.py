@@ -12,7 +12,7 @@ from scipy.linalg import solve_discrete_are
 from strainsight import compiled
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.estimation import parallel_filters
-from strainsight.estimation.compiled import motion, nuisances, readings, vectors
+from strainsight.estimation.compiled import vectors
 from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.filter import filter_runs
@@ -270,7 +270,7 @@ def test_loops_are_compiled_once_for_arrays_of_any_kind():
 
 def test_loops_that_are_kept_notice_a_change_of_every_file():
     stamp = take_steps._cache._cache_file._source_stamp
-    for module in (compiled, motion, nuisances, readings, vectors):
+    for module in (compiled, vectors):
         file = Path(module.__file__).stat()
         assert (file.st_mtime, file.st_size) in stamp, module.__name__
 

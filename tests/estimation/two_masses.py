@@ -7,7 +7,7 @@ from scipy.linalg import eigh, expm
 
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
-from strainsight.loads.unknowns import Unknowns
+from strainsight.loads.input_models import Unknowns
 
 from .chain import MASSES, RATIO, REFERENCE, ROWS, STIFFNESS, H
 

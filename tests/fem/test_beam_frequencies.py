@@ -11,13 +11,19 @@ from scipy.sparse.linalg import spsolve
 
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
-from strainsight.fem.beam_curved import curved_beam_masses, curved_beam_stiffnesses
-from strainsight.fem.beam_matrices import beam_masses, beam_strain_rows, rod_masses, rod_stiffnesses
+from strainsight.fem.beam_matrices import (
+    beam_masses,
+    beam_strain_rows,
+    curved_beam_masses,
+    curved_beam_stiffnesses,
+    rod_masses,
+    rod_stiffnesses,
+)
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.recovery import facet_strain
-from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.thin_faces import with_sides
 
 from ..beams import Arch, Frame, axes_of, line, properties, rectangle, threes
 from .shell_models import rigid_motions

@@ -10,11 +10,11 @@ import pytest
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble, assemble_stiffness
-from strainsight.fem.body_forces import body_forces
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
+from strainsight.fem.nodal_forces import body_forces
 from strainsight.fem.patch import Incidence, patch_around
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import surface_model, surface_state
@@ -23,7 +23,7 @@ from strainsight.mesh.anisotropic import Anisotropic, Orientation, orthotropic
 from strainsight.mesh.composite_solids import STACKED, CompositeSolid, Layer
 from strainsight.mesh.coordinates import BASIC
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.forces import BodyForce
+from strainsight.mesh.joins import BodyForce
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material

@@ -21,8 +21,8 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Region
 from strainsight.mesh.properties import value_of, with_value
-from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, ShellSection
+from strainsight.mesh.thin_faces import with_faces
 
 from .laminate_models import CARBON, STEEL, assert_made_anew, plate, stack
 from .test_thin import BAR, NU, RHO, E, L, straight

@@ -10,8 +10,8 @@ from scipy.sparse.linalg import spsolve
 
 from strainsight.config.loads import Load
 from strainsight.errors import UserError
+from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.settings import load_slopes
-from strainsight.experiment.structure.thick_rows import rows_along
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
@@ -21,8 +21,8 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.laminates import Lamina, Laminate, Ply
 from strainsight.mesh.model import Material, Region
 from strainsight.mesh.properties import value_of, with_value
-from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, GeneralShell, ShellSection
+from strainsight.mesh.thin_faces import with_faces
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.rows import channel_rows, fits
 

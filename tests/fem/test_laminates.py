@@ -14,15 +14,14 @@ from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.fem.recovery import facet_strain
-from strainsight.fem.shell_sections import of_laminate
 from strainsight.fem.stress import surface_model, surface_state
-from strainsight.fem.thin import thin_operators
+from strainsight.fem.thin import of_laminate, thin_operators
 from strainsight.mesh.additions import with_properties
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material
-from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import ShellSection
+from strainsight.mesh.thin_faces import with_faces
 
 from .laminate_models import CARBON, STEEL, by_slices, navier, plate, stack
 

@@ -8,14 +8,19 @@ import numpy as np
 import pytest
 
 from strainsight.errors import DeckError, UserError
-from strainsight.fem.body_forces import body_forces, with_body_forces
 from strainsight.fem.factorisation import factorise
-from strainsight.fem.loads import PointLoad, input_shape, nodal_forces
+from strainsight.fem.loads import (
+    MISALIGNMENTS,
+    PointLoad,
+    input_shape,
+    misaligned_shape,
+    misalignment_shapes,
+    nodal_forces,
+)
 from strainsight.fem.mass import mass_properties
-from strainsight.fem.misaligned import MISALIGNMENTS, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import build_model, nodal
-from strainsight.mesh.forces import BodyForce, NodalForces
-from strainsight.mesh.joins import PointMass, RigidElement
+from strainsight.fem.nodal_forces import body_forces, with_body_forces
+from strainsight.mesh.joins import BodyForce, NodalForces, PointMass, RigidElement
 
 from ..bodies import RHO, E, body, held, with_nodes
 from ..solids import SOLIDS

@@ -10,11 +10,9 @@ from scipy.linalg import expm
 from scipy.sparse.linalg import spsolve
 
 from strainsight.errors import UserError
-from strainsight.fem.loads import PointLoad, input_shape
-from strainsight.fem.misaligned import axes_across, misaligned_shape, misalignment_shapes
+from strainsight.fem.loads import PointLoad, axes_across, input_shape, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import build_model
-from strainsight.mesh.forces import NodalForces
-from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.joins import AveragingElement, NodalForces, RigidElement
 
 from ..bodies import with_nodes
 

@@ -14,10 +14,9 @@ from strainsight import memory
 from strainsight.errors import UserError
 from strainsight.fem import modes as own
 from strainsight.fem.factorisation import factorise
-from strainsight.fem.krylov import _beside as beside
-from strainsight.fem.krylov import largest
 from strainsight.fem.model import build_model, nodal
-from strainsight.fem.modes import REPEATED, modes, turned
+from strainsight.fem.modes import REPEATED, largest, modes, turned
+from strainsight.fem.modes import _beside as beside
 
 
 def chain(n, stiffness=1.0, mass=1.0):

@@ -11,8 +11,8 @@ from strainsight.config.mesh import MeshFile
 from strainsight.errors import ConfigError
 from strainsight.experiment.structure.mesh import mesh_of
 from strainsight.fem.assembly import assemble
+from strainsight.fem.checks import element_quality
 from strainsight.fem.mass import mass_properties
-from strainsight.fem.quality import element_quality
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.records.mesh import MeshColumns
 

@@ -10,8 +10,8 @@ from scipy.spatial.transform import Rotation
 
 from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble
+from strainsight.fem.nodal_forces import tractions
 from strainsight.fem.patch import Incidence, forced_nodes, held_components, patch_around
-from strainsight.fem.patch_forces import tractions
 from strainsight.fem.recovery import bubble_amplitudes, facet_strain
 from strainsight.fem.stress import principal, surface_model, surface_state, von_mises
 from strainsight.fem.submodel import refined_submodel, submodel, with_spread_forces

@@ -14,10 +14,10 @@ from strainsight.decks.nastran.deck import read_nastran
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.equations import rotation_rows
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.support import require_support, rigid_body_motions
-from strainsight.fem.ties import rotation_rows
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 
 from ..bodies import with_nodes

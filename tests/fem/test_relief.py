@@ -13,12 +13,12 @@ from scipy.linalg import eigh
 from strainsight.errors import UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.equations import turning_nodes
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.fem.pieces import stiff_pieces
 from strainsight.fem.relief import factorise_free, pinned, relief_of
 from strainsight.fem.support import rigid_body_motions, rigid_motions
-from strainsight.fem.turning import turning_nodes
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 from strainsight.mesh.thin import ShellBlock, ShellSection
 

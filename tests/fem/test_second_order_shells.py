@@ -15,8 +15,8 @@ from strainsight.fem.shells import shell_masses, shell_stiffnesses
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.kinds import facet_of
 from strainsight.mesh.model import Material
-from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import ShellSection
+from strainsight.mesh.thin_faces import with_faces
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.walk import skin_of

@@ -12,21 +12,19 @@ from scipy.sparse.linalg import spsolve
 
 from strainsight.errors import UserError
 from strainsight.fem.affine import Parameter
-from strainsight.fem.body_forces import body_forces
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
+from strainsight.fem.nodal_forces import body_forces
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.shells import shell_stiffnesses
-from strainsight.mesh.additions import with_face
+from strainsight.mesh.additions import face_springs, with_face
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
-from strainsight.mesh.forces import BodyForce
-from strainsight.mesh.joins import PointMass, RigidElement
+from strainsight.mesh.joins import BodyForce, PointMass, RigidElement
 from strainsight.mesh.model import Material, Mesh, Region
-from strainsight.mesh.shell_faces import with_faces
-from strainsight.mesh.suspension import face_springs
 from strainsight.mesh.thin import BeamBlock, BeamSection, ShellSection
+from strainsight.mesh.thin_faces import with_faces
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.rows import channel_rows
 

@@ -14,19 +14,24 @@ from scipy.spatial.transform import Rotation
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.factorisation import factorise
-from strainsight.fem.loads import PointLoad, input_shape, nodal_forces
-from strainsight.fem.misaligned import MISALIGNMENTS, misaligned_shape, misalignment_shapes
+from strainsight.fem.loads import (
+    MISALIGNMENTS,
+    PointLoad,
+    input_shape,
+    misaligned_shape,
+    misalignment_shapes,
+    nodal_forces,
+)
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.mesh.additions import with_face
+from strainsight.mesh.additions import face_springs, node_springs, with_face
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import RigidElement, Springs
 from strainsight.mesh.merging import merged
 from strainsight.mesh.scaling import scaled
-from strainsight.mesh.suspension import face_springs, node_springs
 from strainsight.mesh.units import to_si
-from strainsight.rom.snapshots import only_scales
-from strainsight.sensors.clearance import obstacles
+from strainsight.rom.reduction import only_scales
+from strainsight.sensors.edges import obstacles
 from strainsight.sensors.faces import Pick, faces_of, picked
 
 from ..bodies import NU, RHO, E, body, held, with_nodes

@@ -19,9 +19,16 @@ from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.constraints import Constraint
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel, build_model
-from strainsight.fem.steady import steady_state
-from strainsight.fem.transient import DEGREES, choose, free_rows, pade, transient
-from strainsight.fem.viscous import ViscousDamping, modal_damping
+from strainsight.fem.transient import (
+    DEGREES,
+    ViscousDamping,
+    choose,
+    free_rows,
+    modal_damping,
+    pade,
+    steady_state,
+    transient,
+)
 from strainsight.loads.histories import Constant, MultiSine, Sine, hold_coefficients, instant_values, tones_of
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import RigidElement

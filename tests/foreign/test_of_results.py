@@ -9,15 +9,14 @@ import pytest
 
 from strainsight.errors import UserError
 from strainsight.fem.loads import PointLoad, input_shape
-from strainsight.fem.mass_product import mass_product
+from strainsight.fem.mass import mass_product
 from strainsight.fem.model import nodal
 from strainsight.foreign.given_motion import given_motion
-from strainsight.foreign.of_results import Results, results_model
-from strainsight.foreign.results_checks import check_rows
+from strainsight.foreign.of_results import Results, check_rows, results_model
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 from strainsight.mesh.model import Material
-from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import ShellSection
+from strainsight.mesh.thin_faces import with_faces
 
 from ..bodies import with_nodes
 from ..fem.conftest import make_box

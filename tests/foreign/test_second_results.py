@@ -16,8 +16,7 @@ from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.foreign.given_motion import given_motion
 from strainsight.foreign.of_results import Results
-from strainsight.foreign.second_results import model_of_two
-from strainsight.foreign.two_sets import Change
+from strainsight.foreign.second_results import Change, model_of_two
 from strainsight.mesh.model import Region
 
 from ..fem.conftest import make_box

@@ -12,10 +12,10 @@ from hypothesis import strategies as st
 
 from strainsight.config.load import load_config
 from strainsight.config.yaml_text import YamlProblem, parse
-from strainsight.decks.numbers import LARGEST_ID, parse_integer, parse_real
+from strainsight.decks.text import LARGEST_ID, parse_integer, parse_real
 from strainsight.errors import SPACES, UserError, printable
 from strainsight.foreign.matrices.files import read_matrix
-from strainsight.measurements.uff58_records import number_of
+from strainsight.measurements.uff58_file import number_of
 
 from .readers import fault_of
 from .readers import read_deck as read_any_deck

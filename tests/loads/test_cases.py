@@ -9,10 +9,9 @@ import pytest
 
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import AffineOperator
-from strainsight.loads.cases import cases
-from strainsight.loads.linearisation import linearisation_instants, linearise
-from strainsight.loads.measurement import Sensed
-from strainsight.loads.unknowns import Unknowns
+from strainsight.loads.input_models import Unknowns
+from strainsight.loads.linearisation import Sensed, linearisation_instants, linearise
+from strainsight.loads.observability import cases
 from strainsight.rom.model import damping_matrix
 
 from .conftest import chain_of

@@ -11,8 +11,7 @@ from scipy.linalg import sqrtm
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import Coefficient, Newton
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator, rate_matrix
-from strainsight.loads.linearisation import Unknowns, augment_rows, linearisation_instants, linearise
-from strainsight.loads.measurement import measurement_rows
+from strainsight.loads.linearisation import Unknowns, augment_rows, linearisation_instants, linearise, measurement_rows
 from strainsight.loads.observability import (
     balanced_units,
     least_gauges,

@@ -11,14 +11,18 @@ from strainsight.loads.input_models import (
     IntegratedRandomWalk,
     Matern,
     Oscillator,
+    Unknowns,
     components,
     input_intensity,
     rate_matrix,
 )
-from strainsight.loads.linearisation import linearise
-from strainsight.loads.measurement import measurement_rows
-from strainsight.loads.noise import channel_intensity, gauge_intensity, process_intensity
-from strainsight.loads.unknowns import Unknowns
+from strainsight.loads.linearisation import (
+    channel_intensity,
+    gauge_intensity,
+    linearise,
+    measurement_rows,
+    process_intensity,
+)
 from strainsight.sensors.candidates import ACCELERATION, STRAIN
 
 from .conftest import chain_of, theta

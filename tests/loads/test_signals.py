@@ -8,21 +8,26 @@ from scipy import signal
 
 from strainsight.errors import InfeasibleError
 from strainsight.loads.histories import (
+    LONGEST,
     Constant,
     FromSamples,
     MultiSine,
     Ramp,
     Sine,
     Sweep,
+    density,
     evaluate,
+    fill_gaps,
     hold_coefficients,
+    interpolate,
+    join_by_lines,
+    noise_density,
+    share_above,
     tones_of,
 )
-from strainsight.loads.interpolation import fill_gaps, interpolate, join_by_lines, share_above
 from strainsight.loads.motion import gap, motion, swing
-from strainsight.loads.spectra import LONGEST, density, noise_density
+from strainsight.rom.modal_step import oscillator_step
 from strainsight.rom.model import Damping
-from strainsight.rom.oscillator import oscillator_step
 
 
 def held(coefficients: np.ndarray, s: float) -> np.ndarray:

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.measurements.bridges import Bridge
-from strainsight.measurements.calibration import ChannelSettings, calibrate
+from strainsight.measurements.calibration import Bridge, ChannelSettings, calibrate
 from strainsight.measurements.clock import Clock, to_step, uniform_clock
 from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.records import Recording

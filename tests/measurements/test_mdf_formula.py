@@ -11,7 +11,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from strainsight.measurements.mdf_formula import FUNCTIONS, evaluate
+from strainsight.measurements.mdf_conversion import FUNCTIONS, evaluate
 from strainsight.processes import inherited
 
 from .written import mdf, signal

@@ -9,15 +9,14 @@ import pytest
 from scipy.sparse.linalg import spsolve
 
 from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.equations import turning_nodes
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
-from strainsight.fem.turning import turning_nodes
-from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.section_shapes import section_of_shape
-from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import BeamSection, ShellBlock, ShellSection
+from strainsight.mesh.thin_faces import with_faces, with_sides
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.edges import sharp_edges
 from strainsight.sensors.faces import faces_of

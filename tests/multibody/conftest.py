@@ -8,14 +8,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.fem.affine import AffineOperator
-from strainsight.multibody.bodies import FlexibleBody, RigidBody
+from strainsight.multibody.bodies import FlexibleBody, Frame, RigidBody
 from strainsight.multibody.forces import Gravity, Load, PointForce, PointMoment, RelativeElement
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, project_position, project_velocity, state
 from strainsight.multibody.joints import spherical
-from strainsight.multibody.laws.linear import LinearLaw, bushing
-from strainsight.multibody.laws.spring import spring
-from strainsight.multibody.laws.torsion import torsion
+from strainsight.multibody.laws.springs import LinearLaw, bushing, spring, torsion
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.system import assemble
 from strainsight.rom.inertia import InertiaInvariants

@@ -4,8 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from strainsight.multibody.bodies import RigidBody
-from strainsight.multibody.frames import Frame
+from strainsight.multibody.bodies import Frame, RigidBody
 
 
 def extrapolated(values, order):

@@ -6,21 +6,19 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from strainsight.multibody.advance import sensitivities
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
-from strainsight.multibody.bodies import RigidBody
-from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, relations, slopes, stages
-from strainsight.multibody.compiled.system import compiled
+from strainsight.multibody.bodies import Frame, RigidBody
+from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, stages
+from strainsight.multibody.compiled.arrays import compiled
 from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import CompiledLaw, Gravity, RelativeElement
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import coincidence, revolute
 from strainsight.multibody.laws.kinds import LAWS
-from strainsight.multibody.laws.linear import LinearLaw
+from strainsight.multibody.laws.springs import LinearLaw
 from strainsight.multibody.relations import bearing_displacements
-from strainsight.multibody.step import step
+from strainsight.multibody.step import sensitivities, step
 from strainsight.multibody.system import assemble
 
 from .mechanisms import turned
@@ -121,13 +119,13 @@ def test_a_compiled_law_is_its_python(kind):
         np.testing.assert_allclose(fast, plain, rtol=0, atol=1e-9 * max(np.abs(plain).max(initial=0.0), 1e-300))
 
 
-@pytest.mark.parametrize("entry", [stages.solve_stages, slopes.step_slopes])
+@pytest.mark.parametrize("entry", [stages.solve_stages, stages.step_slopes])
 def test_compiled_code_notices_a_change_of_all_that_it_is_made_of(entry):
     """Also of the arrays that it takes: numba knows a tuple by its name and the types in it, and with two of its fields
     exchanged, code that was kept would read one for the other."""
     stamp = entry._cache._cache_file._source_stamp
     solver = [newton] if entry is stages.solve_stages else []
-    for module in (arrays, blocks, relations, equations, matrix, *solver):
+    for module in (arrays, blocks, equations, matrix, *solver):
         file = Path(module.__file__).stat()
         assert (file.st_mtime, file.st_size) in stamp, module.__name__
 

@@ -6,12 +6,9 @@ from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError
 from strainsight.multibody.accelerations import instant, measured, reaction
-from strainsight.multibody.advance import advance, slopes
-from strainsight.multibody.bodies import RigidBody
-from strainsight.multibody.drives import DrivenRelation, between
+from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import (
     Pose,
     constraints_at,
@@ -19,13 +16,14 @@ from strainsight.multibody.initial import (
     project_position,
     project_velocity,
     state,
+    static_equilibrium,
 )
-from strainsight.multibody.joints import Joint, fixed, revolute, spherical
-from strainsight.multibody.laws.turning import turning_gravity
+from strainsight.multibody.joints import DrivenRelation, Joint, between, fixed, revolute, spherical
+from strainsight.multibody.laws.actuators import turning_gravity
 from strainsight.multibody.relations import distance_squared, dot, offset
 from strainsight.multibody.sensors import Accelerometer, position_sensor, readings
 from strainsight.multibody.simulate import simulate
-from strainsight.multibody.static import static_equilibrium
+from strainsight.multibody.step import advance, slopes
 from strainsight.multibody.system import assemble
 
 from .mechanisms import differences, turned

@@ -16,9 +16,8 @@ from scipy.linalg import eigh
 from scipy.sparse import csr_matrix
 from scipy.spatial.transform import Rotation
 
-from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.forces import Gravity
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import spherical
 from strainsight.multibody.simulate import simulate

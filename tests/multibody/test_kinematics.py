@@ -7,16 +7,22 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from strainsight.multibody.advance import GAIN, LAG
-from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import PointMoment
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
-from strainsight.multibody.products import compile_products, relation_rows
-from strainsight.multibody.relations import bearing_displacements, coincidence, distance_squared, dot, offset
+from strainsight.multibody.relations import (
+    bearing_displacements,
+    coincidence,
+    compile_products,
+    distance_squared,
+    dot,
+    offset,
+    relation_rows,
+)
 from strainsight.multibody.sensors import RelationSensor, StrainSensor, axis_sensor, position_sensor, readings
 from strainsight.multibody.simulate import simulate
+from strainsight.multibody.step import GAIN, LAG
 from strainsight.multibody.system import assemble
 
 from .mechanisms import extrapolated

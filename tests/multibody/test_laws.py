@@ -5,19 +5,15 @@ import pytest
 from scipy.linalg import expm
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.forces import Gravity, Load, RelativeElement
-from strainsight.multibody.frames import Frame
-from strainsight.multibody.initial import Pose, state
+from strainsight.multibody.initial import Pose, state, static_equilibrium
 from strainsight.multibody.joints import prismatic, revolute
 from strainsight.multibody.laws.kinds import LAWS
-from strainsight.multibody.laws.linear import bushing
-from strainsight.multibody.laws.spring import spring
-from strainsight.multibody.laws.torsion import torsion
+from strainsight.multibody.laws.springs import bushing, spring, torsion
 from strainsight.multibody.relations import place
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import simulate
-from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.system import assemble
 
 from .mechanisms import extrapolated, turned

@@ -6,12 +6,11 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.forces import Gravity, PointMoment
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, constraints_at, project_position, project_velocity, state
 from strainsight.multibody.joints import pin, revolute
-from strainsight.multibody.laws.spring import spring
+from strainsight.multibody.laws.springs import spring
 from strainsight.multibody.radau import simulate_radau
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.system import assemble

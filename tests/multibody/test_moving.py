@@ -4,18 +4,22 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from strainsight.multibody.advance import advance, slopes
 from strainsight.multibody.bearing.law import BearingLaw, Drag
-from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import Gravity, PointForce, PointMoment
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import Joint, prismatic, revolute
-from strainsight.multibody.laws.actuators import actuator, follower_force, follower_moment, torque
-from strainsight.multibody.laws.friction import friction
-from strainsight.multibody.laws.turning import turning_gravity
+from strainsight.multibody.laws.actuators import (
+    actuator,
+    follower_force,
+    follower_moment,
+    friction,
+    torque,
+    turning_gravity,
+)
 from strainsight.multibody.simulate import simulate
+from strainsight.multibody.step import advance, slopes
 from strainsight.multibody.system import assemble
 
 from .bearing.bearings import pitch_bearing

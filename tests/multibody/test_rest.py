@@ -9,18 +9,21 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.coupled import coupled_modes
 from strainsight.multibody.forces import Gravity, Load, PointForce, PointMoment, RelativeElement
-from strainsight.multibody.frames import Frame
-from strainsight.multibody.initial import Pose, constraints_at, project_position, project_velocity, state
+from strainsight.multibody.initial import (
+    Pose,
+    constraints_at,
+    project_position,
+    project_velocity,
+    state,
+    static_equilibrium,
+)
 from strainsight.multibody.joints import Joint, fixed, prismatic, revolute, spherical
-from strainsight.multibody.laws.linear import LinearLaw
-from strainsight.multibody.laws.spring import spring
-from strainsight.multibody.laws.torsion import torsion
+from strainsight.multibody.laws.springs import LinearLaw, spring, torsion
 from strainsight.multibody.relations import bearing_displacements, coincidence, dot, place
 from strainsight.multibody.simulate import simulate
-from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
 

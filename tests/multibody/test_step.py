@@ -8,17 +8,15 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.advance import advance
-from strainsight.multibody.band import SHARE, followed, missed, relative_error
-from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.bodies import Frame, RigidBody
+from strainsight.multibody.coupled import SHARE, followed, missed, relative_error
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import prismatic, revolute, spherical
-from strainsight.multibody.laws.linear import bushing
+from strainsight.multibody.laws.springs import bushing
 from strainsight.multibody.relations import place
 from strainsight.multibody.simulate import simulate, simulate_controlled
-from strainsight.multibody.step import step
+from strainsight.multibody.step import advance, step
 from strainsight.multibody.system import assemble
 
 from .test_laws import K, M, slider

@@ -12,8 +12,7 @@ import sweep_tasks as tasks
 
 from strainsight.errors import ConfigError
 from strainsight.parallel import processes
-from strainsight.parallel.sweep import serial, watched
-from strainsight.parallel.threads import in_threads, mapped, side_by_side, threads
+from strainsight.parallel.sweep import in_threads, mapped, serial, side_by_side, threads, watched
 from strainsight.runner.where import Where, opened
 
 pytestmark = pytest.mark.usefixtures("eager")

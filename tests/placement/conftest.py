@@ -12,8 +12,7 @@ import pytest
 from scipy.linalg import eigh, matrix_balance, solve_continuous_lyapunov
 
 from strainsight.fem.affine import AffineOperator
-from strainsight.loads.linearisation import Unknowns, augment_rows, linearise
-from strainsight.loads.noise import gauge_intensity, process_intensity
+from strainsight.loads.linearisation import Unknowns, augment_rows, gauge_intensity, linearise, process_intensity
 from strainsight.placement.elimination import Scenario, whole_pool_weight
 from strainsight.placement.scenario import solve_pool
 from strainsight.rom.model import Damping, ReducedModel

@@ -10,12 +10,11 @@ import pytest
 
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.placement import branch_and_bound as module
-from strainsight.placement import nodes as room
-from strainsight.placement.branch_and_bound import branch_and_bound
-from strainsight.placement.cuts import cut_at
+from strainsight.placement import branch_and_bound as room
+from strainsight.placement.branch_and_bound import Node, Search, branch_and_bound
+from strainsight.placement.certificate import cut_at
 from strainsight.placement.elimination import eliminate
 from strainsight.placement.limits import limits_of
-from strainsight.placement.nodes import Node, Search
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 

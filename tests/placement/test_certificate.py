@@ -10,13 +10,11 @@ import pytest
 from scipy.optimize import LinearConstraint, NonlinearConstraint, linprog, minimize
 
 from strainsight.errors import NumericalError
-from strainsight.placement import cuts as module
-from strainsight.placement.certificate import certify
-from strainsight.placement.cuts import Cut, cut_at, lowest
+from strainsight.placement import certificate as module
+from strainsight.placement.certificate import Cut, certify, cut_at, lowest
 from strainsight.placement.elimination import eliminate
 from strainsight.placement.layouts import Detection
-from strainsight.placement.limits import limits_of
-from strainsight.placement.region import Region, cheapest
+from strainsight.placement.limits import Region, cheapest, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 
 from .conftest import beam_of, every_set, scenarios_of

@@ -10,13 +10,12 @@ import pytest
 
 from strainsight.errors import NumericalError
 from strainsight.ordering import TIE
-from strainsight.placement import failure, losses, score
+from strainsight.placement import failure, score
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
-from strainsight.placement.failure import loss_if_one_fails, robust_set
+from strainsight.placement.failure import LossSearch, loss_if_one_fails, measure, robust_set
 from strainsight.placement.limits import limits_of
-from strainsight.placement.losses import LossSearch, measure
 from strainsight.placement.scenario import solve_pool
 
 from ..shared import slowly
@@ -126,7 +125,7 @@ def test_of_the_two_starts_the_better_end_counts(seed):
     while len(twelve) > 6:
         rests = {g: [o for o in twelve if o != g] for g in twelve}
         twelve = min(rests.values(), key=lambda rest: loss_if_one_fails([pool], rest).max())
-    search = losses.LossSearch([pool], "mean", limits_of(14, 6), 20_000)
+    search = failure.LossSearch([pool], "mean", limits_of(14, 6), 20_000)
     ends = [max(search.swapped(start)[1].values()) for start in (exchange([pool], six).gauges.tolist(), twelve)]
     assert abs(ends[0] - ends[1]) > 0.005 * ends[0]
     np.testing.assert_allclose(found.worst, min(ends), rtol=1e-9)

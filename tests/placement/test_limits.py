@@ -11,9 +11,8 @@ from strainsight.errors import InfeasibleError
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import eliminate
-from strainsight.placement.exchange import exchange
+from strainsight.placement.exchange import exchange, fill
 from strainsight.placement.failure import loss_if_one_fails, robust_set
-from strainsight.placement.fill import fill
 from strainsight.placement.limits import Swaps, as_limits, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool, subset_covariance
 

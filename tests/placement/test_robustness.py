@@ -9,14 +9,20 @@ import numpy as np
 import pytest
 
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
-from strainsight.loads.linearisation import Unknowns, augment_rows, linearise
-from strainsight.loads.noise import gauge_intensity, process_intensity
+from strainsight.loads.linearisation import Unknowns, augment_rows, gauge_intensity, linearise, process_intensity
 from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import eliminate, eliminate_from, whole_pool_weight
 from strainsight.placement.exchange import exchange
-from strainsight.placement.scenario import Scenario, solve_pool
+from strainsight.placement.scenario import (
+    AGREES,
+    LARGE,
+    Scenario,
+    in_slow_motions,
+    of_last_states,
+    slow_pools,
+    solve_pool,
+)
 from strainsight.placement.score import score
-from strainsight.placement.slow_motions import AGREES, LARGE, in_slow_motions, of_last_states, slow_pools
 
 from ..shared import slowly
 from .conftest import beam_of, oracle, residual, scenarios_of, with_accelerometers

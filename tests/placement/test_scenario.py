@@ -9,16 +9,15 @@ import pytest
 
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.placement.branch_and_bound import branch_and_bound
-from strainsight.placement.choice import Step, known_to_go, least_missed
-from strainsight.placement.criteria.choices import CRITERIA
-from strainsight.placement.elimination import eliminate
+from strainsight.placement.criteria import CRITERIA
+from strainsight.placement.elimination import Step, eliminate, known_to_go, least_missed
 from strainsight.placement.failure import robust_set
 from strainsight.placement.information import CANCELLED, Information, as_information, information
 from strainsight.placement.limits import limits_of
 from strainsight.placement.metric import Metric
-from strainsight.placement.remaining import Remaining
 from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refined, solve_pool, subset_covariance
 from strainsight.placement.score import score, scores
+from strainsight.placement.witness import Remaining
 
 from .conftest import COMBINED, beam_of, blind_sideways, costs_of, oracle, pools_of, scenarios_of
 from .rules import PAIRS, POOL, PRICE, Rules, zone

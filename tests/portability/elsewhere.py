@@ -62,13 +62,13 @@ if __name__ == "__main__":
     become(sys.argv[1])
     words = sys.argv[2:]
     if words[0] == "hold":  # the lock of a results folder and that of a stage, until the end of stdin
-        from strainsight.runner.lock import computing, locked
+        from strainsight.runner.runner import computing, locked
 
         with locked(Path(words[1])), computing(Path(words[1]).parent, "f" * 64):
             print("holds", flush=True)
             sys.stdin.read()
     elif words[0] == "wait":  # for that of the stage
-        from strainsight.runner.lock import computing
+        from strainsight.runner.runner import computing
 
         with computing(Path(words[1]).parent, "f" * 64, lambda: print("waits", flush=True)):
             print("has it", flush=True)

@@ -11,10 +11,9 @@ import pytest
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import ArtefactError
 from strainsight.fem.affine import AffineOperator, Coefficient, Newton
-from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.shell_faces import with_faces
-from strainsight.records.bodies import ReducedBodies, ReducedBody
+from strainsight.mesh.thin_faces import with_faces, with_sides
+from strainsight.records.bench import ReducedBodies, ReducedBody
 from strainsight.records.mesh import MeshColumns, mesh_from
 from strainsight.records.record import Place, dataset, group, read, record, written
 from strainsight.rom.inertia import InertiaInvariants

@@ -15,8 +15,7 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight.errors import ArtefactError
-from strainsight.runner.artefact import Artefact, file_digest
-from strainsight.runner.seal import seal
+from strainsight.runner.artefact import Artefact, file_digest, seal
 from strainsight_cli.main import app
 
 from .small import BENCH, PLACEMENT

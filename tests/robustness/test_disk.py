@@ -14,7 +14,7 @@ from pathlib import Path
 
 import pytest
 
-from strainsight.contrib.mpi.programs import LACKING
+from strainsight.contrib.mpi.session import LACKING
 from strainsight.processes import SAFE_PATH
 
 from .small import command

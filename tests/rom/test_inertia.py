@@ -15,7 +15,7 @@ from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
 from strainsight.mesh.joins import PointMass, RigidElement
 from strainsight.mesh.model import Mesh
-from strainsight.rom.craig_bampton import craig_bampton, inertia_loads
+from strainsight.rom.craig_bampton import OFF, craig_bampton, excess, inertia_loads, reach
 from strainsight.rom.inertia import InertiaInvariants, inertia_invariants
 from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_slopes
 from strainsight.rom.model import (
@@ -25,7 +25,6 @@ from strainsight.rom.model import (
     damping_matrix,
     modal_basis,
 )
-from strainsight.rom.reach import OFF, excess, reach
 from strainsight.rom.steady import steady_start
 
 from ..bodies import with_nodes

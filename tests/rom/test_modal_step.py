@@ -11,10 +11,18 @@ from scipy.linalg import expm, expm_frechet, solve_sylvester, sqrtm
 
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.fem.affine import AffineOperator, Coefficient, Newton
-from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_slopes, simulate
+from strainsight.rom.modal_step import (
+    HOLD,
+    acceleration_map,
+    modal_step,
+    oscillator_step,
+    parameter_slopes,
+    phi_functions,
+    scheme_bias,
+    scheme_step,
+    simulate,
+)
 from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
-from strainsight.rom.oscillator import HOLD, oscillator_step, phi_functions
-from strainsight.rom.schemes import scheme_bias, scheme_step
 from strainsight.rom.steady import steady_start
 
 from .models import DAMPINGS, IDS, positive, scales, shape, system, two_materials

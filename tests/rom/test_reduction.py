@@ -19,11 +19,13 @@ from strainsight.rom.model import Damping, modal_basis
 from strainsight.rom.reduction import (
     energy_orthonormal,
     held_out_errors,
+    held_out_samples,
     modal_model,
+    parameter_samples,
     reduce_model,
+    scaled,
+    snapshots,
 )
-from strainsight.rom.samples import held_out_samples, parameter_samples
-from strainsight.rom.snapshots import scaled, snapshots
 
 from ..fem.conftest import make_box
 

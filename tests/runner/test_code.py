@@ -21,9 +21,9 @@ from strainsight.runner import code
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Dataset, Output
 from strainsight.runner.plan import OTHER_CODE, UP_TO_DATE, Job, plan
-from strainsight.runner.provenance import commit_of
 from strainsight.runner.runner import run as run_stages
 from strainsight.runner.stage import Stage
+from strainsight.runner.store import commit_of
 from strainsight.stages.modes import MODES
 
 from ..shared import job_of, stages_of

@@ -15,13 +15,11 @@ import numpy as np
 import pytest
 
 from strainsight.errors import ArtefactError
-from strainsight.runner import reuse
-from strainsight.runner.artefact import header_of
-from strainsight.runner.lock import computing
+from strainsight.runner import runner
+from strainsight.runner.artefact import header_of, seal
 from strainsight.runner.output import Dataset, Output
 from strainsight.runner.plan import Job
-from strainsight.runner.runner import run
-from strainsight.runner.seal import seal
+from strainsight.runner.runner import computing, run
 from strainsight.runner.stage import Stage
 
 KEY = "0" * 14 + "7" + "0" * 49
@@ -82,7 +80,7 @@ def test_what_is_replaced_while_it_is_taken_is_passed_over(results, changed, mon
     source_of(job_of(results, "second"))
     source_of(job_of(results, "other", by=2))
     name = {"look.h5": "_shared", "page.html": "_beside"}[changed]
-    real = getattr(reuse, name)
+    real = getattr(runner, name)
 
     def late(source: Path, *rest):
         if source == results / "first" / changed:
@@ -90,7 +88,7 @@ def test_what_is_replaced_while_it_is_taken_is_passed_over(results, changed, mon
             source.write_bytes(source.read_bytes() + b"x" * (changed == "page.html"))
         return real(source, *rest)
 
-    monkeypatch.setattr(reuse, name, late)
+    monkeypatch.setattr(runner, name, late)
     assert source_of(job_of(results, "third")) == "second"
     assert {path.name for path in (results / "third").iterdir()} == {"look.h5", "page.html"}
 
@@ -152,9 +150,9 @@ def test_only_plain_files_of_the_stated_size_and_digest_are_copied(tmp_path, cas
 def test_a_file_that_is_mostly_holes_is_not_copied(results):
     page = results / "first" / "page.html"
     with page.open("wb") as stream:
-        stream.truncate(reuse.LARGEST + 1)
+        stream.truncate(runner.LARGEST + 1)
     with pytest.raises(ArtefactError, match="not the file"):
-        reuse._beside(page, reuse.LARGEST + 1, "0" * 64, results / "part")
+        runner._beside(page, runner.LARGEST + 1, "0" * 64, results / "part")
     assert (results / "part").stat().st_size == 0
 
 

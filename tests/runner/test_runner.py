@@ -11,10 +11,9 @@ import pytest
 
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.runner.artefact import Artefact
-from strainsight.runner.lock import COMPUTING, NAME, computing, locked
 from strainsight.runner.output import Dataset, Output
 from strainsight.runner.plan import Job, plan
-from strainsight.runner.runner import run
+from strainsight.runner.runner import COMPUTING, NAME, computing, locked, run
 from strainsight.runner.slices import Slice, expand, look_up, prune
 from strainsight.runner.stage import Stage
 

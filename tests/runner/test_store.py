@@ -15,11 +15,10 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight.errors import ArtefactError, UserError
 from strainsight.mesh.vtkhdf import unstructured_grid
-from strainsight.records.grids import vtkhdf_datasets
+from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.runner import contents, store
-from strainsight.runner.artefact import Artefact, Header
+from strainsight.runner.artefact import Artefact, Header, seal
 from strainsight.runner.output import Dataset, Output, Table
-from strainsight.runner.seal import seal
 from strainsight.runner.store import write_artefact
 
 HEADER = Header("place", 1, "k" * 64, {"place": {"keep": 4}}, {"screen": "s" * 64}, {"mesh.file": "m" * 64}, seed=7)

@@ -9,11 +9,10 @@ import pytest
 
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import Relation
-from strainsight.sensors.access import room
+from strainsight.sensors.access import opposite, room
 from strainsight.sensors.bridges import PATTERNS, bridges
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.clearance import carrier, carrier_clearance, crowded, obstacles, room_for
-from strainsight.sensors.opposite import opposite
+from strainsight.sensors.edges import carrier, carrier_clearance, crowded, obstacles, room_for
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.surface import facet_centres
 from strainsight.sensors.walk import skin_of

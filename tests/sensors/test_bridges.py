@@ -8,10 +8,9 @@ import numpy as np
 import pytest
 import pyuff
 
-from strainsight.config.layout import LayoutSettings, ZoneLimit
-from strainsight.config.zones import BoxZone
+from strainsight.config.layout import BoxZone, LayoutSettings, ZoneLimit
 from strainsight.errors import UserError
-from strainsight.experiment.layout.pool import PoolRows, layout_limits
+from strainsight.experiment.layout.task import PoolRows, layout_limits
 from strainsight.mesh.facets import exterior_facets
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import candidates, concatenate

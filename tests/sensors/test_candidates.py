@@ -11,11 +11,9 @@ from strainsight.errors import InfeasibleError, UserError
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import AveragingElement
 from strainsight.mesh.model import Mesh
-from strainsight.sensors.bonded import BondedEntry, bonded
-from strainsight.sensors.candidates import DISPLACEMENT, candidates, concatenate, tangents
+from strainsight.sensors.bonded import BondedEntry, bonded, given_pool
+from strainsight.sensors.candidates import DISPLACEMENT, candidates, concatenate, motion_candidates, tangents
 from strainsight.sensors.edges import near_segments, sharp_edges
-from strainsight.sensors.given import given_pool
-from strainsight.sensors.motion import motion_candidates
 from strainsight.sensors.symmetry import mirror_partners
 from strainsight.sensors.zones import Box, NearEdges
 

@@ -15,8 +15,8 @@ from strainsight.errors import UserError
 from strainsight.mesh.additions import with_rigid_element
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import Springs
-from strainsight.sensors.contact import contact_faces
-from strainsight.sensors.curvature import bend_radius, sides, tight
+from strainsight.sensors.access import contact_faces
+from strainsight.sensors.edges import bend_radius, sides, tight
 from strainsight.sensors.faces import Pick, faces_of, facet_vectors, picked
 from strainsight.sensors.surface import facet_centres
 

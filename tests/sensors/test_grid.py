@@ -14,10 +14,9 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import Candidates, candidates
-from strainsight.sensors.locate import locate, project
 from strainsight.sensors.rows import channel_matrix, channel_rows, fits
 from strainsight.sensors.surface import by_kind
-from strainsight.sensors.walk import skin_of
+from strainsight.sensors.walk import locate, project, skin_of
 
 from ..refusals import expect_refusal
 from .conftest import KINDS, bare, plate, tube

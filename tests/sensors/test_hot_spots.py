@@ -7,7 +7,7 @@ import pytest
 
 from strainsight.mesh.facets import exterior_facets
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.edge_dimensions import angle_from, edge_dimensions
+from strainsight.sensors.edges import angle_from, edge_dimensions
 from strainsight.sensors.hot_spots import hot_spots
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.zones import NormalCone

@@ -9,7 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from strainsight.sensors.candidates import ACCELERATION, candidates, concatenate
+from strainsight.sensors.candidates import ACCELERATION, candidates, concatenate, motion_candidates
 from strainsight.sensors.installation import (
     InstallationStd,
     drawn_installation,
@@ -17,7 +17,6 @@ from strainsight.sensors.installation import (
     installed_rows,
 )
 from strainsight.sensors.misplaced import misplaced
-from strainsight.sensors.motion import motion_candidates
 from strainsight.sensors.rows import channel_rows, fits
 from strainsight.sensors.sensitivity import COMMON, OWN, SECOND, sensitivity_rows
 

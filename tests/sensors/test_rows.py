@@ -11,8 +11,7 @@ from strainsight.errors import InfeasibleError, UserError
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock
-from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates
-from strainsight.sensors.motion import motion_candidates
+from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, Candidates, candidates, motion_candidates
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.zones import Box
 

@@ -12,7 +12,7 @@ from strainsight.decks.reader import read_mesh
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.mesh.facets import exterior_facets
 from strainsight.sensors.candidates import candidates
-from strainsight.sensors.outline import edge_lines, seen_from
+from strainsight.sensors.export import edge_lines, seen_from
 from strainsight.sensors.screening import screen, strongest_first
 from strainsight.sensors.surface import facet_centres
 from strainsight.sensors.zones import Box, Cylinder, NearSet, NormalCone, On, inside, on_surface

@@ -10,11 +10,9 @@ from strainsight.errors import UserError
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.bridges import bridges
-from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, candidates
+from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, candidates, motion_candidates, principal_angles
 from strainsight.sensors.installation import InstallationStd
 from strainsight.sensors.misplaced import installation_axes, misplaced
-from strainsight.sensors.motion import motion_candidates
-from strainsight.sensors.principal import principal_angles
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.sensitivity import sensitivity_rows
 from strainsight.sensors.walk import skin_of

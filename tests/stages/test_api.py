@@ -17,8 +17,8 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 
 from strainsight import api
 from strainsight.errors import ArtefactError, ConfigError, DeckError, InfeasibleError, UserError
-from strainsight.experiment.structure.given_gauges import read_given
-from strainsight.sensors.given import without
+from strainsight.experiment.structure.bonded_gauges import read_given
+from strainsight.sensors.bonded import without
 from strainsight.sensors.zones import Box, NearEdges
 from strainsight_cli.main import app
 

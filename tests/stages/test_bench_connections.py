@@ -16,8 +16,8 @@ from strainsight.config.base import Name, NotNegative, Section
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.checks import bench_problems
 from strainsight.config.bench.connections import Axis, Force, Frames
+from strainsight.multibody.bodies import Frame
 from strainsight.multibody.forces import Load, RelativeElement
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.laws.kinds import LAWS
 from strainsight.multibody.relations import offset
 from strainsight.runner.artefact import Artefact

@@ -9,8 +9,8 @@ import pytest
 from scipy.linalg import block_diag, eig, solve_discrete_are
 
 from strainsight.experiment.bench.layout.strained import expected_std, scenario_of
-from strainsight.multibody.advance import Method
 from strainsight.multibody.inverse.linear import LinearBench, in_modes, in_steps
+from strainsight.multibody.step import Method
 
 R_STATES, NU = 4, 2
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import yaml
 
-from strainsight.rom import reach
+from strainsight.rom import craig_bampton
 from strainsight.runner.artefact import Artefact
 from strainsight.stages.bench import report
 from strainsight.stages.bench.pipeline import bench_stages
@@ -31,7 +31,7 @@ FREE = {
 }
 
 
-@pytest.fixture(scope="module", params=[reach.FACTOR, 1 + 1e-9], ids=["within", "beyond"])
+@pytest.fixture(scope="module", params=[craig_bampton.FACTOR, 1 + 1e-9], ids=["within", "beyond"])
 def done(request):
     """Whether the range is too narrow, and stage → artefact, the page with them where it is."""
     narrow = request.param < 1.1
@@ -43,7 +43,7 @@ def done(request):
         (folder / "own.yaml").write_text(config, encoding="utf-8")
         job = job_of(folder / "own.yaml", folder / "results")
         with pytest.MonkeyPatch.context() as patch:
-            patch.setattr(reach, "FACTOR", request.param)
+            patch.setattr(craig_bampton, "FACTOR", request.param)
             patch.setattr(report, "_pictures", lambda *_: ([], ""))
             finished(job, [stage for stage in bench_stages(job.config) if narrow or stage.name != "report"])
 

@@ -13,11 +13,11 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from strainsight.config.bench.bench import SurfaceField
 from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
-from strainsight.experiment.bench.surface_field import Motion, instants, points
-from strainsight.experiment.bench.surface_field import pictures as field_of
+from strainsight.experiment.bench.reduction import Motion, instants, points
+from strainsight.experiment.bench.reduction import pictures as field_of
 from strainsight.experiment.resources import silent
 from strainsight.parallel.sweep import serial
-from strainsight.records.bodies import ReducedBodies
+from strainsight.records.bench import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 

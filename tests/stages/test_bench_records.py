@@ -10,11 +10,10 @@ from scipy.integrate import solve_ivp
 from typer.testing import CliRunner
 
 from strainsight.config.load import load_config
-from strainsight.experiment.bench.bench import bench_of
+from strainsight.experiment.bench.bench import bench_of, start_of
 from strainsight.experiment.bench.sensors import sensors_of
-from strainsight.experiment.bench.start import start_of
 from strainsight.multibody.equations import balance
-from strainsight.records.bodies import ReducedBodies
+from strainsight.records.bench import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.runner.artefact import Artefact

@@ -16,7 +16,7 @@ from strainsight.experiment.structure.start import loading_of
 from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.experiment.structure.trial import sample_noise
 from strainsight.experiment.structure.truth import truth_of
-from strainsight.fem.misaligned import axes_across
+from strainsight.fem.loads import axes_across
 from strainsight.mesh.facets import exterior_facets
 from strainsight.sensors.rows import channel_rows
 

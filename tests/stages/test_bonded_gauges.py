@@ -10,11 +10,10 @@ import pytest
 
 from strainsight import api
 from strainsight.errors import UserError
-from strainsight.experiment.layout.datum import deck_frame
-from strainsight.experiment.layout.exports.channel_lists import Wiring, catman_table
-from strainsight.experiment.layout.names import layout_labels
+from strainsight.experiment.layout.gauge_list import deck_frame, layout_labels
 from strainsight.experiment.layout.output import gauge_csv
-from strainsight.experiment.structure.bonded_file import read_bonded
+from strainsight.experiment.layout.workshop import Wiring, catman_table
+from strainsight.experiment.structure.bonded_gauges import read_bonded
 
 from ..shared import slowly
 from .tested_beam import KNOWN, changed, estimated, result

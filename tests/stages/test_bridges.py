@@ -16,16 +16,12 @@ from typer.testing import CliRunner
 
 from strainsight import api
 from strainsight.errors import ConfigError, UserError
-from strainsight.experiment.layout.datum import deck_frame
-from strainsight.experiment.layout.exports.channel_lists import Wiring, catman_table, labview_table
-from strainsight.experiment.layout.exports.element_sets import elements_of
-from strainsight.experiment.layout.gauge_lines import gauge_lines
-from strainsight.experiment.layout.workshop import Workshop
-from strainsight.experiment.structure.bonded_file import read_bonded
-from strainsight.experiment.structure.bonded_gauges import bonded_gauges
+from strainsight.experiment.layout.gauge_list import deck_frame, gauge_lines
+from strainsight.experiment.layout.workshop import Wiring, Workshop, catman_table, elements_of, labview_table
+from strainsight.experiment.structure.bonded_gauges import bonded_gauges, read_bonded
 from strainsight.experiment.structure.placed import placement_output
 from strainsight.runner.artefact import Artefact
-from strainsight.sensors.edge_dimensions import no_edges
+from strainsight.sensors.edges import no_edges
 from strainsight_cli.main import app
 
 from ..edges.beam import NU, PLACEMENT_CONFIG, SIZE, E, bricks, config_of

@@ -19,8 +19,8 @@ from strainsight.experiment.structure.clearance import (
 )
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.forces import NodalForces
-from strainsight.sensors.clearance import carrier_clearance
+from strainsight.mesh.joins import NodalForces
+from strainsight.sensors.edges import carrier_clearance
 
 from ..edges.beam import PLACEMENT_CONFIG, SIZE, bricks
 from ..mesh.test_shell_faces import plate, strip

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from strainsight import api
 from strainsight.config.load import load_config
 from strainsight.config.template import template
-from strainsight.experiment.structure.contact import contact_warnings, held_below
+from strainsight.experiment.structure.mesh import contact_warnings, held_below
 from strainsight.mesh.facets import exterior_facets
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.faces import faces_of

@@ -13,12 +13,10 @@ from strainsight.experiment.structure.cost import (
     OF_A_PROCESS,
     Size,
     cost_of,
-    size_of,
-)
-from strainsight.experiment.structure.cost_of_place import (
     cost_of_place,
     of_pool_in_words,
     scenarios_of,
+    size_of,
     states_of,
 )
 from strainsight.mesh.kinds import ELEMENTS

@@ -10,12 +10,17 @@ import pytest
 from strainsight import api
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
-from strainsight.experiment.structure import compared
 from strainsight.experiment.structure import expectation as expecting
-from strainsight.experiment.structure.problem import exactly_damped, filter_model, initial_covariance, problem_of
-from strainsight.experiment.structure.scenarios import placed_instants
+from strainsight.experiment.structure import filtering
+from strainsight.experiment.structure.problem import (
+    exactly_damped,
+    filter_model,
+    initial_covariance,
+    placed_instants,
+    problem_of,
+)
 from strainsight.experiment.structure.start import ringing_in_words
-from strainsight.experiment.structure.withheld import excluded, excluded_in_words
+from strainsight.experiment.structure.suspected import excluded, excluded_in_words
 from strainsight.sensors.candidates import ACCELERATION
 
 from ..edges.beam import PLACEMENT_CONFIG, E, apart, bricks, prepared
@@ -88,7 +93,7 @@ def test_where_exact_readings_have_no_posterior_nothing_is_compared_which_is_rep
     def refuses(*_, **__):
         raise NumericalError("no lattice")
 
-    monkeypatch.setattr(compared, "filter_bank", refuses)
+    monkeypatch.setattr(filtering, "filter_bank", refuses)
     empty = validated(*EXACT, "validate.duration=0.02").validated.compared
     assert disagreements_in_words(empty) == [
         "filters are not compared: without tolerances the readings leave no posterior of the parameters"

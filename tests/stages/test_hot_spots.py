@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from strainsight import api
-from strainsight.experiment.layout.datum import deck_frame
+from strainsight.experiment.layout.gauge_list import deck_frame
 from strainsight.experiment.layout.output import gauge_csv
-from strainsight.experiment.structure.at_gauges import HAND, IN_PLACE, OVER_GRID, _steep, notes_at_gauges
-from strainsight.experiment.structure.bonded_file import read_bonded
+from strainsight.experiment.structure.bonded_gauges import read_bonded
+from strainsight.experiment.structure.clearance import HAND, IN_PLACE, OVER_GRID, _steep, notes_at_gauges
 from strainsight.experiment.structure.hot_spots import at_guess
 from strainsight.mesh.facets import exterior_facets
 from strainsight.records.placed import AtGauges

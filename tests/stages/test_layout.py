@@ -14,9 +14,9 @@ from strainsight.errors import InfeasibleError
 from strainsight.experiment.layout.advice import best_possible
 from strainsight.experiment.layout.layout import layout_of
 from strainsight.experiment.layout.task import root_of
-from strainsight.experiment.structure.installation_noise import COHERENCE
+from strainsight.experiment.structure.screening import COHERENCE
 from strainsight.placement.certificate import Certificate, certify
-from strainsight.placement.criteria.trace import Trace
+from strainsight.placement.criteria import Trace
 from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import loss_if_one_fails

@@ -10,8 +10,8 @@ import yaml
 from scipy.linalg import solve_continuous_are
 
 from strainsight import api
-from strainsight.experiment.structure.load_cases import runs_of
 from strainsight.experiment.structure.problem import problem_in
+from strainsight.experiment.structure.training import runs_of
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 

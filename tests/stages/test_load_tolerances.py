@@ -17,7 +17,7 @@ from strainsight.experiment.structure.nuisances import nuisances_of, on_average,
 from strainsight.experiment.structure.problem import filter_model, problem_of
 from strainsight.experiment.structure.settings import parameters_of
 from strainsight.experiment.structure.suspected import suspect_of, turning_of
-from strainsight.fem.misaligned import axes_across
+from strainsight.fem.loads import axes_across
 from strainsight.fem.model import nodal
 from strainsight.mesh.facets import exterior_facets
 from strainsight.sensors.misplaced import misplaced

@@ -13,7 +13,7 @@ import yaml
 from strainsight.config.estimate import Estimate
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.draws import draw_truth
-from strainsight.experiment.recorded_channels import _calibration
+from strainsight.experiment.recorded import _calibration
 from strainsight.experiment.structure.diagnosed import judgement_of
 from strainsight.experiment.structure.records_of_test import records_of
 from strainsight.measurements.calibration import calibrate

@@ -7,8 +7,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.experiment.structure.channels import listed_gauges
-from strainsight.experiment.structure.resolution import (
+from strainsight.experiment.structure.candidates import listed_gauges
+from strainsight.experiment.structure.expectation import (
     loud_noise,
     quiet_noise,
     unresolved_candidates,

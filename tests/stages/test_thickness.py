@@ -8,7 +8,7 @@ import yaml
 from scipy.linalg import eigh, solve_continuous_are
 
 from strainsight.errors import UserError
-from strainsight.experiment.structure.scenarios import placed_instants
+from strainsight.experiment.structure.problem import placed_instants
 from strainsight.loads.histories import instant_values
 from strainsight.runner.artefact import Artefact
 

@@ -13,7 +13,7 @@ from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.shell_faces import with_faces
+from strainsight.mesh.thin_faces import with_faces
 from strainsight.mesh.units import to_si
 from strainsight.runner.artefact import Artefact
 from strainsight.sensors.bonded import BondedEntry, bonded

@@ -19,7 +19,7 @@ from scipy.linalg import solve_continuous_are
 from strainsight.config.load import load_config
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import ConfigError
-from strainsight.experiment.layout.exports.element_sets import abaqus_sets, nastran_sets
+from strainsight.experiment.layout.workshop import abaqus_sets, nastran_sets
 from strainsight.records.mesh import mesh_from
 from strainsight.runner.stage import Context
 from strainsight.stages.pages.workshop import exported, sheet_files, sheets_of, workshop_files, workshop_of_run

@@ -4,15 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
+from strainsight.config.base import Problem, known, undivided
 from strainsight.config.checks_gauges import gauge_problems
 from strainsight.config.checks_model import model_problems
-from strainsight.config.damage import damage_problems
-from strainsight.config.estimate import Estimate, GaugeChannel
+from strainsight.config.estimate import Estimate, GaugeChannel, damage_problems
 from strainsight.config.layout import layout_problems
-from strainsight.config.load_cases import CaseLoad, load_case_problems
-from strainsight.config.loads import LoadSignal, MultiSine, Settle, Sine, Sweep
+from strainsight.config.loads import CaseLoad, LoadSignal, MultiSine, Settle, Sine, Sweep, load_case_problems
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.problem import Problem, known, undivided
 from strainsight.errors import at_most, did_you_mean
 
 FEWEST_STEPS = 10

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from strainsight.config.gauge_types import type_problems
-from strainsight.config.gauges import AbsoluteNoise, AxisDirection, BondedBridge, Gauges
+from strainsight.config.base import Problem
+from strainsight.config.gauges import AbsoluteNoise, AxisDirection, BondedBridge, Gauges, type_problems
+from strainsight.config.layout import FOR_EXAMPLE, NO_LENGTH, zone_problems
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.problem import Problem
-from strainsight.config.zones import FOR_EXAMPLE, NO_LENGTH, zone_problems
 
 LARGEST_NOISE = 0.01
 """[strain] σ of a sample beyond which it is stated in another unit."""

@@ -2,14 +2,198 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from collections.abc import Iterator, Mapping
+from typing import Annotated, Any, Literal, Protocol
 
-from pydantic import Field, Tag
+from pydantic import Field, Tag, ValidationError
 
-from strainsight.config.base import DirectionVector, Name, NotNegative, Point, Positive, Section, Size, Text
-from strainsight.config.gauge_types import GaugeType, TypeName
-from strainsight.config.plausible import ANGLE, GRID, NOISE, PRICE, SNAP, STRAIN_RANGE, Plausible
-from strainsight.config.zones import Zone, key_of
+from strainsight.config.base import (
+    ANGLE,
+    GAUGE_FACTOR,
+    GRID,
+    NOISE,
+    PRICE,
+    RESISTANCE,
+    SNAP,
+    STRAIN_RANGE,
+    DirectionVector,
+    Name,
+    NotNegative,
+    Plausible,
+    Point,
+    Positive,
+    Problem,
+    Section,
+    Size,
+    Text,
+)
+from strainsight.config.layout import Zone, key_of
+from strainsight.errors import did_you_mean
+
+TypeName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_/-]*$", max_length=40)]
+"""Of a type of one's own: letters, digits, _, - and /, as in 3/350."""
+LEADS = 1.0
+"""[Ω] of lead wires that nobody has allowed for: an assumption of ours, of a few metres of thin wire."""
+
+
+class GaugeType(Section):
+    """A type of strain gauge."""
+
+    grid_length: Annotated[Positive, GRID] = Field(description="Length of its grid [m], over which it averages.")
+    grid_width: Annotated[Positive, GRID] = Field(description="Width of its grid [m].")
+    carrier_length: Annotated[Positive, GRID] = Field(
+        description="Length of its carrier, along the grid, untrimmed [m]."
+    )
+    carrier_width: Annotated[Positive, GRID] = Field(description="Width of its carrier, untrimmed [m].")
+    resistance: Annotated[Positive, RESISTANCE] = Field(description="Nominal resistance [Ω].")
+    gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(
+        2.0, description="Nominal gauge factor [-]; that of the lot is on the package."
+    )
+    gauge_factor_tolerance: float = Field(0.01, gt=0, le=0.5, description="Tolerance of the gauge factor [-].")
+    range: Annotated[Positive, STRAIN_RANGE] = Field(0.05, description="Largest strain that it can measure [strain].")
+    bend_radius: Annotated[NotNegative, Plausible(1e-4, 1.0, "m")] = Field(
+        0.0, description="Smallest radius to which it may be bent, solder tabs included [m]; 0: it follows any surface."
+    )
+    grids: int = Field(default=1, ge=1, le=3, description="Grids on the carrier: 1, or 2 and 3 of a rosette [-].")
+    source: str = Field("", description="Whose gauge it is, for the page.")
+
+    @property
+    def spacing(self) -> float:
+        """Between the centres of two gauges [m], one behind the other: the longer side of the carrier."""
+        return max(self.carrier_length, self.carrier_width)
+
+
+def _uw(pattern: str, grid: tuple[float, float], carrier: tuple[float, float], resistance: float) -> GaugeType:
+    """A linear pattern of the CEA series; lengths in mm. Its range is 3 % below 1/8 inch and 5 % from there on."""
+    return GaugeType(
+        grid_length=1e-3 * grid[0],
+        grid_width=1e-3 * grid[1],
+        carrier_length=1e-3 * carrier[0],
+        carrier_width=1e-3 * carrier[1],
+        resistance=resistance,
+        gauge_factor=2.1,
+        gauge_factor_tolerance=0.005,
+        range=0.05 if grid[0] > 3 else 0.03,
+        bend_radius=0.002,
+        source=f"as Micro-Measurements CEA-06-{pattern}-{resistance:g}",
+    )
+
+
+_SMALL = (1.57, 3.05), (7.9, 4.8)
+_USUAL = (3.18, 4.57), (10.7, 6.9)
+_LONG = (6.35, 4.57), (14.0, 6.9)
+CATALOGUE: Mapping[str, GaugeType] = {
+    "1.5/350": _uw("062UW", *_SMALL, 350.0),
+    "3/350": _uw("125UW", *_USUAL, 350.0),
+    "6/350": _uw("250UW", *_LONG, 350.0),
+    "1.5/120": _uw("062UW", *_SMALL, 120.0),
+    "3/120": _uw("125UW", *_USUAL, 120.0),
+    "6/120": _uw("250UW", *_LONG, 120.0),
+    "10/120": GaugeType(
+        grid_length=0.010,
+        grid_width=0.003,
+        carrier_length=0.016,
+        carrier_width=0.0052,
+        resistance=120.0,
+        gauge_factor=2.1,
+        gauge_factor_tolerance=0.01,
+        range=0.05,
+        bend_radius=0.002,
+        source="as Kyowa KFGS-10-120-C1",
+    ),
+    "3/350-rosette": _uw("125UR", (3.18, 1.52), (10.7, 15.7), 350.0).model_copy(update={"grids": 3}),
+}
+"""By length of the grid in mm, rounded, over resistance in Ω. Nominal sizes and typical values of the data sheets of these types:
+Micro-Measurements, Precision Strain Gages and Sensors (CEA series, 0°/45°/90° rosette UR), and Kyowa, Strain Gages (KFGS series).
+Neither states a bend radius for them: 2 mm is what HBK states of its Y series with solder tabs, 0.3 mm of the grid alone."""
+
+
+class Typed(Protocol):
+    """What says which type: the section `gauges`."""
+
+    @property
+    def type(self) -> str | None: ...
+
+    @property
+    def types(self) -> Mapping[str, GaugeType]: ...
+
+
+def gauge_type(gauges: Typed) -> GaugeType | None:
+    """The type that a config names, its own ones first; None where it names none."""
+    return None if gauges.type is None else {**CATALOGUE, **gauges.types}[gauges.type]
+
+
+def type_gain(own: GaugeType) -> float:
+    """σ of the gain of a gauge of this type:
+
+        √(t² + (R_L/R)²)
+
+    t: tolerance of its gauge factor, as if it were σ; R_L = `LEADS` over its resistance R, by which lead wires in series with the
+    gauge make its reading smaller. 3/350: 0.58 %, 3/120: 0.97 %.
+    """
+    return float(round((own.gauge_factor_tolerance**2 + (LEADS / own.resistance) ** 2) ** 0.5, 6))
+
+
+def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
+    """A type that is not there, or has other grids than the gauges; rosette: how many theirs have, 1 where they are none."""
+    if gauges.type is None:
+        return
+    known = {**CATALOGUE, **gauges.types}
+    if gauges.type not in known:
+        remedy = did_you_mean(gauges.type, known, f"known: {', '.join(known)}; or describe it under gauges.types")
+        yield Problem("gauges.type", f"no type of gauge is called '{gauges.type}'", remedy)
+    elif (grids := known[gauges.type].grids) != rosette:
+        what = f"{gauges.type} has {grids} grid{'s' * (grids > 1)}, and a gauge here has {rosette}"
+        fitting = [name for name, own in known.items() if own.grids == rosette]
+        remedy = f"take {' or '.join(fitting)}" if fitting else "describe the rosette under gauges.types"
+        yield Problem("gauges.type", what, f"{remedy}; a rosette needs gauges.rosette: true")
+
+
+def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
+    """The raw data of a placement, with what follows from `gauges.type` where the config says nothing, null included:
+
+        gauges.grid_length, gauges.range, screen.minimum_spacing and place.minimum_spacing (the longer side of the carrier),
+        report.gauge_factor, report.resistance, and tolerances.gain (`type_gain`) where all sensors are strain gauges
+
+    The clearance and the bend radius are looked up where they are used. Data that are not valid stay as they are.
+    """
+    gauges = data.get("gauges")
+    if not isinstance(gauges, Mapping) or not isinstance(gauges.get("type"), str) or gauges.get("given") is not None:
+        return data
+    own = _named(gauges["type"], gauges.get("types"))
+    if own is None:
+        return data
+    wanted: dict[str, dict[str, float]] = {
+        "gauges": {"grid_length": own.grid_length, "range": own.range},
+        "screen": {"minimum_spacing": own.spacing},
+        "place": {"minimum_spacing": own.spacing},
+        "report": {"gauge_factor": own.gauge_factor, "resistance": own.resistance},
+    }
+    if not data.get("motion_sensors"):
+        wanted["tolerances"] = {"gain": type_gain(own)}
+    found = dict(data)
+    for section, values in wanted.items():
+        stated = data.get(section, {} if section in ("screen", "tolerances", "report") else None)
+        if isinstance(stated, Mapping):
+            found[section] = {**values, **stated}
+    return found
+
+
+def _named(name: str, types: Any) -> GaugeType | None:
+    described = types.get(name) if isinstance(types, Mapping) else None
+    if described is None:
+        return CATALOGUE.get(name)
+    try:
+        return GaugeType.model_validate(described, strict=False)
+    except ValidationError:
+        return None
+
+
+def fitting_type(side: float) -> str | None:
+    """The type for a part whose largest face is a square of this side [m]: the first of 3/350 and 1.5/350 whose carrier is no
+    longer than a third of it; None where it is for both."""
+    return next((name for name in ("3/350", "1.5/350") if CATALOGUE[name].carrier_length <= side / 3), None)
+
 
 Angles = Annotated[tuple[float, ...], Field(min_length=1), ANGLE]
 

@@ -10,15 +10,15 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from strainsight.config.bench.bearing import BearingConfig
+from strainsight.config.base import Problem, shown_key
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.bodies import BearingConfig
 from strainsight.config.bench.checks import bearing_problems, bench_problems
 from strainsight.config.checks import problems
-from strainsight.config.gauge_types import filled
+from strainsight.config.gauges import filled
 from strainsight.config.messages import problems_of
 from strainsight.config.overrides import Override, explained, meant_for_runs, parsed, put
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.problem import Problem, shown_key
 from strainsight.config.suite import SuiteConfig, suite_problems
 from strainsight.config.yaml_text import LARGEST, Document, Mark, YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean

@@ -7,11 +7,15 @@ from typing import Annotated, Literal
 from pydantic import Field, model_validator
 
 from strainsight.config.base import (
+    DENSITY,
+    MODULUS,
+    STIFFNESS,
     DirectionVector,
     Id,
     Name,
     NotNegative,
     ParameterValue,
+    Plausible,
     Point,
     Positive,
     Section,
@@ -21,7 +25,6 @@ from strainsight.config.base import (
     YoungsModulus,
     with_defaults,
 )
-from strainsight.config.plausible import DENSITY, MODULUS, STIFFNESS, Plausible
 
 Component = Literal[1, 2, 3, 4, 5, 6]
 Components = Annotated[tuple[Component, ...], Field(min_length=1, max_length=6)]

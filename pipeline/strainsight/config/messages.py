@@ -9,8 +9,8 @@ from typing import Any
 
 from pydantic import BaseModel, ValidationError
 
+from strainsight.config.base import Problem
 from strainsight.config.keys import fields_of, keys_at, path_in, sections_at, types_of
-from strainsight.config.problem import Problem
 from strainsight.errors import did_you_mean
 
 TYPES = {

@@ -11,11 +11,11 @@ from typing import Any
 
 from pydantic import BaseModel
 
+from strainsight.config.base import Problem
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.keys import keys_at, place_in
 from strainsight.config.messages import MISSING, UNKNOWN
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.problem import Problem
 from strainsight.config.suite import DOTTED
 from strainsight.config.yaml_text import YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean

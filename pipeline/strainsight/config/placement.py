@@ -7,6 +7,12 @@ from typing import Annotated, Literal
 from pydantic import Discriminator, Field, Tag
 
 from strainsight.config.base import (
+    DAMPING,
+    DURATION,
+    GAUGE_FACTOR,
+    PROPERTY,
+    RESISTANCE,
+    SIZE,
     Count,
     DirectionVector,
     Duration,
@@ -14,6 +20,7 @@ from strainsight.config.base import (
     Id,
     Name,
     NotNegative,
+    Plausible,
     Point,
     Positive,
     RunName,
@@ -26,12 +33,9 @@ from strainsight.config.base import (
 from strainsight.config.estimate import Estimate
 from strainsight.config.gauges import Gauges, MotionSensors
 from strainsight.config.layout import LayoutSettings
-from strainsight.config.load_cases import TrainingCase
-from strainsight.config.loads import Load, Settle
+from strainsight.config.loads import Load, Settle, TrainingCase
 from strainsight.config.mesh import MeshFile
-from strainsight.config.plausible import DAMPING, DURATION, GAUGE_FACTOR, PROPERTY, RESISTANCE, SIZE, Plausible
-from strainsight.config.tolerances import StatedTolerances, Tolerances
-from strainsight.config.validation import Validate
+from strainsight.config.tolerances import StatedTolerances, Tolerances, Validate
 
 KeepAll = Literal["all"]
 

@@ -4,15 +4,129 @@ from __future__ import annotations
 
 import re
 import unicodedata
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
-from strainsight.config.base import RunName, Section, Text
-from strainsight.config.problem import Problem
-from strainsight.config.suite_measures import Claim, Comparison, measure_problems, measures_of
-from strainsight.config.suite_studies import Study, study_problems
+from strainsight.config.base import COMPARED, Problem, RunName, Section, Text
+
+Texts = Annotated[tuple[Text, ...], Field(min_length=1)]
+
+
+class Measure(Section):
+    """Numbers of runs, and the bounds that all of them have to be within."""
+
+    run: Text | Texts = Field(
+        description="Name of the run, before the suite's suffix, or a list: it has to hold in each."
+    )
+    number: Text | Texts = Field(description="Number of the stage's summary, as in slope.Fz, or a list.")
+    stage: Text | None = Field(
+        None, description="Stage that the number comes from; null: `estimate` of a bench, `validate` of a placement."
+    )
+    times: Annotated[float, COMPARED] = Field(1.0, description="The number is multiplied by it first [-].")
+    against: Text | None = Field(None, description="Name of another run: the number is divided by that one's.")
+    against_number: Text | None = Field(None, description="Number to divide by; null: the same as number.")
+    above: Annotated[float | None, COMPARED] = Field(None, description="It has to be larger than this.")
+    below: Annotated[float | None, COMPARED] = Field(None, description="It has to be smaller than this.")
+    equals: bool | None = Field(None, description="For a number that is true or false: which of them it has to be.")
+    unit: str = Field("", description="What stands behind the number on the page, as in N or of the weight.")
+
+
+class Claim(Measure):
+    """A statement about numbers of runs: confirmed where all of them are within the bounds, contradicted otherwise."""
+
+    text: Text = Field(description="The statement.")
+    why: str = Field(
+        "",
+        description="Why it holds or does not, in words that the page shows below the verdict; where it does not, the "
+        "page marks that none is given.",
+    )
+
+
+class Comparison(Section):
+    """What a source says, what comes out under its settings, and what under ours."""
+
+    source: Text = Field(description="Where it stands, as in figure 2.4.")
+    says: Text = Field(description="What it says there.")
+    printed: str = Field("", description="Its number, in words.")
+    as_printed: Measure | None = Field(None, description="Numbers of runs under the settings of the source.")
+    ours: Measure | None = Field(None, description="Numbers of runs under settings of our own.")
+    why: str = Field(
+        "",
+        description="Why it holds or does not, or why nothing is measured, in words that the page shows below the verdict; "
+        "where it does not hold, the page marks that none is given.",
+    )
+
+
+def as_texts(value: str | Sequence[str]) -> tuple[str, ...]:
+    """One text or a list as a tuple."""
+    return (value,) if isinstance(value, str) else tuple(value)
+
+
+def measures_of(claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> dict[str, Measure]:
+    """Dotted key → every measure of a suite: its claims, then both sides of its comparisons."""
+    found: dict[str, Measure] = {f"claims.{i}": claim for i, claim in enumerate(claims)}
+    for i, row in enumerate(comparisons):
+        sides = {"as_printed": row.as_printed, "ours": row.ours}
+        found |= {f"comparisons.{i}.{side}": own for side, own in sides.items() if own is not None}
+    return found
+
+
+def measure_problems(claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> Iterator[Problem]:
+    """What is wrong with them by themselves."""
+    for key, own in measures_of(claims, comparisons).items():
+        yield from _problems(key, own)
+    for i, row in enumerate(comparisons):
+        if row.as_printed is None and row.ours is None and not row.why:
+            yield Problem(
+                f"comparisons.{i}",
+                "nothing is measured, and nothing says why",
+                "give as_printed or ours, or why there is nothing to measure",
+                at_key=True,
+            )
+
+
+def _problems(key: str, own: Measure) -> Iterator[Problem]:
+    bounds = [value for value in (own.above, own.below) if value is not None]
+    if own.equals is None and not bounds:
+        yield Problem(key, "has no bound", "give above, below or both, or equals: true or false", at_key=True)
+    elif own.equals is not None and (bounds or own.against is not None or own.times != 1):
+        yield Problem(f"{key}.equals", "goes with no other bound and no ratio", "leave one of them out")
+    elif len(bounds) == 2 and not bounds[0] < bounds[1]:
+        yield Problem(f"{key}.above", f"{bounds[0]:g} is not smaller than below, {bounds[1]:g}", "swap them")
+    if own.against_number is not None and own.against is None:
+        what = "there is no run to compare with"
+        yield Problem(f"{key}.against_number", what, "give against: RUN, or leave it out", at_key=True)
+
+
+class Study(Section):
+    """A question that several runs answer together; what is not listed here is a study by its name in runs[].study alone."""
+
+    name: Text = Field(description="Name of the study, as in runs[].study; the heading on the page.")
+    note: str = Field("", description="A sentence that the page shows below the heading.")
+    over: Text | None = Field(
+        None,
+        description="Dotted key of the runs' configs whose number they vary, as in estimate.time_step: figures over it, a line a "
+        "group.",
+    )
+    numbers: tuple[Text, ...] = Field(
+        (),
+        description="Numbers of `estimate`, of a placement `validate`, that are drawn over it, as in slope.Fz; without any: the "
+        "error of every unknown beside its claimed standard deviation.",
+    )
+
+
+def study_problems(studies: Sequence[Study], named: Sequence[str]) -> Iterator[Problem]:
+    """What is wrong with the studies; named: those of the runs."""
+    for i, study in enumerate(studies):
+        if study.name in [other.name for other in studies[:i]]:
+            yield Problem(f"studies.{i}.name", f"'{study.name}' is listed twice", "list every study once")
+        elif study.name not in named:
+            yield Problem(f"studies.{i}.name", f"no run is of the study '{study.name}'", "name it in runs[].study")
+        if study.numbers and study.over is None:
+            yield Problem(f"studies.{i}.numbers", "there is nothing to draw them over", "give over: KEY", at_key=True)
+
 
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 """A dotted key, as in --set place.keep=6."""

@@ -13,9 +13,7 @@ from strainsight.config.keys import place_in
 from strainsight.config.load import LoadedConfig, kind_of, load_config
 from strainsight.config.messages import MISSING
 from strainsight.config.overrides import Override
-from strainsight.config.suite import SuiteConfig, SuiteRun
-from strainsight.config.suite_measures import as_texts, measures_of
-from strainsight.config.suite_studies import Study
+from strainsight.config.suite import Study, SuiteConfig, SuiteRun, as_texts, measures_of
 from strainsight.errors import ConfigError, StrainsightError, did_you_mean
 
 Of = TypeVar("Of")

@@ -1,12 +1,20 @@
 """The commented config that `strainsight init` writes for the user's own deck: what the deck says is filled in, what nobody has
-said is left blank."""
+said is left blank.
+"""
 
 from __future__ import annotations
 
 import json
 import re
+from typing import Annotated, Any
+
+from pydantic import Field, TypeAdapter
 
 from strainsight.config.answers import NONE, Answers, Place, Suggestion
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.bodies import BearingConfig
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.suite import SuiteConfig
 from strainsight.errors import printable
 
 WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
@@ -349,3 +357,24 @@ def _exact(value: float | None) -> str:
 
 def _number(value: float | None) -> str:
     return "" if value is None else f"{value:.3e}".replace("e+", "e")
+
+
+AnyConfig = Annotated[PlacementConfig | BenchConfig | BearingConfig | SuiteConfig, Field(discriminator="kind")]
+
+
+def config_schema() -> dict[str, Any]:
+    """JSON Schema (draft 2020-12) of a config of any kind."""
+    adapter: TypeAdapter[Any] = TypeAdapter(AnyConfig)
+    schema = adapter.json_schema(by_alias=True)
+    del schema["discriminator"]  # OpenAPI's, which the draft does not know; `kind` is a constant in each
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "strainsight config",
+        "description": "One of the kinds of config, distinguished by `kind`.",
+        **schema,
+    }
+
+
+def schema_text() -> str:
+    """The schema as the text that docs/config.schema.json holds."""
+    return json.dumps(config_schema(), indent=2, ensure_ascii=False) + "\n"

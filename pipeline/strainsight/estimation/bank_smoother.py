@@ -8,7 +8,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.estimation.bank import BankRun
-from strainsight.estimation.biased import Biased
 from strainsight.estimation.conditional import (
     Nuisances,
     conditional_states,
@@ -21,16 +20,13 @@ from strainsight.estimation.conditional import (
     tuned,
 )
 from strainsight.estimation.consider_smoother import consider_smoothed, smoothed_pieces
-from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.linear import LinearModels
 from strainsight.estimation.mixture import removed_of
-from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.model import FilterModel, StepModel
+from strainsight.estimation.reduced import Biased, Driven, Settled, beginning
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.settled import Settled, beginning
-from strainsight.estimation.smoothed import Keeping, Smoothed, Wanted
-from strainsight.estimation.smoother import smooth
+from strainsight.estimation.smoother import Keeping, Smoothed, Wanted, smooth
 from strainsight.estimation.update import standard_deviation
 from strainsight.loads.histories import instant_values
 

@@ -2,15 +2,115 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 
-from strainsight.estimation.along import steps_along
-from strainsight.estimation.conditional import Nuisances
-from strainsight.estimation.model import FilterModel
+from strainsight.estimation.conditional import Nuisances, considers, discrepancy, known_ends, linear_models
+from strainsight.estimation.judge import with_free_loads
+from strainsight.estimation.model import FilterModel, theta_of
+from strainsight.estimation.motion import augmented_jacobian, measured_jacobian
+from strainsight.estimation.reduced import Settled, start_errors
 from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
+from strainsight.rom.modal_step import acceleration_map, modal_step
+
+CHUNK = 256
+"""Steps whose Jacobians are held at once."""
+
+
+@dataclass(frozen=True)
+class Step:
+    """From one instant to the next, for errors of x* and of constants ν, of unit size each:
+
+        x*⁺ = A x* + pushed ν,   y = H x* + read ν + noise
+
+    A (n*, n*); pushed (d, n*); at its end, [s], H (m, n*) or (B, m, n*), read (d, m) and variance (B, m) of the samples;
+    sampled: whether one is taken.
+    """
+
+    instant: float
+    A: np.ndarray
+    pushed: np.ndarray
+    H: np.ndarray
+    read: np.ndarray
+    variance: np.ndarray
+    sampled: bool
+
+
+def steps_along(
+    model: FilterModel, trajectory: np.ndarray, u: np.ndarray, nuisances: Nuisances | None, sets: int
+) -> Iterator[Step]:
+    """A* and the rows at the motion and θ = guess (p = 0), step by step; with `discrepancy` in the variance of the samples.
+
+    trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u) hold coefficients of all inputs of the model [N], unknown ones too; sets B,
+    which with nuisances differ by their noise alone.
+    """
+    constants = None if nuisances is None else _Constants(model, nuisances, u)
+    R = np.broadcast_to(model.noise, (*model.noise.shape[:-2], sets, model.H.shape[-2]))
+    if nuisances is not None and constants is not None:
+        R = R + discrepancy(model, nuisances, constants.reading(trajectory[1:], u))
+    theta = theta_of(model, np.zeros(model.size))
+    modal = modal_step(model.model, theta, model.h, model.scheme)
+    sensed = None if model.accelerometers is None else acceleration_map(model.model, theta)
+    for first in range(0, len(u), CHUNK):
+        span = slice(first, min(first + CHUNK, len(u)))
+        A = augmented_jacobian(model, modal, theta, trajectory[span], u[span])
+        ends = trajectory[1:][span, None], u[span].sum(axis=1)[:, None, None]
+        H = measured_jacobian(model, sensed, theta, *ends)
+        if constants is None:
+            pushed, read = np.zeros((len(A), 0, model.size)), np.zeros((len(A), 0, model.H.shape[-2]))
+        else:
+            pushed, read = constants.along(span, trajectory[span], trajectory[1:][span], u[span])
+        for k in range(span.start, span.stop):
+            yield Step(
+                (k + 1) * model.h,
+                A[(k - first) % len(A)],
+                pushed[(k - first) % len(pushed)],
+                # rows vary along the motion where accelerometers feel an estimated parameter
+                H[k - first] if H.ndim == 4 else H,
+                read[(k - first) % len(read)],
+                R[k] if R.ndim == 3 else R,
+                (k + 1) % model.every == 0,
+            )
+
+
+class _Constants:
+    """What one of every nuisance does to the motion and to the readings, at the guess."""
+
+    def __init__(self, model: FilterModel, nuisances: Nuisances, u: np.ndarray):
+        at_guess = np.zeros((1, len(model.unknowns.parameters)))
+        self.model, self.linear = model, linear_models(model, at_guess, nuisances)
+        self.unknown = model.unknowns.input_columns(model.model)
+        self.known = [model.model.inputs.index(name) for name in model.known_inputs]
+        self.ends = known_ends(u[:, :, self.known], nuisances)
+
+    def along(self, span: slice, start: np.ndarray, end: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """A_ν x + G_ν w (L, d, n*) and D x + E w₁ + o (L, d, m) of a span of L steps from and to [q, q̇] (L, 2n),
+        u (L, HOLD, n_u)."""
+        own, states, last = self.linear, self.model.parameter_states.start, u.sum(axis=1)
+        pushed = np.zeros((len(u), own.nuisances, self.model.size))
+        w = u[:, :, self.known].reshape(len(u), -1)
+        moving = own.moving
+        pushed[:, :moving, :states] = np.einsum("eij,tj->tei", own.A_nu[0], self._states(start, u[:, 0]), optimize=True)
+        pushed[:, :moving, :states] += np.einsum("eij,tj->tei", own.G_nu[0], w, optimize=True)
+        read = np.einsum("dmj,tj->tdm", own.D, self._states(end, last), optimize=True) + own.offset
+        return pushed, read + np.einsum("dmj,tj->tdm", own.E, self.ends[span], optimize=True)
+
+    def reading(self, end: np.ndarray, u: np.ndarray) -> np.ndarray:
+        """Of the channels (T, m) at the ends [q, q̇] (T, 2n) of all steps, u (T, HOLD, n_u)."""
+        states = self._states(end, u.sum(axis=1))
+        return np.asarray(states @ self.linear.H[0].T + self.ends @ self.linear.F[0].T)
+
+    def _states(self, motion: np.ndarray, loads: np.ndarray) -> np.ndarray:
+        """[q, q̇, ζ] (L, n) at instants with loads (L, n_u) [N]."""
+        model = self.model
+        x = np.zeros((len(motion), model.parameter_states.start))
+        x[:, model.motion] = motion
+        x[:, model.position[: len(self.unknown)]] = loads[:, self.unknown] / model.amplitude
+        return x
+
 
 NOISE, PROCESS, START = "noise", "process noise", "start"
 """Sources of what the filter knows to be uncertain; those of what it takes as exact are named by its nuisances."""
@@ -100,3 +200,222 @@ def few(H: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     whitened = H / np.sqrt(R)[..., None]
     C = np.asarray(np.linalg.qr(whitened, mode="r"))
     return C, np.ones(C.shape[:-1])
+
+
+BLOCK = 16
+"""Reflections at a time."""
+
+
+def bank_claim(
+    model: FilterModel,
+    trajectory: np.ndarray,
+    u: np.ndarray,
+    covariance: np.ndarray,
+    nuisances: Nuisances,
+    settled: Settled | None = None,
+) -> Claim:
+    """Standard deviation of x* = [s, p] that the bank will claim along a given motion, for B sets of sensors at once.
+
+    Laplace's approximation of its posterior at the guess: that of constants c = [ν, p] beside a Kalman filter of s = [q, q̇, ζ]
+    that takes them for known, in the gains K of which c has no part. Errors are w + V c, and innovations e = ε c + white noise:
+
+        V⁻ = A V − B,   ε = D − H V⁻,   V = V⁻ + K ε,        B = [A_ν x + G_ν w, ∂x⁺/∂p],   D = [D x + E w₁ + o, ∂y/∂p]
+        Λ⁻¹ = RᵀR = Λ₀⁻¹ + Σ εᵀS⁻¹ε,                         ĉ = Λ Σ εᵀS⁻¹e = R⁻¹z
+
+    p is estimated with ν integrated out: σ_p² = Λ_pp, beside unknown loads with these free (`with_free_loads`). Where they are,
+    or where gains consider ν, P and V of the states are those of a filter beside it, with loads as stated. Motion and loads
+    follow p̂, and ν̂ as well where it is `learned`:
+
+        σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
+
+    Arguments and parts as of `covariance_recursion`, settled as of `filter_bank`; p is not correlated with s at t = 0, ν has
+    mean zero and variance one.
+    Raises NumericalError where the covariance of an innovation is not positive definite.
+    R and z by orthogonal factors: the sums would lose what confounded constants leave open under readings of small noise.
+    Source: Friedland, IEEE Trans. Automatic Control 14 (1969); `parallel_filters.advance` and `Mixture` take the same steps.
+    """
+    source = nuisances.sources(model.model.size)
+    covariance, V0 = start_errors(model, nuisances, covariance, settled)
+    whole, parts, Q = starts(model, covariance)
+    B, d, n = len(whole), len(source), model.parameter_states.start
+    c = d + model.size - n
+    prior = np.ones((B, c))
+    prior[:, d:] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
+    P, V, parts, Q = whole[:, :n, :n], np.tile(V0, (B, 1, 1)), parts[:, :n, :n], Q[:, :n, :n]
+    followed = _Followed(prior, 0 if nuisances.learned else d, n)
+    apart = model.beside_free_loads
+    stated = model.process[:n, :n], Q
+    if apart:
+        free = with_free_loads(model, len(u))
+        judged = free.process[:n, :n], starts(free, covariance)[2][:, :n, :n]
+    else:
+        judged = stated
+    ahead = considers(model, nuisances)
+    beside = _Beside(P, V, parts, d if ahead else 0) if ahead or apart else None
+    found = _Found(model.size, len(u) + 1, source, followed)
+    found.after(0, P, V, parts)
+    for k, step in enumerate(steps_along(model, trajectory, u, nuisances, B), start=1):
+        A = step.A[:n, :n]
+        pushed = np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
+        P, parts = predict(P, A, judged[0]), predict(parts, A, judged[1])
+        V = V @ A.T - pushed
+        followed.predict(A)
+        if beside is not None:
+            beside.predict(A, *stated, pushed)
+        if step.sampled:
+            H = step.H[..., :n]
+            K, L = gain(P, H, step.variance, step.instant)
+            read = np.broadcast_to(transposed(step.H[..., n:]), (B, c - d, H.shape[-2]))
+            read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
+            slope = read - V @ transposed(H)
+            followed.update(parts, K[0], L, H[0], by_sensors(step.variance), slope)
+            parts = corrected(parts, K[:1], H[:1], by_sensors(step.variance))
+            P, V = corrected(P, K, H, step.variance), V + slope @ transposed(K)
+            if beside is not None:
+                beside.update(H, step.variance, read)
+        if beside is None:
+            found.after(k, P, V, parts)
+        else:
+            found.after(k, beside.P, beside.V, beside.parts, beside=True)
+    return found.claim()
+
+
+class _Followed:
+    """What the samples say of c constants, of which those from the first on are followed; nothing is kept where none is.
+
+    root R (B, c, c); of z at c = 0 by source in the first set the covariance own (3, c, c), and that with w, across (3, n, c).
+    """
+
+    def __init__(self, prior: np.ndarray, first: int, n: int):
+        self.prior, self.first, c = prior, first, prior.shape[1]
+        self.root = np.eye(c) / np.sqrt(prior[:, None])
+        self.own, self.across = np.zeros((len(WHITE), c, c)), np.zeros((len(WHITE), n, c))
+
+    @property
+    def any(self) -> bool:
+        return self.first < len(self.root[0])
+
+    def predict(self, A: np.ndarray) -> None:
+        if self.any:
+            self.across = A @ self.across
+
+    def update(
+        self, parts: np.ndarray, K: np.ndarray, L: np.ndarray, H: np.ndarray, R: np.ndarray, slope: np.ndarray
+    ) -> None:
+        """[R; L⁻¹ε] = Q [R⁺; 0],   [z⁺; ·] = Qᵀ[z; L⁻¹(v − H w)]: its covariance, and that with w⁺ = (1 − K H) w + K v.
+
+        parts (3, n, n) before the update, K (n, m), H (m, n), R (3, m) variance of v by source, slope ε (B, c, m).
+        """
+        if not self.any:
+            return
+        whitened = np.linalg.solve(L, transposed(slope))
+        factors = [_appended(root, rows) for root, rows in zip(self.root, whitened, strict=True)]
+        self.root = np.stack([own.root for own in factors])
+        w, left, noise = parts @ H.T, np.eye(len(K)) - K @ H, R[:, :, None] * np.eye(R.shape[1])
+
+        def white(X: np.ndarray) -> np.ndarray:
+            """L⁻¹X of every source, X (3, m, k)."""
+            return np.asarray(np.linalg.solve(L[:1], X))
+
+        z_e = -transposed(white(H @ self.across))
+        e = white(transposed(white(H @ w + noise)))
+        whole = np.concatenate(
+            [np.concatenate([self.own, z_e], axis=2), np.concatenate([transposed(z_e), e], axis=2)], axis=1
+        )
+        w_e = transposed(white(transposed(K @ noise - left @ w)))
+        turn = factors[0].turned
+        self.own = np.stack([turn(turn(own).T) for own in whole])
+        self.across = np.stack([turn(own.T).T for own in np.concatenate([left @ self.across, w_e], axis=2)])
+
+    def covariance(self) -> tuple[np.ndarray, np.ndarray]:
+        """Λ (B, c, f) of all constants with those that are followed, and T (B, f, f): ĉ = T z of these. R is triangular."""
+        ends = np.eye(len(self.root[0]))[:, self.first :]
+        columns = (
+            np.stack([dtrtrs(root, ends)[0] for root in self.root])
+            if self.any
+            else np.tile(ends, (len(self.root), 1, 1))
+        )
+        tail = columns[:, self.first :]
+        return columns @ transposed(tail), tail
+
+
+@dataclass(frozen=True)
+class _Appended:
+    """[R; rows] = Q [R⁺; 0]: root R⁺ (c, c) upper triangular; Q by c reflections, each of a row of it and all appended ones."""
+
+    root: np.ndarray
+    reflections: np.ndarray
+    blocks: np.ndarray
+
+    def turned(self, X: np.ndarray) -> np.ndarray:
+        """The first c rows of Qᵀ X, X (c + m, k)."""
+        c = len(self.root)
+        return np.asarray(dtpmqrt(0, self.reflections, self.blocks, X[:c], X[c:], side="L", trans="T")[0])
+
+
+def _appended(root: np.ndarray, rows: np.ndarray) -> _Appended:
+    """Of R (c, c), upper triangular, and rows (m, c) below it, in m c² operations."""
+    own, reflections, blocks, _ = dtpqrt(0, min(BLOCK, len(root)), root, rows)
+    return _Appended(own, reflections, blocks)
+
+
+class _Beside:
+    """The filter by gains that consider the first d of c constants: P (B, n, n), V (B, c, n), parts (3, n, n)."""
+
+    def __init__(self, P: np.ndarray, V: np.ndarray, parts: np.ndarray, d: int):
+        self.P, self.V, self.parts, self.d = P, V, parts, d
+
+    def predict(self, A: np.ndarray, process: np.ndarray, Q: np.ndarray, pushed: np.ndarray) -> None:
+        self.P, self.parts, self.V = predict(self.P, A, process), predict(self.parts, A, Q), self.V @ A.T - pushed
+
+    def update(self, H: np.ndarray, R: np.ndarray, read: np.ndarray) -> None:
+        """Schmidt's gain, as in `parallel_filters.advance`."""
+        slope = read - self.V @ transposed(H)
+        own = transposed(slope[:, : self.d])
+        across = H @ self.P - own @ self.V[:, : self.d]
+        S = H @ self.P @ transposed(H) + own @ transposed(own) + R[:, :, None] * np.eye(R.shape[1])
+        K = transposed(np.linalg.solve(S, across))
+        self.P, self.V = corrected(self.P, K, H, R), self.V + slope @ transposed(K)
+        self.parts = corrected(self.parts, K[:1], H[:1], by_sensors(R))
+
+
+class _Found:
+    """Variances of x* and their parts in the first set, instant by instant."""
+
+    def __init__(self, size: int, instants: int, source: tuple[str, ...], followed: _Followed):
+        sets, constants = followed.prior.shape
+        self.source, self.followed = source, followed
+        self.std = np.empty((instants, sets, size))
+        self.white = np.empty((instants, len(WHITE), size))
+        self.constant = np.empty((instants, constants, size))
+
+    def after(self, k: int, P: np.ndarray, V: np.ndarray, parts: np.ndarray, beside: bool = False) -> None:
+        """P (B, n, n), V (B, c, n), parts (3, n, n) at instant k. beside: of a filter beside that of z; that the two share noise
+        is not in the σ of the bank."""
+        n, d, own = P.shape[-1], len(self.source), self.followed
+        at, prior = slice(own.first, None), np.sqrt(own.prior[0])
+        between, tail = own.covariance()
+        # V C Vᵀ: what is not followed has a C of ones
+        free, along = V[:, : own.first], V[:, at]
+        shared = 2 * transposed(between[:, : own.first]) @ free + between[:, at] @ along
+        variance = np.diagonal(P, axis1=1, axis2=2) + np.sum(free**2, axis=1) + np.sum(shared * along, axis=1)
+        self.std[k, :, :n] = np.sqrt(np.maximum(variance, 0.0))
+        p = slice(tail.shape[1] - (V.shape[1] - d), None)
+        self.std[k, :, n:] = standard_deviation(between[:, at])[:, p]
+        # what the estimate of c makes of z, and of c itself; ν that is not learned is taken to be nothing
+        on_z, z = along[0].T @ tail[0], own.own[:, at, at]
+        white = np.diagonal(parts, axis1=1, axis2=2) + np.sum((on_z @ z) * on_z, axis=-1)
+        if not beside:
+            white = white - 2 * np.sum(own.across[:, :, at] * on_z, axis=-1)
+        self.white[k, :, :n] = np.maximum(white, 0.0)
+        self.white[k, :, n:] = np.maximum(np.sum((tail[0, p] @ z) * tail[0, p], axis=-1), 0.0)
+        drawn = between[0] / prior[:, None]
+        self.constant[k, :, :n] = drawn @ along[0]
+        self.constant[k, : own.first, :n] += free[0]
+        self.constant[k, :, n:] = drawn[:, p]
+
+    def claim(self) -> Claim:
+        d = len(self.source)
+        budget = {name: self.white[:, i] for i, name in enumerate(WHITE)}
+        budget[START] = budget[START] + np.sum(self.constant[:, d:] ** 2, axis=1)
+        return Claim(self.std, budget | by_source(self.source, self.constant[:, :d]))

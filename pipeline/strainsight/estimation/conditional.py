@@ -9,10 +9,8 @@ import numpy as np
 
 from strainsight.estimation.linear import LinearModels, Motion
 from strainsight.estimation.model import FilterModel
-from strainsight.rom.modal_step import ModalMap, acceleration_map, modal_step
+from strainsight.rom.modal_step import HOLD, ModalMap, acceleration_map, modal_step, scheme_step
 from strainsight.rom.model import first_of_equal, modal_basis
-from strainsight.rom.oscillator import HOLD
-from strainsight.rom.schemes import scheme_step
 
 DIFFERENCE = 1e-3
 """Relative step of the differences of a step of time in damping and stiffness: of fourth order, exact to 1e-11."""

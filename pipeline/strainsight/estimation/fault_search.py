@@ -25,9 +25,8 @@ from strainsight.estimation.faults import (
     faults_for_a_time,
     roughly,
 )
-from strainsight.estimation.load_faults import Innovations, innovations_of, tried_of_loads
+from strainsight.estimation.load_faults import Innovations, ResidualPattern, innovations_of, tried_of_loads
 from strainsight.estimation.suspect import ShiftedMode, Suspect, explained, missed_of, shifted_mode, suspected
-from strainsight.estimation.unmodelled_load import ResidualPattern
 
 TURNS = 3
 """Angles of a channel, the best by what the others foresee, that are ranked among its faults."""

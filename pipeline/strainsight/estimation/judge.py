@@ -21,7 +21,7 @@ from strainsight.estimation.conditional import Nuisances, linear_models, no_nuis
 from strainsight.estimation.linear import LinearModels
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Filters, Passage, advance, filters_of
-from strainsight.estimation.settled import beginning
+from strainsight.estimation.reduced import beginning
 from strainsight.loads.input_models import line_intensity
 
 SLIGHT = 1e-3

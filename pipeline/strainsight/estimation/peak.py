@@ -11,8 +11,7 @@ from strainsight.estimation.bank_filters import BankProblem, BankRecord, about_s
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.lattice import Lattice, one_point
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import LOST
-from strainsight.estimation.settled import Settled
+from strainsight.estimation.reduced import LOST, Settled
 from strainsight.rom.model import modal_basis
 
 Density = Callable[..., np.ndarray]

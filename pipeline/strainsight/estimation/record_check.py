@@ -13,6 +13,7 @@ from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.decision import judged
 from strainsight.estimation.fault_search import Finding, checked_by_others, examined
 from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, chosen
+from strainsight.estimation.load_faults import ResidualPattern, residual_pattern
 from strainsight.estimation.peak import known_at
 from strainsight.estimation.stretches import (
     LONGEST,
@@ -25,7 +26,6 @@ from strainsight.estimation.stretches import (
     with_intensity,
 )
 from strainsight.estimation.suspect import Suspect, explained, missed_of, ratio_of, suspected, too_large
-from strainsight.estimation.unmodelled_load import ResidualPattern, residual_pattern
 
 INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
 """Factors on the intensity of unknown loads, the most likely of which a stretch at rest is checked with."""

@@ -7,7 +7,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.estimation.core import StepModel
+from strainsight.estimation.model import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
 Keep = Literal["parameters", "mean", "first", "all"]

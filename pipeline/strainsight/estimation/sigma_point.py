@@ -8,12 +8,11 @@ from itertools import product
 
 import numpy as np
 
-from strainsight.estimation.belief import belief_of
-from strainsight.estimation.biased import driven_with_offsets
 from strainsight.estimation.filter import all_lost, filter_runs, samples_by_step
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun, Keep, Record
-from strainsight.estimation.update import Form, apply, symmetric, transposed, whiten
+from strainsight.estimation.update import Form, apply, belief_of, symmetric, transposed, whiten
 
 Outcome = tuple[np.ndarray, np.ndarray]
 

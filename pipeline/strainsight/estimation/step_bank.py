@@ -15,8 +15,7 @@ import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.estimation.bank import DEPTH, SPACING
-from strainsight.estimation.lattice import Lattice
-from strainsight.estimation.laying import Bank, first_lattice, next_lattice
+from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.standing import Standing, log_normal
 

@@ -15,7 +15,7 @@ from strainsight.estimation.faults import BELIEVABLE, FORESEEN, Explained, Fault
 from strainsight.estimation.load_faults import KnownLoads
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.peak import known_at, peak_of
-from strainsight.estimation.settled import Settled
+from strainsight.estimation.reduced import Settled
 
 IMPOSSIBLE = -1e200
 """ln evidence below which a record is beyond what numbers can hold."""

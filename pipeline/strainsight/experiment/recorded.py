@@ -2,20 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
+from strainsight.config.bench.connections import Constant as StatedConstant
+from strainsight.config.bench.connections import Ramp as StatedRamp
+from strainsight.config.estimate import Channel, DelayInSamples, DelayInSeconds, RecordedFile
+from strainsight.config.loads import MultiSine as StatedMultiSine
 from strainsight.config.loads import Recorded
+from strainsight.config.loads import Sine as StatedSine
+from strainsight.config.loads import Sweep as StatedSweep
+from strainsight.config.mesh import RegionKey
+from strainsight.config.placement import ModalDamping, RayleighDamping
 from strainsight.errors import ConfigError, UserError, blame
-from strainsight.loads.histories import FromSamples
+from strainsight.loads.histories import Constant, FromSamples, MultiSine, Ramp, Signal, Sine, Sweep
+from strainsight.measurements.assemble import Signals, assemble
+from strainsight.measurements.calibration import Bridge, ChannelSettings
 from strainsight.measurements.csv_file import read_csv
 from strainsight.measurements.csv_layout import TextFormat
-from strainsight.measurements.marks import check_marks
+from strainsight.measurements.csv_rows import check_marks
+from strainsight.measurements.delay import NO_DELAY, Delay
+from strainsight.measurements.reader import read_recording
 from strainsight.measurements.records import Recording
 from strainsight.measurements.units import meant_by, required_unit
+from strainsight.rom.model import Damping
 
 LOADS = ("force", "moment", "pressure", "acceleration", "ratio", "angular velocity squared")
 
@@ -110,3 +123,117 @@ def _in_round_brackets(column: str) -> str | None:
     """What stands behind a name, as in "F (KN)", where it is almost a unit: a known one was taken off by the reader."""
     inside = column.rstrip().removesuffix(")").rpartition("(")[2].strip() if column.rstrip().endswith(")") else ""
     return inside if inside and meant_by(inside) else None
+
+
+def signals_of(
+    settings: RecordedFile, section: str, path: Path, wanted: Mapping[str, Channel], step: float | None = None
+) -> Signals:
+    """The channels in the order of `wanted` (config key → settings), in SI units, on the clock of the file or one of `step` [s].
+
+    section of the config that `settings` are. Raises ConfigError for a channel that is used twice, and UserError for what the
+    file contradicts, with the key of the channel.
+    """
+    text = settings.text
+    names = [entry.channel for entry in wanted.values()]
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            raise ConfigError(
+                f"channel {name!r} of the file is used twice", key=f"{list(wanted)[i]}.channel", remedy="check both"
+            )
+    with blame(f"{section}.text"):
+        form = TextFormat(
+            text.delimiter, text.decimal, text.comment, text.header_line, tuple(text.missing), f"{section}.text"
+        )
+    with blame(f"{section}.file"):
+        keys = {entry.channel: key for key, entry in wanted.items()}
+        try:
+            recording = read_recording(
+                path,
+                names,
+                time=settings.time.channel,
+                time_unit=settings.time.unit if settings.time.channel is not None else None,
+                rate=settings.time.hertz,
+                format=settings.format,
+                form=form,
+            )
+        except UserError as error:  # of a column that is not there
+            if error.key is not None and error.key == settings.time.channel:
+                error.key = f"{section}.time.channel"
+            elif error.key in keys:
+                error.key = f"{keys[error.key]}.channel"
+            raise
+        stated = {}
+        for key, entry in wanted.items():
+            with blame(key):
+                stated[entry.channel] = _calibration(entry)
+        try:
+            return assemble(recording, stated, step)
+        except UserError as error:
+            error.key = keys.get(error.key or "", error.key)
+            raise
+
+
+def _calibration(entry: Channel) -> ChannelSettings:
+    bridge = entry.bridge
+    return ChannelSettings(
+        unit=entry.unit,
+        bridge=None if bridge is None else Bridge(bridge.arrangement, bridge.gauge_factor, bridge.poisson_ratio),
+        offset=entry.offset,
+        drift=entry.drift,
+        zero=entry.zero,
+        scale=entry.scale,
+        sign=entry.sign,
+        override=entry.override,
+        delay=_delay(entry.delay),
+        missing=entry.missing,
+    )
+
+
+def _delay(stated: DelayInSamples | DelayInSeconds | None) -> Delay:
+    if stated is None:
+        return NO_DELAY
+    return Delay(samples=stated.samples) if isinstance(stated, DelayInSamples) else Delay(seconds=stated.seconds)
+
+
+def delay_in_seconds(stated: DelayInSamples | DelayInSeconds | None, step: float) -> float:
+    """Of a channel that has a sample every `step` [s]; negative: early."""
+    own = _delay(stated)
+    return own.samples * step + own.seconds
+
+
+StatedSignal = StatedConstant | StatedRamp | StatedSine | StatedSweep | StatedMultiSine | Recorded
+"""A load history, as a config states it."""
+
+
+def signal_of(name: str, config: StatedSignal, files: Mapping[str, Path], section: str = "loads") -> Signal:
+    """A load history, of the entry `name` of a section of the config."""
+    return signal_at(f"{section}.{name}.signal", config, files)
+
+
+def signal_at(key: str, config: StatedSignal, files: Mapping[str, Path], of: Sequence[str] = LOADS) -> Signal:
+    """The history that stands at a key of the config; of: the quantities that a file may hold of it."""
+    if config.type == "constant":
+        return Constant(config.value)
+    if config.type == "sine":
+        return Sine(config.frequency, config.amplitude, config.phase)
+    if config.type == "sweep":
+        return Sweep(config.start_frequency, config.end_frequency, config.duration, config.amplitude)
+    if config.type == "multisine":
+        return MultiSine(config.lowest, config.highest, config.count, config.amplitude, config.seed)
+    if config.type == "ramp":
+        return Ramp(config.start, config.end, config.begin, config.duration)
+    return recorded(key, config, files[f"{key}.file"], of)
+
+
+def damping_of(config: ModalDamping | RayleighDamping) -> Damping:
+    """The damping law."""
+    if config.type == "modal":
+        return Damping("modal", ratio=config.ratio)
+    return Damping("rayleigh", alpha=config.alpha, beta=config.beta)
+
+
+def named_regions(region: RegionKey | tuple[RegionKey, ...] | None) -> tuple[RegionKey, ...]:
+    """The regions that a config names, which may be one."""
+    if region is None:
+        return ()
+    return region if isinstance(region, tuple) else (region,)

@@ -112,3 +112,112 @@ def bending_axes(second: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray
     ends = np.einsum("eji,eajk,eki->eia", v, second, v, optimize=True)
     absent = ~(ends.sum(axis=2) > 0)
     return v, np.where(absent[..., None], 1.0, ends), Q, present
+
+
+POINTS = 20
+"""Gauss points; `taper_integrals` are right to 1e-12 where one end has a million times the other."""
+
+LOOSE = 1e-10
+"""Of a motion's stiffness before any release: what is left of it below this is rounding."""
+
+
+def end_stiffness(length: np.ndarray, own: BeamProperties, released: np.ndarray) -> np.ndarray:
+    """B F⁻¹ Bᵀ (e, 12, 12) of the motions of the ends, along the axes of the beam, without what is released.
+
+    length (e,) [m]; own as `check_properties` accepts it; released (e, 2, 6). Its rows 6 to 11 are the forces on B.
+    """
+    F, resists, Q = _flexibility(length, own)
+    B = _equilibrium(length, Q)
+    # F of diagonal 1, whatever the units; what is not resisted drops out of B
+    scale = np.where(resists, 1 / np.sqrt(np.where(resists, np.diagonal(F, axis1=1, axis2=2), 1.0)), 0.0)
+    scaled = F * scale[:, :, None] * scale[:, None, :]
+    scaled[:, np.arange(6), np.arange(6)] = 1.0
+    B *= scale[:, None, :]
+    K = B @ np.linalg.inv(scaled) @ B.swapaxes(1, 2)
+    return _released(K, released.reshape(-1, 12))
+
+
+def _flexibility(length: np.ndarray, own: BeamProperties) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """F (e, 6, 6) of (N, V₁, V₂, T, m₁, m₂) at B, along the columns of Q (e, 2, 2); which of them (e, 6) are resisted."""
+    v, ends, Q, present = bending_axes(own.second)
+    v, L = Q.swapaxes(1, 2) @ v, length[:, None, None]
+    bending = np.einsum("eij,kej,elj->keil", v, taper_integrals(ends[..., 0], ends[..., 1]), v)
+    shear_modulus = 1 / (2 * (1 + own.poisson_ratio))
+    of_area = taper_integrals(own.area[:, 0], own.area[:, 1])[0]
+    twists = np.min(own.torsion, axis=1) > 0
+    J = np.where(twists[:, None], own.torsion, 1.0)
+    shears = own.shear > 0
+    per_shear = np.where(shears, of_area[:, None] / np.where(shears, own.shear, 1.0), 0.0) / shear_modulus[:, None]
+    F = np.zeros((len(length), 6, 6))
+    F[:, 0, 0] = length * of_area
+    F[:, 3, 3] = length * taper_integrals(J[:, 0], J[:, 1])[0] / shear_modulus
+    F[:, 1:3, 1:3] = L**3 * bending[2] + L * np.einsum("eki,ek,ekj->eij", Q, per_shear, Q)
+    F[:, 4:, 4:] = L * bending[0]
+    F[:, 1:3, 4:] = F[:, 4:, 1:3] = -(L**2) * bending[1]
+    if own.neutral is not None and own.neutral.any():
+        F += _beside_the_axis(F, L, Q, own.neutral, F[:, 1:3, 1:3] - L**3 * bending[2])
+    ones = np.ones(len(length), bool)
+    return F, np.stack([ones, *present.T, twists, *present.T], axis=1), Q
+
+
+def _beside_the_axis(F: np.ndarray, L: np.ndarray, Q: np.ndarray, neutral: np.ndarray, shear: np.ndarray) -> np.ndarray:
+    """What F grows by where the neutral axis lies n = n_B + (1 − ξ)(n_A − n_B) from the axis: moments about it are
+
+        m_c(ξ) = m(ξ) − N n(ξ) = (m_B − N n_B) − (1 − ξ)(L V + N (n_A − n_B)),
+
+    so that N alone bends as m = −n_B and V = (n_A − n_B)/L do. shear (e, 2, 2): the part of F that V shears.
+    """
+    n = np.einsum("eji,eaj->eai", Q, neutral)
+    bent = F[:, [1, 2, 4, 5]][:, :, [1, 2, 4, 5]]
+    bent[:, :2, :2] -= shear
+    g = np.concatenate([(n[:, 0] - n[:, 1]) / L[:, :, 0], -n[:, 1]], axis=1)
+    more = np.zeros_like(F)
+    more[:, 0, [1, 2, 4, 5]] = more[:, [1, 2, 4, 5], 0] = np.einsum("eij,ej->ei", bent, g)
+    more[:, 0, 0] = np.einsum("ei,eij,ej->e", g, bent, g)
+    return more
+
+
+def _equilibrium(length: np.ndarray, Q: np.ndarray) -> np.ndarray:
+    """B (e, 12, 6): forces and moments on both ends that (N, V₁, V₂, T, m₁, m₂) at B stand for."""
+    B = np.zeros((len(length), 12, 6))
+    B[:, 0, 0] = B[:, 3, 3] = -1
+    B[:, 6, 0] = B[:, 9, 3] = 1
+    y, z, L = Q[:, 0], Q[:, 1], length[:, None]
+    B[:, 7, 1:3], B[:, 8, 1:3] = y, z
+    B[:, 10, 4:], B[:, 11, 4:] = z, -y
+    B[:, 1:3] -= B[:, 7:9]
+    B[:, 4:6] -= B[:, 10:]
+    B[:, 4, 1:3], B[:, 5, 1:3] = L * z, -L * y
+    return B
+
+
+def _released(K: np.ndarray, released: np.ndarray) -> np.ndarray:
+    """K − K_r K_rr⁻¹ K_rᵀ, one motion at a time; one without stiffness is left without."""
+    if not released.any():
+        return K
+    before = np.diagonal(K, axis1=1, axis2=2).copy()
+    for i in range(12):
+        own = np.flatnonzero(released[:, i])
+        column, pivot = K[own, :, i], K[own, i, i]
+        stiff = pivot > LOOSE * before[own, i]
+        column = np.where(stiff[:, None], column / np.sqrt(np.where(stiff, pivot, 1.0))[:, None], 0.0)
+        K[own] -= column[:, :, None] * column[:, None, :]
+        K[own, i, :] = K[own, :, i] = 0.0
+    return K
+
+
+def taper_integrals(start: np.ndarray, end: np.ndarray) -> np.ndarray:
+    """∫₀¹ (1 − ξ)^k / (a (1 − ξ) + b ξ) dξ for k = 0, 1, 2 of values a at A and b at B, both positive.
+
+    With λ = b/a, 1 + (λ − 1) ξ = λˢ takes the pole away: (ln λ)/(a (λ − 1)) ∫₀¹ (1 − ξ(s))^k ds, by Gauss points.
+
+    start, end (...,). Returns (3, ...).
+    """
+    points, weights = np.polynomial.legendre.leggauss(POINTS)
+    s, weights = 0.5 * (points + 1), 0.5 * weights
+    log = np.log(end / start)
+    even = np.abs(log) < 1e-9
+    grown = np.expm1(np.where(even, 1.0, log))
+    factor = np.where(even, 1 - log / 2, log / grown) / start
+    rest = 1 - np.where(even[..., None], s, np.expm1(np.where(even, 1.0, log)[..., None] * s) / grown[..., None])
+    return np.stack([factor, factor * (rest @ weights), factor * (rest**2 @ weights)])

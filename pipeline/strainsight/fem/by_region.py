@@ -2,18 +2,207 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from functools import reduce
+from itertools import count
+from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
 
 from strainsight.errors import UserError
-from strainsight.fem.affine import AffineOperator, Parameter, scales_stiffness, sum_of
-from strainsight.fem.interpolation import interpolated
+from strainsight.fem.affine import AffineOperator, Coefficient, Newton, Parameter, scales_stiffness, sum_of
 from strainsight.mesh.model import CellBlock, Mesh
-from strainsight.mesh.properties import OF_MASS, meant, shapes, with_value, without_modulus
+from strainsight.mesh.properties import OF_MASS, PLY_MODULI, meant, shapes, with_value, without_modulus
 from strainsight.mesh.thin import BeamBlock, ShellBlock
+
+TOLERANCE = 1e-8
+"""Of an operator: a change that is never more than this is left out."""
+MOST = 24
+"""Greatest degree in all parameters together."""
+BEYOND = 0.1
+"""How far beyond its range a parameter acts, as a share of its value there."""
+
+Operator = TypeVar("Operator", np.ndarray, sparse.csr_array)
+
+
+def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequence[Parameter]) -> AffineOperator:
+    """Newton's interpolation of X(θ) over the ranges of some parameters, as a sum of few matrices:
+
+        X(θ) = X(θ₀) + Σ_k c_k(θ) B_k,   c_k(θ) = Σ_ν w_kν Π_j N_{ν_j}(θ_j),   N_k(θ) = Π_{l<k} (x − z_l)/s
+
+    x = θ of factors of a section and ln θ of moduli, whose poles are at θ ≤ 0, if at all. z_0 is the reference, where X(θ) is
+    exact; the others are Leja points of the range and BEYOND. A ν is taken where each of its neighbours with one degree less
+    adds more than TOLERANCE somewhere in the ranges, and so as many as it takes. B_k are orthonormal, and span X − X(θ₀) at all
+    points to a tenth of TOLERANCE. An X that is a polynomial is exact to rounding.
+
+    of: values [SI] → X, an array or a sparse matrix, of one pattern at all θ. A change is measured as max |ΔX_ij|/√(X_ii X_jj) of
+    a sparse matrix, so that no motion is too small to count, and over max |X| of an array.
+    Raises UserError where degree MOST is not enough. Source: Chkifa, Cohen and Schwab, Found. Comput. Math. 14 (2014).
+    """
+    points = [_points(own) for own in parameters]
+    first = of({own.name: own.reference for own in parameters})
+    scale = _scales(first)
+    span: list[np.ndarray] = []
+    found: dict[tuple[int, ...], np.ndarray] = {(0,) * len(parameters): np.zeros(0)}
+    kept = set(found)
+    for degree in count(1):
+        tried = [index for index in _of_degree(len(parameters), degree) if kept.issuperset(_below(index))]
+        if not tried:
+            break
+        if degree > MOST:
+            names = [own.name for own in parameters]
+            raise UserError(
+                f"over the range of {' and '.join(names)} the stiffness is no polynomial of degree {MOST}",
+                remedy=f"narrow {' or '.join(f'parameters.{name}.range' for name in names)}",
+            )
+        for index in tried:
+            theta = {own.name: _value(own, z[k]) for own, z, k in zip(parameters, points, index, strict=True)}
+            w = _seen_in((_data(of(theta)) - _data(first)) * scale, span)
+            for other, less in found.items():
+                if all(a <= b for a, b in zip(other, index, strict=True)):
+                    w[: len(less)] -= _value_at(points, parameters, other, index) * less
+            found[index] = w / _value_at(points, parameters, index, index)
+            change = np.abs(sum((a * B for a, B in zip(found[index], span, strict=True)), np.zeros(1))).max()
+            if (
+                change * np.prod([_largest(own, z[:k]) for own, z, k in zip(parameters, points, index, strict=True)])
+                > TOLERANCE
+            ):
+                kept.add(index)
+    return _made(first, [B / scale for B in span], {index: found[index] for index in kept}, parameters, points)
+
+
+def _made(
+    first: Operator,
+    span: Sequence[np.ndarray],
+    weights: Mapping[tuple[int, ...], np.ndarray],
+    parameters: Sequence[Parameter],
+    points: Sequence[Sequence[float]],
+) -> AffineOperator:
+    shape: list[int] = (np.max(list(weights), axis=0) + 1).tolist()
+    w = np.zeros((len(span), int(np.prod(shape))))
+    for index, seen in weights.items():
+        w[: len(seen), np.ravel_multi_index(index, shape)] = seen
+    bases = tuple(
+        Newton(own.name, tuple(z[: m - 1]), _scale(own), _range(own), BEYOND, _logarithm(own))
+        for own, z, m in zip(parameters, points, shape, strict=True)
+    )
+    labels = [f"{' '.join(own.name for own in parameters)} ({k + 1})" for k in range(len(span))]
+    return AffineOperator(
+        first,
+        {label: _like(first, B) for label, B in zip(labels, span, strict=True)},
+        {label: Coefficient(bases, each.reshape(shape)) for label, each in zip(labels, w, strict=True)},
+    )
+
+
+def _seen_in(v: np.ndarray, span: list[np.ndarray]) -> np.ndarray:
+    """Coordinates of v in an orthonormal span, which grows by what is left of v. Gram-Schmidt, twice."""
+    w = np.zeros(len(span))
+    for _ in range(2):
+        share = np.array([B @ v for B in span])
+        v = v - sum((a * B for a, B in zip(share, span, strict=True)), np.zeros(1))
+        w += share
+    if np.abs(v).max(initial=0.0) > 0.1 * TOLERANCE:
+        norm = float(np.linalg.norm(v))
+        span.append(v / norm)
+        w = np.append(w, norm)
+    return w
+
+
+def _data(X: Operator) -> np.ndarray:
+    return X.ravel() if isinstance(X, np.ndarray) else X.data
+
+
+def _like(X: Operator, data: np.ndarray) -> Operator:
+    if isinstance(X, np.ndarray):
+        return data.reshape(X.shape)
+    return sparse.csr_array((data, X.indices, X.indptr), shape=X.shape)
+
+
+def _scales(X: Operator) -> np.ndarray:
+    """What a change of each entry is multiplied with."""
+    if isinstance(X, np.ndarray):
+        return np.full(X.size, 1 / np.abs(X).max())
+    d = np.sqrt(np.maximum(X.diagonal(), 0.0))
+    product = np.repeat(d, np.diff(X.indptr)) * d[X.indices]
+    return np.where(product > 0, 1 / np.where(product > 0, product, 1.0), 1 / product.max())
+
+
+def _value_at(
+    points: Sequence[Sequence[float]], parameters: Sequence[Parameter], index: tuple[int, ...], at: tuple[int, ...]
+) -> float:
+    """Π_j N_{index_j} at the points `at`."""
+    factors = [
+        (points[j][at[j]] - points[j][i]) / _scale(own) for j, own in enumerate(parameters) for i in range(index[j])
+    ]
+    return float(np.prod(factors))
+
+
+def _below(index: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
+    """The neighbours with one degree less."""
+    for j, k in enumerate(index):
+        if k:
+            yield (*index[:j], k - 1, *index[j + 1 :])
+
+
+def _of_degree(dimensions: int, degree: int) -> Iterator[tuple[int, ...]]:
+    """All ν with |ν| = degree."""
+    if dimensions == 1:
+        yield (degree,)
+        return
+    for first in range(degree, -1, -1):
+        for rest in _of_degree(dimensions - 1, degree - first):
+            yield (first, *rest)
+
+
+def _logarithm(own: Parameter) -> bool:
+    return own.property in ("youngs_modulus", *PLY_MODULI)
+
+
+def _value(own: Parameter, x: float) -> float:
+    """θ of x; the reference to the last digit."""
+    if not _logarithm(own):
+        return x
+    return own.reference if x == np.log(own.reference) else float(np.exp(x))
+
+
+def _range(own: Parameter) -> tuple[float, float]:
+    """That of a parameter, with its reference."""
+    assert own.range is not None, f"parameter {own.name} has no range"
+    low, high = min(own.range[0], own.reference), max(own.range[1], own.reference)
+    assert low < high, f"the range of parameter {own.name} is empty"
+    return low, high
+
+
+def _whole(own: Parameter) -> tuple[float, float]:
+    """x at the ends of the range, and how far beyond it a parameter acts."""
+    low, high = _range(own)
+    ends = (1 - BEYOND) * low, (1 + BEYOND) * high
+    return (float(np.log(ends[0])), float(np.log(ends[1]))) if _logarithm(own) else ends
+
+
+def _scale(own: Parameter) -> float:
+    """A quarter of the interval, for which N_k neither grows nor vanishes with k."""
+    low, high = _whole(own)
+    return (high - low) / 4
+
+
+def _points(own: Parameter) -> list[float]:
+    """x at Leja points: the reference, and each next one where the product of the distances to those before is greatest."""
+    low, high = _whole(own)
+    grid = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.linspace(0, np.pi, 401))
+    found = [float(np.log(own.reference)) if _logarithm(own) else own.reference]
+    distance = np.abs(grid - found[0]) / _scale(own)
+    while len(found) <= MOST:
+        found.append(float(grid[np.argmax(distance)]))
+        distance *= np.abs(grid - found[-1]) / _scale(own)
+    return found
+
+
+def _largest(own: Parameter, roots: Sequence[float]) -> float:
+    """max |N_k| over the interval."""
+    x = np.linspace(*_whole(own), 401)
+    return float(np.abs(np.prod([(x - root) / _scale(own) for root in roots] or [np.ones(1)], axis=0)).max())
 
 
 def region_operator(

@@ -10,15 +10,22 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import DeckError
-from strainsight.fem.beam_curved import GAUSS, beam_strains
-from strainsight.fem.equations import Equations, Rows, entity_of
-from strainsight.fem.relations import relation_terms
+from strainsight.fem.beam_matrices import GAUSS, beam_strains
+from strainsight.fem.equations import (
+    Equations,
+    Rows,
+    entity_of,
+    equations,
+    references,
+    relation_terms,
+    rigid_rows,
+    rotation_rows,
+    turned_nodes,
+)
 from strainsight.fem.springs import sprung_rows
-from strainsight.fem.ties import equations, references, rigid_rows, rotation_rows, turned_nodes
-from strainsight.mesh.beam_axes import ALONG, axes_along
-from strainsight.mesh.beam_sides import SIDES, around
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import BeamBlock
+from strainsight.mesh.thin_faces import ALONG, SIDES, around, axes_along
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -131,3 +131,243 @@ class Equations:
             return sparse.csr_array((self.size, self.size))
         places = np.concatenate(self.rows), np.concatenate(self.columns)
         return sparse.csr_array((np.concatenate(self.values), places), shape=(self.size, self.size))
+
+
+def relation_terms(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """Of all terms (t,) of the relations: number of the relation, node, component and value."""
+    relation = np.repeat(np.arange(len(mesh.relations)), [len(own.node) for own in mesh.relations])
+    whole = [np.zeros(0, dtype=np.int64)]
+    node, component = (
+        np.concatenate([*whole, *parts])
+        for parts in ([own.node for own in mesh.relations], [own.component for own in mesh.relations])
+    )
+    return relation, node, component, np.concatenate([np.zeros(0), *(own.value for own in mesh.relations)])
+
+
+def add_relations(mesh: Mesh, rows: Rows, found: Equations) -> None:
+    """Add  z'_1 = −Σ_{k>1} c_k z'_k / c_1  of all relations to the equations.
+
+    Raises DeckError for a first term that is zero, and for a motion that follows already.
+    """
+    relation, node, component, value = relation_terms(mesh)
+    at, kept = rows.of(node, component), value != 0
+    # a motion that stands twice in a relation has the sum of its coefficients
+    term, place = np.unique((relation * rows.size + at)[kept], return_inverse=True)
+    c, size = (np.bincount(place, own[kept], len(term)) for own in (value, np.abs(value)))
+    c = np.where(np.abs(c) > ROUNDING * size, c, 0.0)
+    of, column = np.divmod(term, rows.size)
+    follower = at[np.searchsorted(relation, np.arange(len(mesh.relations)))]
+    leading = column == follower[of]
+    first = np.zeros(len(mesh.relations))
+    first[of[leading]] = c[leading]
+    for e, row, own in zip(mesh.relations, follower.tolist(), first.tolist(), strict=True):
+        node_of_it, component_of_it = e.follower
+        if own == 0:
+            raise DeckError(
+                f"{e} has the coefficient 0 at node {mesh.node_ids[node_of_it]} component {component_of_it + 1}, its first term, "
+                "which is to follow the others",
+                remedy="give a motion with a coefficient first",
+                entity=entity_of(e),
+            )
+        found.claim(mesh, e, node_of_it, row)
+    others = ~leading & (c != 0)
+    found.state(follower[of[others]], column[others], -c[others] / first[of[others]])
+
+
+def followers(mesh: Mesh) -> set[int]:
+    """Nodes (indices) that a RigidElement turns."""
+    return {int(node) for e in mesh.rigid if max(e.components, default=0) > 2 for node in e.nodes}
+
+
+def turning_nodes(mesh: Mesh) -> list[int]:
+    """Nodes of shells and beams, points that springs turn, and those that a RigidElement turns where that matters: a mass or a
+    spring resists it, or a load of the file has a moment there."""
+    found = {point.node for point in mesh.point_masses if point.turns}
+    for own in mesh.springs:
+        found.update(own.turned.tolist())
+    for load in mesh.loads.values():
+        if load.moment is not None:
+            found.update(load.nodes[load.moment.any(axis=1)].tolist())
+    return sorted((found & followers(mesh)).union(mesh.turning.tolist(), mesh.turned_by_springs.tolist()))
+
+
+MOTIONS = ("translation x", "translation y", "translation z", "rotation x", "rotation y", "rotation z")
+HELD = 1e-10
+"""Least over largest strength with which the nodes of an averaging element, or its dependent motions, hold a motion."""
+
+
+def references(mesh: Mesh) -> set[int]:
+    """Nodes (indices) whose six motions lead or follow others."""
+    return {e.reference for e in mesh.rigid} | {e.reference for e in mesh.averaging}
+
+
+def turned_by_name(mesh: Mesh) -> set[int]:
+    """Nodes (indices) whose rotations a relation or the mean of an averaging element holds."""
+    _, node, component, value = relation_terms(mesh)
+    of_relations = np.unique(node[(component > 2) & (value != 0)])
+    return {int(node) for nodes in (of_relations, *(e.turned for e in mesh.averaging)) for node in nodes}
+
+
+def rotation_rows(mesh: Mesh, rotations: Sequence[int] | np.ndarray = ()) -> dict[int, int]:
+    """Node → row of z of its first rotation, behind the 3n translations: for reference nodes, those whose rotations are in a
+    relation or a mean, and the nodes `rotations`."""
+    nodes = sorted((references(mesh) | turned_by_name(mesh)).union(int(node) for node in rotations))
+    return {node: 3 * len(mesh.position) + 3 * i for i, node in enumerate(nodes)}
+
+
+def turned_nodes(mesh: Mesh) -> dict[int, np.ndarray]:
+    """Axes of the nodes whose components are held or in ties; for all others they do not matter."""
+    if not mesh.axes:
+        return {}
+    named: set[int] = set(mesh.fixed[:, 0].tolist())
+    for rigid in mesh.rigid:
+        named.update((rigid.reference, *np.asarray(rigid.nodes).tolist()))
+    for e in mesh.averaging:
+        named.add(e.reference)
+        if e.directions is not None or e.rotations is not None or e.dependent is not None:
+            named.update(np.asarray(e.nodes).tolist())
+    named.update(relation_terms(mesh)[1].tolist())
+    return {node: np.asarray(axes, dtype=float) for node, axes in mesh.axes.items() if node in named}
+
+
+def equations(mesh: Mesh, rows: Rows) -> Equations:
+    """What the rigid and averaging elements and the relations of a mesh say, with Q_i the axes of node i:
+
+        rigid       Q_iu'_i = u_r + θ_r × (x_i − x_r),   Q_iθ'_i = θ_r           in the stated components of u'_i, θ'_i
+        averaging   (u_r, θ_r) = (Σ w_i R_iᵀR_i)⁻¹ Σ w_i R_iᵀ u'_i,   R_i = Q_iᵀ[I, −(x_i − x_r)×], of the directions that count
+        relation    z'_1 = −Σ_{k>1} c_k z'_k / c_1
+
+    Rotations θ'_i that count in a mean have R_i = Q_iᵀ[0, I] and the weight w_i L², L the mean |x_i − x_r|, 1 m where that is
+    zero (RBE3 of Nastran, as `formrbe3` of pyyeti has it). An averaging element that states dependent motions is solved for
+    those. Raises DeckError, naming element and nodes, for a motion that two elements prescribe, for an averaging element whose
+    nodes do not hold its reference, for dependent motions that cannot be solved for, and a relation whose first term is zero.
+    """
+    found = Equations(rows.size)
+    for rigid in mesh.rigid:
+        _add_rigid(mesh, rigid, rows, found)
+    for averaging in mesh.averaging:
+        _add_averaging(mesh, averaging, rows, found)
+    if mesh.relations:
+        add_relations(mesh, rows, found)
+    return found
+
+
+def rigid_rows(arm: np.ndarray) -> np.ndarray:
+    """Six motions of a reference node → displacement at distance r: [I, −r×] (k, 3, 6), arm r (k, 3) [m]."""
+    rows = np.zeros((len(arm), 3, 6))
+    rows[:, :, :3] = np.eye(3)
+    x, y, z = arm.T
+    rows[:, 0, 4], rows[:, 0, 5] = z, -y
+    rows[:, 1, 3], rows[:, 1, 5] = -z, x
+    rows[:, 2, 3], rows[:, 2, 4] = y, -x
+    return rows
+
+
+def _both(axes: np.ndarray) -> np.ndarray:
+    """Axes (..., 3, 3) of translations and rotations alike (..., 6, 6)."""
+    twice = np.zeros((*axes.shape[:-2], 6, 6))
+    twice[..., :3, :3] = twice[..., 3:, 3:] = axes
+    return twice
+
+
+def _cleared(values: np.ndarray, size: np.ndarray) -> np.ndarray:
+    """Values with those that are rounding beside `size` made zero, so that nothing seems to carry what nothing does."""
+    return np.where(np.abs(values) > ROUNDING * size, values, 0.0)
+
+
+def _add_rigid(mesh: Mesh, e: RigidElement, rows: Rows, found: Equations) -> None:
+    nodes = np.asarray(e.nodes, dtype=np.int64)
+    if len(nodes) == 0 or e.reference in nodes:
+        own = f"depends on its own reference node {mesh.node_ids[e.reference]}"
+        fault = "has no dependent nodes" if len(nodes) == 0 else own
+        raise DeckError(f"{e} {fault}", remedy="correct its nodes", entity=("tie", e.id))
+    arm = mesh.position[nodes] - mesh.position[e.reference]
+    motion = np.zeros((len(nodes), 6, 6))
+    motion[:, :3] = rigid_rows(arm)
+    motion[:, 3:, 3:] = np.eye(3)
+    if rows.axes:
+        reference = _both(rows.axes_of(np.array([e.reference])))[0]
+        motion = _both(rows.axes_of(nodes)).swapaxes(1, 2) @ motion @ reference
+    size = np.ones((len(nodes), 6, 6))
+    size[:, :3, 3:] = np.linalg.norm(arm, axis=1)[:, None, None]
+    motion = _cleared(motion, size)
+    source = rows.of(np.full(6, e.reference), np.arange(6))
+    for component in sorted(set(e.components)):
+        own_rows = rows.of(nodes, component)
+        there = own_rows >= 0
+        found.add(mesh, e, nodes[there], own_rows[there], source, motion[there, component])
+
+
+def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations) -> None:
+    wanted = sorted(set(e.components))
+    mean, length = _mean_motion(mesh, e, rows, wanted)
+    own = rows.of(np.full(len(wanted), e.reference), np.array(wanted))
+    averaged = rows.averaged(e)
+    if e.dependent is None:
+        found.add(mesh, e, np.full(len(wanted), e.reference), own, averaged, mean)
+        return
+    # C z' = 0 on the reference's and the nodes' motions, rotations times a length so that all entries compare
+    columns, place = np.unique(np.concatenate([own, averaged]), return_inverse=True)
+    C = np.zeros((len(wanted), len(columns)))
+    np.add.at(C.T, place, np.hstack([np.eye(len(wanted)), -mean]).T)
+    scale = np.where(np.array(wanted) > 2, length, 1.0)
+    unit = np.where(columns >= 3 * rows.nodes, length, 1.0)
+    C *= scale[:, None] / unit
+    dependent = np.asarray(e.dependent, dtype=np.int64).reshape(-1, 2)
+    solved = rows.of(dependent[:, 0], dependent[:, 1])
+    chosen = np.isin(columns, solved)
+    A = C[:, np.searchsorted(columns, solved[np.isin(solved, columns)])]
+    strength = np.linalg.svd(A, compute_uv=False) if A.shape == (len(wanted),) * 2 else np.zeros(1)
+    if not strength[-1] > HELD * np.linalg.norm(C, 2):
+        named = ", ".join(f"{mesh.node_ids[node]} component {c + 1}" for node, c in dependent.tolist())
+        raise DeckError(
+            f"{e} cannot be solved for the motions that it states as dependent (node {named})",
+            remedy="choose as many motions of its nodes as it has reference components, not all on a line",
+            entity=("tie", e.id),
+        )
+    values = -np.linalg.solve(A, C[:, ~chosen])
+    values = _cleared(values, np.abs(values).max(axis=1, keepdims=True))
+    values *= unit[~chosen] / unit[np.searchsorted(columns, solved)][:, None]
+    found.add(mesh, e, dependent[:, 0], solved, columns[~chosen], values)
+
+
+def _mean_motion(mesh: Mesh, e: AveragingElement, rows: Rows, wanted: Collection[int]) -> tuple[np.ndarray, float]:
+    """Wanted motions of the reference as means of the `Rows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
+    nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
+    if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
+        raise DeckError(
+            f"{e} needs nodes other than its reference and weights that are not negative",
+            remedy="correct its nodes and weights",
+            entity=("tie", e.id),
+        )
+    arm = mesh.position[nodes] - mesh.position[e.reference]
+    length = float(np.linalg.norm(arm, axis=1).max()) or 1.0
+    scale = np.array([1.0, 1.0, 1.0, length, length, length])
+    R = rigid_rows(arm) / scale
+    if rows.axes:
+        R = rows.axes_of(nodes).swapaxes(1, 2) @ R
+    weight = np.repeat(w[:, None] / w.sum(), 3, axis=1)
+    if e.directions is not None:
+        weight = weight * e.directions
+    if e.rotations is not None:
+        turned = e.rotations.any(axis=1)
+        mean_arm = float(np.linalg.norm(arm[np.unique(nodes, return_index=True)[1]], axis=1).mean()) or 1.0
+        turn = np.zeros((np.count_nonzero(turned), 3, 6))
+        turn[:, :, 3:] = rows.axes_of(nodes[turned]).swapaxes(1, 2) / length
+        R = np.concatenate([R, turn])
+        weight = np.concatenate([weight, (mean_arm**2 * w[turned] / w.sum())[:, None] * e.rotations[turned]])
+    A = np.einsum("kc,kci,kcj->ij", weight, R, R)
+    strength, V = np.linalg.eigh(A)
+    held = strength > HELD * strength[-1]
+    own = _both(rows.axes_of(np.array([e.reference])))[0].T
+    loose = np.abs((own @ V[:, ~held])[list(wanted)]) > 1e-6
+    if loose.any():
+        motion = MOTIONS[list(wanted)[int(np.argmax(loose.any(axis=1)))]]
+        raise DeckError(
+            f"the {len(nodes)} nodes of {e} do not hold {motion} of its reference node {mesh.node_ids[e.reference]}",
+            remedy="they lie on a line or a point: add nodes off it, or drop rotations from its components",
+            entity=("tie", e.id),
+        )
+    inverse = (V[:, held] / strength[held]) @ V[:, held].T
+    mean = np.einsum("ij,kc,kcj->ikc", own @ (inverse / scale[:, None]), weight, R).reshape(6, -1)[list(wanted)]
+    return _cleared(mean, np.abs(mean).max(axis=1, keepdims=True)), length

@@ -4,18 +4,67 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
+from scipy.spatial.transform import Rotation
 
 from strainsight.errors import UserError
-from strainsight.fem.body_forces import body_forces
-from strainsight.fem.couple import couple, exerted
+from strainsight.fem.constraints import Constraint
 from strainsight.fem.model import FiniteElementModel
-from strainsight.fem.traction import bearing, evenly, pressure, turning
-from strainsight.mesh.forces import BodyForce, NodalForces
+from strainsight.fem.nodal_forces import bearing, body_forces, evenly, pressure, turning
+from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.model import Mesh
+from strainsight.ordering import first_of_largest
+
+FLAT = 1e-9
+"""A principal moment of inertia of nodes below this share of the largest: they exert no couple about that axis."""
+
+
+def couple(mesh: Mesh, constraint: Constraint, nodes: np.ndarray, weight: np.ndarray, moment: np.ndarray) -> np.ndarray:
+    """Forces and moments on the rows of z (3n + 3r,) that exert a moment (3,) [N m] on nodes (k,) (indices) of some weight (k,).
+
+    On the rotations of a single node, where it has some that lead others; else as forces w (ω × r) with Jω = M, r from the
+    centre of the nodes and J = Σ w (r·r I − r rᵀ), on the nodes (k > 1), or on those of the elements at a single one and of the
+    ties that it leads: as an averaging element distributes a moment. A couple that the nodes cannot exert, such as that of
+    nodes in a line about the line, is left out.
+    """
+    T, x = constraint.transform, mesh.position
+    e = np.zeros(T.shape[0])
+    if len(nodes) == 1:
+        row = constraint.reference_rows.get(int(nodes[0]))
+        if row is not None and T[row : row + 3].nnz:
+            e[row : row + 3] = moment
+            return e
+        nodes = nodes_at(mesh, int(nodes[0]))
+        weight = np.ones(len(nodes))
+    moves = np.diff(T.indptr[: 3 * len(x) + 1]).reshape(-1, 3)[nodes].sum(axis=1) > 0
+    nodes, weight = nodes[moves], weight[moves]
+    if len(nodes) < 2:
+        return e
+    r = x[nodes] - np.average(x[nodes], axis=0, weights=weight)
+    J = np.einsum(
+        "k,kij->ij", weight, np.einsum("k,ij->kij", np.sum(r**2, axis=1), np.eye(3)) - r[:, :, None] * r[:, None]
+    )
+    omega = np.linalg.pinv(J, rcond=FLAT, hermitian=True) @ moment
+    np.add.at(e[: 3 * len(x)].reshape(-1, 3), nodes, weight[:, None] * np.cross(omega, r))
+    return e
+
+
+def exerted(mesh: Mesh, constraint: Constraint, e: np.ndarray) -> np.ndarray:
+    """The moment (3,) [N m] about the origin of forces and moments e (3n + 3r,) on the rows of z."""
+    forces = e[: 3 * len(mesh.position)].reshape(-1, 3)
+    turned = [e[row : row + 3] for row in constraint.reference_rows.values()]
+    return np.cross(mesh.position, forces).sum(axis=0) + np.sum([np.zeros(3), *turned], axis=0)
+
+
+def nodes_at(mesh: Mesh, node: int) -> np.ndarray:
+    """Nodes (indices) of the elements at a node, and of the ties that it leads: where the couple of a moment on it acts."""
+    found = [nodes[(nodes == node).any(axis=1)].ravel() for nodes in mesh.connectivity]
+    found += [e.nodes for e in mesh.rigid if e.reference == node]
+    found += [e.nodes for e in mesh.averaging if e.reference == node]
+    return np.unique(np.concatenate([*found, np.zeros(0, dtype=np.int64)]))
 
 
 @dataclass(frozen=True)
@@ -262,3 +311,82 @@ def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:
             remedy="node numbers are the ids of the mesh file",
         )
     return [index[node] for node in ids]
+
+
+MISALIGNMENTS = 4
+"""Of one load: turns about, and shifts along, two axes across its line of action."""
+
+
+def axes_across(direction: np.ndarray) -> np.ndarray:
+    """Unit vectors a₁, a₂ (2, 3) with a₁ × a₂ = d, the direction (3,) of unit length."""
+    first = np.cross(np.eye(3)[first_of_largest(-np.abs(direction))], direction)
+    first /= np.linalg.norm(first)
+    return np.array([first, np.cross(direction, first)])
+
+
+def misaligned_shape(model: FiniteElementModel, load: PointLoad, turn: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """Input shape (n_free,) [-] of a load of unit resultant that is off by finite turn and shift:
+
+        S = Tᵀ(e(R f) + c(δ × Σ R f)),     R = exp([θ₁a₁ + θ₂a₂]×),   δ = δ₁a₁ + δ₂a₂
+
+    f the forces on its nodes, e puts forces and c a `couple` on them, in proportion to f. A moment turns, and is the same
+    wherever it acts; what its nodes cannot exert of the turned one is left out. A pressure, a rotation and a load of the deck
+    without resultant have no direction and no point, and what acts on mass has no point that could be another.
+    turn θ (2,) [rad] about and shift δ (2,) [m] along the `axes_across`.
+    """
+    if load.moment is not None:
+        axis = np.asarray(load.moment, dtype=float) / np.linalg.norm(load.moment)
+        turned = Rotation.from_rotvec(np.asarray(turn) @ axes_across(axis)).apply(axis)
+        return np.asarray(model.constraint.transform.T @ moment_forces(model, load, turned, whole=False))
+    own = nodal_forces(model.mesh, load)
+    if _has_none(load, own):
+        return np.asarray(model.constraint.transform.T @ on_rows(model, own))
+    axes = _axes_of(own.force)
+    off = Rotation.from_rotvec(np.asarray(turn) @ axes)
+    rotated = replace(own, force=off.apply(own.force), moment=None if own.moment is None else off.apply(own.moment))
+    e = on_rows(model, rotated)
+    if not own.regions:
+        e += _couple(model, own, np.cross(np.asarray(shift) @ axes, rotated.force.sum(axis=0)))
+    return np.asarray(model.constraint.transform.T @ e)
+
+
+def misalignment_shapes(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.ndarray:
+    """∂S/∂(θ₁, θ₂, δ₁, δ₂) of `misaligned_shape` at zero (n_free, n_u, MISALIGNMENTS) [1/rad, 1/m]:
+
+    Tᵀ e(a × f) of a turn about a, Tᵀ c(a × Σ f) of a shift along a; of a moment Tᵀ c(a × M), and nothing
+    of a shift; nothing of a pressure, a rotation and a load of the deck without resultant; no shift of what acts on mass.
+    """
+    columns = []
+    for load in loads:
+        if load.moment is not None:
+            axis = np.asarray(load.moment, dtype=float) / np.linalg.norm(load.moment)
+            turned = [np.cross(across, axis) for across in axes_across(axis)]
+            columns += [moment_forces(model, load, moment, whole=False) for moment in turned]
+            columns += [np.zeros(model.constraint.transform.shape[0])] * 2
+            continue
+        own = nodal_forces(model.mesh, load)
+        if _has_none(load, own):
+            columns += [np.zeros(model.constraint.transform.shape[0])] * MISALIGNMENTS
+            continue
+        axes, whole = _axes_of(own.force), own.force.sum(axis=0)
+        for axis in axes:
+            across = None if own.moment is None else np.cross(axis, own.moment)
+            columns.append(on_rows(model, replace(own, force=np.cross(axis, own.force), moment=across)))
+        columns += [_couple(model, own, np.cross(axis, whole) * (not own.regions)) for axis in axes]
+    shapes = np.asarray(model.constraint.transform.T @ np.column_stack(columns))
+    return shapes.reshape(model.size, len(loads), MISALIGNMENTS)
+
+
+def _has_none(load: PointLoad, own: NodalForces) -> bool:
+    """Whether a load has neither a direction nor a point."""
+    balanced = np.linalg.norm(own.force.sum(axis=0)) <= 1e-9 * np.abs(own.force).sum()
+    return load.pressure or load.rotation is not None or bool(balanced)
+
+
+def _axes_of(force: np.ndarray) -> np.ndarray:
+    whole = force.sum(axis=0)
+    return axes_across(whole / np.linalg.norm(whole))
+
+
+def _couple(model: FiniteElementModel, own: NodalForces, moment: np.ndarray) -> np.ndarray:
+    return couple(model.mesh, model.constraint, own.nodes, np.linalg.norm(own.force, axis=1), moment)

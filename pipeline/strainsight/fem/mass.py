@@ -2,19 +2,83 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy import sparse
 
 from strainsight.errors import DeckError
 from strainsight.fem.assembly import chunks, factors
 from strainsight.fem.by_region import density_of, regions_of
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.elasticity import relative_masses
-from strainsight.fem.point_masses import weighed
-from strainsight.fem.thin import thin_mass
+from strainsight.fem.equations import rigid_rows
+from strainsight.fem.thin import motions, thin_mass
+from strainsight.mesh.joins import PointMass
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import CellBlock, Mesh
+
+
+def point_mass_matrix(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:
+    """Mass of the point masses on z (3n + 3r)², rotations of node i from row rotation_rows[i] [kg, kg m, kg m²]:
+
+        M = [m I, −m d×; m d×, J − m d×d×],   d offset of the centre, J inertia about it
+
+    or the matrix that it states. At a node without rotations only its part of translations counts.
+    Raises DeckError for a negative mass and for an inertia or a matrix that is not symmetric.
+    """
+    rows, columns, values = [], [], []
+    for point in mesh.point_masses:
+        M = block(point)
+        at = 3 * point.node + np.arange(3)
+        if point.node in rotation_rows:
+            at = np.concatenate([at, rotation_rows[point.node] + np.arange(3)])
+        i, j = np.meshgrid(at, at, indexing="ij")
+        rows.append(i.ravel())
+        columns.append(j.ravel())
+        values.append(M[: len(at), : len(at)].ravel())
+    size = 3 * len(mesh.position) + 3 * len(rotation_rows)
+    if not rows:
+        return sparse.csr_array((size, size))
+    places = np.concatenate(rows), np.concatenate(columns)
+    found = sparse.csr_array((np.concatenate(values), places), shape=(size, size))
+    found.eliminate_zeros()
+    return found
+
+
+def block(point: PointMass) -> np.ndarray:
+    """M (6, 6) of one point mass on the translations and rotations of its node."""
+    check(point)
+    if point.matrix is not None:
+        return np.asarray(point.matrix)
+    D = rigid_rows(np.asarray(point.offset, dtype=float)[None, :])[0]  # motion of the centre
+    M = point.mass * D.T @ D
+    M[3:, 3:] += point.inertia
+    return M
+
+
+def check(point: PointMass) -> None:
+    """Raise DeckError for a negative mass and for an inertia or a matrix that is not symmetric."""
+    if not point.mass >= 0:
+        raise DeckError(f"point mass {point.id} is {point.mass:g} kg", remedy="it must not be negative")
+    J = np.asarray(point.inertia)
+    if not np.abs(J - J.T).max() <= 1e-9 * np.abs(J).max():
+        raise DeckError(f"the inertia of point mass {point.id} is not symmetric", remedy="give six moments")
+    M = np.zeros((6, 6)) if point.matrix is None else point.matrix
+    if not np.abs(M - M.T).max() <= 1e-9 * np.abs(M).max():
+        raise DeckError(f"the matrix of point mass {point.id} is not symmetric", remedy="give one triangle of it")
+
+
+def weighed(point: PointMass, x: np.ndarray) -> tuple[float, np.ndarray]:
+    """Mass m [kg] of a point mass on a node at x, and m times its centre (3,) [kg m].
+
+    Of a matrix from the momentum of unit translations t and its moment, as of shells and beams:  m c × e = Σ (x × f + moment).
+    """
+    check(point)
+    if point.matrix is None:
+        return point.mass, point.mass * (x + point.offset)
+    L = np.cross(x[:, None], point.matrix[:3, :3], axis=0) + point.matrix[3:, :3]
+    return point.mass, 0.5 * np.array([L[2, 1] - L[1, 2], L[0, 2] - L[2, 0], L[1, 0] - L[0, 1]])
 
 
 def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
@@ -63,3 +127,33 @@ def element_mass_parts(mesh: Mesh) -> Iterator[tuple[CellBlock, np.ndarray]]:
     density = {number: density_of(mesh, number) for number in regions_of(mesh.blocks)}
     for part in chunks(mesh, density):
         yield part, relative_masses(mesh, part, kind_of(part.kind)) * factors(part, density)
+
+
+def has_mass(mesh: Mesh) -> bool:
+    """Whether there are elements, and every region of theirs has a density."""
+    regions = regions_of(mesh.elements)
+    return bool(regions) and all((mesh.density_of(number) or 0.0) > 0 for number in regions)
+
+
+def mass_product(mesh: Mesh, rotation_rows: Mapping[int, int], z: np.ndarray) -> np.ndarray:
+    """M z (3n + 3r, k) [kg m, kg m²] of motions z (3n + 3r, k), rotations of node i from row rotation_rows[i]:
+
+        (M z)_a = Σ_elements Σ_b ∫ ρ N_a N_b dV z_b     of solids,
+
+    with shells, beams and point masses. The mesh `has_mass`.
+    """
+    n, k = len(mesh.position), z.shape[1]
+    found = np.zeros_like(z)
+    own, out = z[: 3 * n].reshape(n, 3 * k), found[: 3 * n].reshape(n, 3 * k)
+    for part, values in element_mass_parts(mesh):
+        nodes = part.nodes.shape[1]
+        a, b = np.triu_indices(nodes)
+        m = np.empty((len(values), nodes, nodes))
+        m[:, a, b] = m[:, b, a] = values
+        np.add.at(out, part.nodes, m @ own[part.nodes])
+    if mesh.thin:
+        P = motions(mesh, rotation_rows)
+        found += P.T @ (thin_mass(mesh)[0] @ (P @ z))
+    if mesh.point_masses:
+        found += point_mass_matrix(mesh, rotation_rows) @ z
+    return found

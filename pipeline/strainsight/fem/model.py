@@ -12,14 +12,13 @@ from strainsight.errors import DeckError, StrainsightError
 from strainsight.fem.affine import AffineOperator, Parameter, sum_of
 from strainsight.fem.assembly import assemble
 from strainsight.fem.constraints import Constraint, constraint_transform
+from strainsight.fem.equations import turning_nodes
 from strainsight.fem.factorisation import Factorise, factorise
-from strainsight.fem.mass import mass_properties
+from strainsight.fem.mass import mass_properties, point_mass_matrix
 from strainsight.fem.modes import modes
-from strainsight.fem.point_masses import point_mass_matrix
 from strainsight.fem.springs import spring_operator
 from strainsight.fem.support import require_support, rigid_motions
 from strainsight.fem.thin import motions, thin_operators
-from strainsight.fem.turning import turning_nodes
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.laminates import Lamina

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.fem.affine import Parameter
-from strainsight.fem.elasticity import anisotropic_regions, by_rule, elasticities
+from strainsight.fem.elasticity import FacetLaws, anisotropic_regions, by_rule, elasticities, facet_laws
 from strainsight.fem.element_matrices import (
     SHEARS,
     bubble_gradients,
@@ -20,12 +20,11 @@ from strainsight.fem.element_matrices import (
     jacobians,
     symmetric_gradient,
 )
-from strainsight.fem.facet_laws import FacetLaws, facet_laws
 from strainsight.mesh.facets import Facets, on_solids
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, Kind, Rule
 from strainsight.mesh.model import CellBlock, Mesh
-from strainsight.mesh.thickness import Thickness
+from strainsight.mesh.properties import Thickness
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,7 @@ from scipy import sparse
 
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.ties import references, turned_by_name
-from strainsight.fem.turning import followers
+from strainsight.fem.equations import followers, references, turned_by_name
 from strainsight.mesh.additions import spring_names
 from strainsight.mesh.model import Mesh
 

@@ -9,8 +9,8 @@ import numpy as np
 
 from strainsight.errors import DeckError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter, scales_stiffness
+from strainsight.fem.elasticity import FacetLaws
 from strainsight.fem.element_matrices import SHEARS
-from strainsight.fem.facet_laws import FacetLaws
 from strainsight.fem.recovery import StrainRows, isotropic, lame
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import shapes

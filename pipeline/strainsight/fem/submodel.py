@@ -9,8 +9,8 @@ from scipy import sparse
 
 from strainsight.fem.assembly import assemble_stiffness
 from strainsight.fem.factorisation import factorise
+from strainsight.fem.nodal_forces import Tractions, spread_forces
 from strainsight.fem.patch import Patch
-from strainsight.fem.patch_forces import Tractions, spread_forces
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.subdivision import Refined, refined

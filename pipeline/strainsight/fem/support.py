@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,11 +10,59 @@ from scipy import sparse
 
 from strainsight.errors import UserError
 from strainsight.fem.constraints import Constraint, describe_row
-from strainsight.fem.motion_words import AXES, motion_words
+from strainsight.fem.equations import references, rigid_rows
 from strainsight.fem.pieces import Pieces, parts, stiff_pieces, whole
 from strainsight.fem.springs import spring_rows
-from strainsight.fem.ties import references, rigid_rows
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import FloatArray, IntArray, Mesh
+
+AXES = "xyz"
+
+
+def motion_words(null: np.ndarray, centre: np.ndarray, radius: float, where: str = "") -> list[str]:
+    """The motions in span(null), each followed by `where`: "rotation about z through (0, 0, 0.5) m".
+
+    null (6, k): translations and rotations times the radius [m] of a body about its centre (3,) [m].
+    """
+    U, strength, _ = np.linalg.svd(null, full_matrices=False)
+    U = U[:, strength > 1e-6]
+    pure = [i for i in range(6) if np.linalg.norm(U[i]) > 1 - 1e-9]
+    words = [(f"translation {AXES[i]}" if i < 3 else f"rotation about {AXES[i - 3]}") + where for i in pure]
+    rest = U.copy()
+    rest[pure] = 0.0
+    Q, strength, _ = np.linalg.svd(rest, full_matrices=False)
+    for t, w in ((q[:3], q[3:] / radius) for q in _echelon(Q[:, strength > 1e-6]).T):
+        if np.linalg.norm(w) * radius < 1e-6 * np.linalg.norm(t):
+            words.append(f"translation along {_triple(_upward(t))}{where}")
+        else:
+            point = centre + np.cross(w, t) / (w @ w)
+            words.append(f"rotation about {_line(_upward(w))} through {_triple(point)} m{where}")
+    return words
+
+
+def _echelon(Q: np.ndarray) -> np.ndarray:
+    """The basis of span(Q), Q (6, k), in which each vector alone has a one in one of k rows, rotations first: no rounding
+    chooses among the bases."""
+    rows: list[int] = []
+    for row in (3, 4, 5, 0, 1, 2):
+        if np.linalg.matrix_rank(Q[[*rows, row]], tol=1e-6) > len(rows):
+            rows.append(row)
+    return Q @ np.linalg.inv(Q[rows])
+
+
+def _upward(v: np.ndarray) -> np.ndarray:
+    """±v/|v|, its first component that is none of rounding positive."""
+    v = v / np.linalg.norm(v)
+    return v * np.sign(v[np.argmax(np.abs(v) > 1e-6)])
+
+
+def _line(w: np.ndarray) -> str:
+    along = int(np.argmax(np.abs(w)))
+    return AXES[along] if abs(w[along]) > 1 - 1e-9 else _triple(w)
+
+
+def _triple(v: np.ndarray) -> str:
+    return "(" + ", ".join(f"{round(float(x), 6) + 0.0:.4g}" for x in v) + ")"
+
 
 TOLERANCE = 1e-9
 MOST = 300
@@ -233,3 +281,70 @@ def _node_of(mesh: Mesh, pieces: Pieces, body: int) -> int:
     own = pieces.node[pieces.piece == body]
     alone = own[~np.isin(own, pieces.meeting[0])]
     return int(mesh.node_ids[(alone if len(alone) else own)[0]])
+
+
+EXACT = 1e-6
+"""Of the largest term of a spring or relation: rounding of the positions in a deck."""
+MOTIONS = (*(f"translation {axis}" for axis in AXES), *(f"rotation about {axis}" for axis in AXES))
+
+
+@dataclass(frozen=True)
+class Grounded:
+    """A spring or relation between several nodes that a rigid motion stretches: name; the motion that stretches it most; share:
+    |Σ r z| over Σ |r| |z| under it, 0 where all is well; apart [m]: the largest distance between its nodes."""
+
+    name: str
+    motion: str
+    share: float
+    apart: float
+
+
+def grounded(mesh: Mesh) -> tuple[Grounded, ...]:
+    """Springs and relations with s = Σ r z ≠ 0 under a rigid motion z = u + ω × (x − x₀) of the whole, the worst first.
+
+    What has one node alone leads to the ground, and is a support. Elements, rigid and averaging elements follow a rigid motion
+    exactly.
+    """
+    return tuple(own for own in links(mesh) if own.share > EXACT)
+
+
+def links(mesh: Mesh) -> tuple[Grounded, ...]:
+    """All springs and relations between several nodes, the one that a rigid motion stretches most first."""
+    return tuple(sorted(_each(mesh), key=lambda own: -own.share))
+
+
+def _each(mesh: Mesh) -> Iterator[Grounded]:
+    x = mesh.position - mesh.position.mean(axis=0)
+    for own in mesh.springs:
+        for i in np.flatnonzero(own.stiffness > 0):
+            part = own.spring == i
+            yield from _checked(x, own.name, own.node[part], own.component[part], own.value[part], {})
+    for tie in mesh.relations:
+        yield from _checked(x, str(tie), tie.node, tie.component, tie.value, mesh.axes)
+
+
+def _checked(
+    x: FloatArray, name: str, node: IntArray, component: IntArray, value: FloatArray, axes: Mapping[int, FloatArray]
+) -> Iterator[Grounded]:
+    kept = value != 0
+    node, component, value = node[kept], component[kept], value[kept]
+    if len(np.unique(node)) < 2:
+        return
+    terms = value[:, None] * _rows(x, node, component, axes)
+    size = np.abs(terms).sum(axis=0)
+    share = np.divide(np.abs(terms.sum(axis=0)), size, out=np.zeros(6), where=size > EXACT * size.max(initial=0.0))
+    worst = int(np.argmax(share))
+    apart = float(np.linalg.norm(x[node] - x[node[0]], axis=1).max())
+    yield Grounded(name, MOTIONS[worst], float(share[worst]), apart)
+
+
+def _rows(x: FloatArray, node: IntArray, component: IntArray, axes: Mapping[int, FloatArray]) -> FloatArray:
+    """(k, 6): each component of motion of its node under six rigid motions, along the axes of the node."""
+    rows = np.zeros((len(node), 6, 6))
+    rows[:, :3] = rigid_rows(x[node])
+    rows[:, 3:, 3:] = np.eye(3)
+    for i, own in enumerate(node.tolist()):
+        if own in axes:
+            Q = np.asarray(axes[own])
+            rows[i] = np.vstack([Q.T @ rows[i, :3], Q.T @ rows[i, 3:]])
+    return rows[np.arange(len(node)), component]

@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cache
 from math import ceil, comb, factorial
+from typing import Literal
 
 import numpy as np
 from scipy import sparse
@@ -15,7 +16,44 @@ from strainsight.fem.complex_factor import factorise_complex
 from strainsight.fem.factorisation import BLOCK, Factor, factorise
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import modes as lowest_modes
-from strainsight.fem.viscous import ViscousDamping
+
+
+@dataclass(frozen=True)
+class ViscousDamping:
+    """C = αM + βK + Σ_i c_i (Mφ_i)(Mφ_i)ᵀ.
+
+    alpha α [1/s]; beta β [s]; frequency ω (N,) [rad/s] and shapes φ (n_free, N) [1/√kg] of the lowest modes, at the same
+    parameters as K and M; rate c (N,) [1/s].
+    """
+
+    alpha: float = 0.0
+    beta: float = 0.0
+    frequency: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    shapes: np.ndarray | None = None
+    rate: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+
+def modal_damping(
+    K: sparse.csr_array,
+    M: sparse.csr_array,
+    ratio: float,
+    modes: int,
+    above: Literal["stiffness", "none"] = "stiffness",
+    rigid: np.ndarray | None = None,
+) -> ViscousDamping:
+    """The ratio ζ in each of the lowest N modes, exactly; above them, as no sparse C has one ratio for all modes:
+
+        "stiffness"   β = 2ζ/ω_N,  c_i = 2ζω_i − βω_i²:  the ratio grows as ζω/ω_N from ζ on, and static responses stay
+        "none"        β = 0,       c_i = 2ζω_i:           nothing
+
+    K, M (n, n); modes N ≥ 1; rigid (n, k): the rigid motions of a free structure, which are not damped. Raises the errors of
+    `fem.modes.modes`.
+    """
+    frequency, shapes = lowest_modes(K, M, modes, rigid=rigid)
+    omega = 2 * np.pi * frequency
+    beta = 2 * ratio / omega[-1] if above == "stiffness" else 0.0
+    return ViscousDamping(0.0, beta, omega, shapes, 2 * ratio * omega - beta * omega**2)
+
 
 FIRST_MODES = 4
 LOAD_SHARE = 0.999
@@ -316,3 +354,58 @@ def _numerator(j: int, k: int) -> np.ndarray:
 
 def _denominator(j: int, k: int) -> np.ndarray:
     return _numerator(k, j) * (-1.0) ** np.arange(k + 1)
+
+
+CORRECTIONS = 4
+LEFT = 1e-9
+"""Residual over load, in the largest entry, of a solution; the factor does not pivot, and has to be corrected."""
+
+
+def steady_state(
+    K: sparse.csr_array,
+    M: sparse.csr_array,
+    S: np.ndarray,
+    damping: ViscousDamping,
+    frequency: np.ndarray,
+    amplitude: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray]:
+    """z(0) = Σ Re Z and ż(0) = Σ Re iωZ of u(t) = Σ Re U exp(iωt), with a factor for every tone; modal damping by Woodbury:
+
+        Z = Z₀ − Σᵢ φᵢ iωcᵢ (Mφᵢ)ᵀZ₀ / (aᵢ + iωcᵢ),    aᵢ = (1 + iωβ)ωᵢ² + iωα − ω²,    Z₀ = (K − ω²M + iω(αM + βK))⁻¹ S U
+
+    K, M (n, n); S (n, n_u) [-]; frequency ω (k,) [rad/s]; amplitude U (k, n_u) complex [N]. Returns z [m], ż [m/s] (n,).
+    `transient` steps this motion on to the error of its scheme and of the held load; that much of free vibration is in it.
+    Raises NumericalError where an undamped mode has the frequency of a tone, and the errors of `factorise_complex`.
+    """
+    z, v = np.zeros(K.shape[0]), np.zeros(K.shape[0])
+    for omega, tone in zip(frequency, amplitude, strict=True):
+        if np.any(tone):
+            Z = _response(K, M, S @ tone, damping, float(omega))
+            z += Z.real
+            v += (1j * omega * Z).real
+    return z, v
+
+
+def _response(
+    K: sparse.csr_array, M: sparse.csr_array, force: np.ndarray, damping: ViscousDamping, omega: float
+) -> np.ndarray:
+    s = 1j * omega
+    A = sparse.csr_array((1 + s * damping.beta) * K + (s * s + s * damping.alpha) * M)
+    solve = factorise_complex(A)
+    Z, residual = np.zeros(len(force), dtype=complex), force.astype(complex)
+    for _ in range(CORRECTIONS):
+        Z += solve(residual)
+        residual = force - A @ Z
+        if np.abs(residual).max() <= LEFT * np.abs(force).max():
+            break
+    else:
+        raise NumericalError(
+            f"the steady state at {omega / (2 * np.pi):.6g} Hz is not found to {LEFT:g}",
+            key="train.settle",
+            remedy="give a number of seconds to settle in, or more damping",
+        )
+    if damping.shapes is None:
+        return Z
+    rate = s * damping.rate
+    a = s * s + s * damping.alpha + (1 + s * damping.beta) * damping.frequency**2
+    return Z - damping.shapes @ (rate / (a + rate) * (damping.shapes.T @ (M @ Z)))

@@ -8,7 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.fem.constraints import Constraint, constraint_transform
-from strainsight.fem.turning import turning_nodes
+from strainsight.fem.equations import turning_nodes
 from strainsight.mesh.model import Mesh
 
 LOOSE = 1e-10

@@ -12,8 +12,8 @@ from scipy.linalg import eigh
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.constraints import Constraint, constraint_transform, describe_row
+from strainsight.fem.equations import rigid_rows, rotation_rows
 from strainsight.fem.model import FiniteElementModel, FullModel, restricted
-from strainsight.fem.ties import rigid_rows, rotation_rows
 from strainsight.mesh.model import Mesh
 
 LOOSE = 1e-14

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import re
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from datetime import date
+from pathlib import Path
 
 import numpy as np
 
 from strainsight.errors import UserError
 from strainsight.measurements.records import Recording
+from strainsight.measurements.units import RATES, spelling, time_factor
 
 JITTER = 0.05
 """Share of a step by which a time stamp may lie off the uniform clock."""
@@ -217,3 +222,135 @@ def _check_stamps(recording: Recording, off: np.ndarray, step: float, jitter: fl
             where=recording.place(worst),
             remedy=f"write the time with more digits; {FIXED_RATE}",
         )
+
+
+_INSTANT = re.compile(
+    r"(?:(?P<date>[\w./-]+(?: [A-Za-z]{3,9}\.? \d{2,4})?)(?:T|\s+|(?<=\d)_))?"
+    r"(?P<hour>\d{1,2}):(?P<minute>\d{2}):(?P<second>\d{2})(?:[.,](?P<fraction>\d{1,12})|:(?P<milli>\d{3}))?"
+    r"\s*(?P<half>[AaPp]\.?[Mm]\.?)?\s*(?P<zone>Z|[+-]\d{2}:?\d{2})?"
+)
+_YEAR_FIRST = re.compile(r"(\d{4})([-/.])(\d{1,2})\2(\d{1,2})")
+SECOND, DAY = 10**9, 86400 * 10**9
+"""[ns]."""
+
+
+class ClockTimes:
+    """Seconds since the first instant of a column, to the nanosecond.
+
+    2024-05-03T10:00:00.01+02:00, 2024/5/3 10:00:00,01, 03.05.2024 10:00:00 and 10:00:00.01 PM are understood. Of dates whose day
+    may be the month only the change counts: together with a clock that passes midnight it is the next day.
+    """
+
+    def __init__(self) -> None:
+        self._first: int | None = None
+        self._date, self._of_day, self._day = "", 0, 0
+
+    @property
+    def started(self) -> bool:
+        """Whether an instant has been read."""
+        return self._first is not None
+
+    def seconds(self, cell: str) -> float | None:
+        """Of one cell; None where it is no instant, or its date does not follow that of the cell before."""
+        match = _INSTANT.fullmatch(cell)
+        if match is None or (of_day := _of_day(match)) is None:
+            return None
+        text = match["date"] or ""
+        year_first = _YEAR_FIRST.fullmatch(text)
+        midnight = self.started and self._of_day - of_day > DAY // 2
+        if year_first:
+            try:
+                day = date(*(int(year_first[i]) for i in (1, 3, 4))).toordinal()
+            except ValueError:
+                return None
+        else:
+            if self.started and text and (text != self._date) != midnight:
+                return None
+            day = self._day + midnight
+        zone = match["zone"] or "Z"
+        east = 0 if zone == "Z" else int(zone[0] + "1") * (int(zone[1:3]) * 60 + int(zone[-2:]))
+        instant = day * DAY + of_day - east * 60 * SECOND
+        self._date, self._of_day, self._day = text, of_day, day
+        if self._first is None:
+            self._first = instant
+        return (instant - self._first) / SECOND
+
+
+def _of_day(match: re.Match[str]) -> int | None:
+    """[ns] since midnight; None where no clock shows that."""
+    hour, minute, second = (int(match[name]) for name in ("hour", "minute", "second"))
+    if match["half"]:
+        if not 1 <= hour <= 12:
+            return None
+        hour = hour % 12 + 12 * (match["half"][0] in "Pp")
+    if hour > 23 or minute > 59 or second > 60:
+        return None
+    fraction = (match["fraction"] or match["milli"] or "").ljust(9, "0")[:9]
+    return ((hour * 60 + minute) * 60 + second) * SECOND + int(fraction)
+
+
+_COUNTER = re.compile(
+    r"#|n|i|k|no\.?|nr\.?|idx|index|(data ?)?points?|row|line|counter|count|(sample|scan|record)s?( ?(no|nr|number|index)\.?)?"
+)
+"""Names in small letters of columns that count samples."""
+
+
+def recording_of(
+    found: Sequence[tuple[np.ndarray, str | None]],
+    channels: Sequence[str],
+    path: Path,
+    where: str,
+    time_unit: str | None,
+    rate: float | None = None,
+) -> Recording:
+    """The recording of signals and their units, that of the time first; where: the place of the time; rate: of the samples [Hz],
+    in place of the first signal.
+
+    Raises UserError where the time has no unit or a sample none.
+    """
+    t, unit = found[0] if rate is None else (np.arange(len(found[0][0])) / rate, "s")
+    factor = time_factor(time_unit, unit, where)
+    if not np.isfinite(t).all():
+        raise UserError(
+            f"sample {int(np.argmin(np.isfinite(t))) + 1} of the time is missing",
+            where=where,
+            remedy="give every sample its time, or drop it",
+        )
+    units = {name: said for name, (_, said) in zip(channels, found[1:], strict=True)}
+    values = {name: read for name, (read, _) in zip(channels, found[1:], strict=True)}
+    return Recording(t * factor, values, units, str(path))
+
+
+def check_no_counter(time: np.ndarray, name: str, unit: str | None, where: str) -> None:
+    """Raises UserError where a column without a unit counts samples by its name and its values."""
+    if unit is None and _COUNTER.fullmatch(name.strip().lower()) and np.all(np.diff(time) == 1):
+        raise UserError(
+            f"{name!r} counts samples: {time[0]:g}, {time[0] + 1:g}, … is no time",
+            where=where,
+            remedy="state the sampling rate in its place: `time: {rate: 100, unit: Hz}`",
+        )
+
+
+def counted(
+    scalar: float, samples: int, name: str, time_unit: str | None, found: str | None, where: str
+) -> tuple[np.ndarray, str]:
+    """Time (samples,) from 0 and its unit, "s", of one number: the interval between samples, or in Hz or kHz their rate.
+
+    name: of the number, for which a word of rates is refused where its unit is one of time.
+    """
+    if not 0 < scalar < np.inf:
+        raise UserError(
+            f"{name!r} is {scalar:g}", where=where, remedy="name the interval between samples, or their rate"
+        )
+    stated = [unit for unit in (time_unit, found) if unit is not None]
+    rates = [spelling(unit) for unit in stated if spelling(unit) in RATES]
+    if rates and len(rates) == len(stated) and len(set(rates)) == 1:
+        return np.arange(samples) / (scalar * RATES[rates[0]]), "s"
+    words = name.lower().rpartition(".")[2]
+    if rates or words in ("fs", "f_s", "sr", "hz") or any(word in words for word in ("rate", "freq")):
+        raise UserError(
+            f"the one number {name!r}, {scalar:g}, is taken for the interval between samples in {' and '.join(stated) or 's'}",
+            where=where,
+            remedy="state `unit: Hz` where it is the sampling rate",
+        )
+    return scalar * np.arange(samples) * time_factor(time_unit, found, where), "s"

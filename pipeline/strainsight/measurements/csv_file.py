@@ -10,11 +10,10 @@ from typing import BinaryIO
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.clock_times import ClockTimes
+from strainsight.measurements.clock import ClockTimes, check_no_counter
 from strainsight.measurements.csv_layout import Layout, TextFormat, header, is_comment, stated_delimiter, with_units
 from strainsight.measurements.csv_rows import Rows, plain_rows, rows_by_line
 from strainsight.measurements.records import Recording, decoded, opened, plain
-from strainsight.measurements.timed import check_no_counter
 from strainsight.measurements.units import time_factor
 
 BLOCK = 1 << 22

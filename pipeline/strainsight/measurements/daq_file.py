@@ -11,9 +11,9 @@ from importlib.util import find_spec
 from pathlib import Path
 
 from strainsight.errors import UserError
+from strainsight.measurements.clock import counted, recording_of
 from strainsight.measurements.records import Recording, opened
 from strainsight.measurements.sandbox import DAMAGED, Read, Signals, answer, read_apart
-from strainsight.measurements.timed import counted, recording_of
 from strainsight.processes import START_LIMIT, python
 
 TIME_LIMIT = 20.0

@@ -6,10 +6,10 @@ import os
 from collections.abc import Sequence
 from pathlib import Path
 
+from strainsight.measurements.clock import recording_of
 from strainsight.measurements.hdf5_datasets import declared, place_of, signals
 from strainsight.measurements.records import Recording, opened
 from strainsight.measurements.sandbox import answer, read_apart
-from strainsight.measurements.timed import recording_of
 from strainsight.processes import START_LIMIT, python
 
 TIME_LIMIT = 7.0

@@ -9,8 +9,8 @@ import numpy as np
 
 from strainsight.errors import DeckError
 from strainsight.mesh.model import CellBlock, Mesh
-from strainsight.mesh.plates import plate_normals
-from strainsight.mesh.resized import resized
+from strainsight.mesh.node_order import plate_normals
+from strainsight.mesh.scaling import resized
 from strainsight.mesh.thin import (
     CORNERS,
     SHELL_KINDS,

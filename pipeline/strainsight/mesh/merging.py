@@ -11,8 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError, UserError
-from strainsight.mesh.forces import NodalForces
-from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.joins import AveragingElement, NodalForces, RigidElement
 from strainsight.mesh.model import IntArray, Mesh
 from strainsight.mesh.unjoined import Joints
 

@@ -10,8 +10,7 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.kinds.functions import barycentric, quadratic_simplex
-from strainsight.mesh.kinds.kind import Values
+from strainsight.mesh.kinds.kind import Values, barycentric, quadratic_simplex
 from strainsight.mesh.model import FloatArray, IntArray
 
 STEPS = 20

@@ -7,14 +7,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
-from strainsight.multibody.drives import DrivenRelation
+from strainsight.multibody.bodies import Carried, Frame
 from strainsight.multibody.equations import Balance, balance, input_slopes, parameter_slopes
 from strainsight.multibody.forces import Gravity
-from strainsight.multibody.frames import Carried, Frame
-from strainsight.multibody.joints import Joint
-from strainsight.multibody.laws.turning import TurningGravity
-from strainsight.multibody.products import relation_bends, relation_rows
-from strainsight.multibody.relations import Relation
+from strainsight.multibody.joints import DrivenRelation, Joint
+from strainsight.multibody.laws.actuators import TurningGravity
+from strainsight.multibody.relations import Relation, relation_bends, relation_rows
 from strainsight.multibody.sensors import Felt, Readings
 from strainsight.multibody.system import System
 

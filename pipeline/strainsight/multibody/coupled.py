@@ -5,11 +5,65 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.linalg import eigh
+from scipy.linalg import eigh, null_space
+from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
-from strainsight.multibody.equations import input_slopes
-from strainsight.multibody.spectrum import tangent_space
+from strainsight.multibody.equations import Balance, balance, input_slopes
+from strainsight.multibody.step import CARRIED, GAMMA, INSTANTS, Method
 from strainsight.multibody.system import System
+
+APART = 1e-6
+"""Smallest of the diagonal of R beside the largest, in pivoted QR factors of the constraints, from which these are good."""
+
+
+@dataclass(frozen=True)
+class Tangent:
+    """The motions q + T y that the constraints leave, T (n, r), orthonormal in the metric, and all derivatives there, the
+    forces of the constraints balanced (at); scale: ‖K‖ before its terms cancel, in the metric."""
+
+    T: np.ndarray
+    at: Balance
+    scale: float
+
+    def project(self, X: np.ndarray) -> np.ndarray:
+        """TᵀXT (r, r)."""
+        return self.T.T @ X @ self.T
+
+
+def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> Tangent:
+    """Of the system held where it is: q on the constraints; v only sets the forces that depend on it.
+
+    The stiffness is K_T − Σ λ ∇²φ, K_T the tangent of all forces, λ the constraint forces that balance them best.
+    """
+    n, m = system.size, system.constrained
+    zero = np.zeros(n)
+    at = balance(system, q, v, zero, np.zeros(m), np.zeros(m), u, theta)
+    d = system.metric
+    scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
+    N = np.eye(n)
+    if m:
+        N, lam = _held(at.B / d, at.load / d)
+        held = balance(system, q, v, zero, np.zeros(m), lam, u, theta)
+        scale += float(np.linalg.norm((held.stiffness - at.stiffness) / np.outer(d, d)))
+        at = held
+    return Tangent(N / d[:, None], at, scale)
+
+
+def _held(B: np.ndarray, load: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """N (n, r), B N = 0, and λ (m,) with the smallest ‖load − Bᵀλ‖, the smallest one where constraints depend on each other."""
+    m = len(B)
+    n = B.shape[1]
+    packed, order, reflections, _, _ = dgeqp3(B.T)
+    diagonal = np.abs(np.diag(packed))
+    if m > n or not diagonal[-1] > APART * diagonal[0]:
+        return null_space(B), np.linalg.lstsq(B.T, load, rcond=None)[0]
+    square = np.zeros((n, n))
+    square[:, :m] = packed
+    Q, _, _ = dorgqr(square, reflections)
+    lam = np.empty(m)
+    lam[order - 1] = dtrtrs(packed[:m], Q[:, :m].T @ load)[0]
+    return Q[:, m:], lam
+
 
 ROUNDING = 100.0
 """Times n eps ‖K‖, K before its terms cancel: a stiffness below is none."""
@@ -92,3 +146,61 @@ def growth(system: System, modes: CoupledModes) -> tuple[float, str]:
         return 0.0, ""
     motion = np.abs(modes.shapes @ vectors[: len(modes.squares), k]) * system.metric
     return float(values[k].real), max(system.of, key=lambda name: float(np.linalg.norm(motion[system.of[name]])))
+
+
+SHARE = 0.01
+"""Of the displacement in a mode, by which the step may be off."""
+FINENESS = 2000
+"""Frequencies that are tried."""
+
+
+def followed(frequencies: np.ndarray, h: float, method: Method) -> float:
+    """Frequency of a load [Hz] below which its displacement in every undamped mode of frequencies (k,) [Hz] is within SHARE of
+    the exact one, in steps of h [s]; never above the first mode, beside which no share holds."""
+    first = float(np.min(frequencies))
+    tried = np.geomspace(1e-4, 1.0, FINENESS)[:-1] * min(first, 0.5 / h)
+    off = np.max([relative_error(tried, float(own), h, method) for own in frequencies], axis=0)
+    beyond = np.flatnonzero(off > SHARE)
+    return float(tried[-1] if not len(beyond) else tried[max(beyond[0] - 1, 0)])
+
+
+def missed(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Method) -> np.ndarray:
+    """Share (nu,) of the RMS of each load about its mean that the step gets wrong, 0 of a constant one:
+
+        √(Σ e²|U|² / Σ |U|²),     e = min(1, error of the displacement in any mode),     U its spectrum in Hann's window
+
+    loads (T + 1, nu) every h [N, N m]; frequencies (k,) [Hz] of the undamped modes.
+    """
+    count = len(loads)
+    about = loads - loads.mean(axis=0)
+    energy = np.abs(np.fft.rfft(about * np.hanning(count)[:, None], axis=0)[1:]) ** 2
+    tried = np.fft.rfftfreq(count, h)[1:]
+    # a load that a mode follows at its own frequency has no displacement to compare with
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.max([relative_error(tried, float(own), h, method) for own in frequencies], axis=0)
+    off = np.minimum(np.nan_to_num(off, nan=1.0, posinf=1.0), 1.0)
+    whole = energy.sum(axis=0)
+    return np.sqrt(np.divide(off**2 @ energy, whole, out=np.zeros(loads.shape[1]), where=whole > 0))
+
+
+def relative_error(load: np.ndarray, frequency: float, h: float, method: Method) -> np.ndarray:
+    """|X_h(Ω)/X(Ω) − 1| of the displacement X = 1/(ω² − Ω²) of an undamped mode ω under a load of Ω, both in Hz:
+
+        X_h = (Y(iω) − Y(−iω))/(2iω),     Y(s) = (b₀ + b₁E)/(E − R),   E = exp(iΩh),   ẏ = s y + f   in steps with
+        R = (1 − c) r + c r²,   b₁ = b (1 + γ c r),   b₀ = (1 − γ) c r b,   r = 1/(1 − γsh),   b = γh r,   c = (1 − γ)/γ
+
+    and of implicit Euler R = r, b₁ = b, b₀ = 0 with γ = 1. load (k,) [Hz]; h [s].
+    """
+    omega, E = 2 * np.pi * frequency, np.exp(2j * np.pi * load * h)
+    own = INSTANTS[method][0] * h
+
+    def response(s: complex) -> np.ndarray:
+        r = 1 / (1 - own * s)
+        b = own * r
+        if method == "thesis":
+            return np.asarray(b * E / (E - r))
+        R = (1 - CARRIED) * r + CARRIED * r * r
+        return np.asarray(((1 - GAMMA) * CARRIED * r * b + b * (1 + GAMMA * CARRIED * r) * E) / (E - R))
+
+    found = (response(1j * omega) - response(-1j * omega)) / (2j * omega)
+    return np.asarray(np.abs(found * (omega**2 - (2 * np.pi * load) ** 2) - 1))

@@ -7,13 +7,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import NumericalError
+from strainsight.multibody.bodies import cross_matrix
+from strainsight.multibody.compiled.arrays import compiled
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED, natural_equations
-from strainsight.multibody.compiled.system import compiled
-from strainsight.multibody.drives import Driven, driven_of
 from strainsight.multibody.forces import Load
-from strainsight.multibody.frames import cross_matrix
 from strainsight.multibody.inertia import inertia_load
-from strainsight.multibody.products import relation_rows
+from strainsight.multibody.joints import Driven, driven_of
+from strainsight.multibody.relations import relation_rows
 from strainsight.multibody.system import Element, System
 
 

@@ -8,7 +8,7 @@ from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 
-from strainsight.multibody.frames import Frame
+from strainsight.multibody.bodies import Frame
 from strainsight.multibody.relations import Relation
 
 

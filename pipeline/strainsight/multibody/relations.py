@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.multibody.frames import Carried, Frame, constant
+from strainsight.compiled import joined, kept
+from strainsight.multibody.bodies import Body, Carried, Frame, constant, modes, moves, size
 
 
 @dataclass(frozen=True)
@@ -68,3 +71,200 @@ def bushing_displacements(i: Frame, j: Frame) -> tuple[Relation, ...]:
     along_x, along_y, along_z, about_y, about_z = bearing_displacements(i, j)
     about_x = Relation(f"turn of {j.name} about x of {i.name}", (i.axis(2),), (j.axis(1),))
     return along_x, along_y, along_z, about_x, about_y, about_z
+
+
+# Body, t, c, C and the shape of C: equal for vectors that are the same.
+Key = tuple[str | None, float, bytes, bytes, tuple[int, ...]]
+
+
+class Relations(NamedTuple):
+    """Relations as arrays. Carried vectors (nc): on: their body (−1: none), felt: modes, t, c (nc, 3), C (nc, 3, k). Relations
+    (nr): part (nr, 4): the carried vectors x₊, x₋, y₊, y₋ (−1: none) with their sign (nr, 4); value; feels (nr, 4): their bodies
+    (−1: none)."""
+
+    on: np.ndarray
+    felt: np.ndarray
+    t: np.ndarray
+    c: np.ndarray
+    C: np.ndarray
+    part: np.ndarray
+    sign: np.ndarray
+    value: np.ndarray
+    feels: np.ndarray
+
+
+class Products(NamedTuple):
+    """Relations over natural coordinates; body (nb, 6): whether it moves, its first natural coordinate, its first one in the
+    equations, modes, where its inertia begins (−1: it is constant), number of coordinates in the equations."""
+
+    relations: Relations
+    body: np.ndarray
+
+
+def compile_products(relations: Sequence[Relation], bodies: Sequence[Body]) -> Products:
+    """The relations over the coordinates of these bodies."""
+    table, first, carried = np.zeros((len(bodies), 6), dtype=np.int64), 0, list[Carried]()
+    for k, body in enumerate(bodies):
+        table[k] = moves(body), first, first, modes(body), -1, size(body)
+        first += size(body)
+    index: dict[Key, int] = {}
+
+    def number(vector: Carried) -> tuple[int, float]:
+        for sign, known in ((1.0, vector), (-1.0, -vector)):
+            found = index.get(_key(known))
+            if found is not None:
+                return found, sign
+        carried.append(vector)
+        return index.setdefault(_key(vector), len(carried) - 1), 1.0
+
+    part, sign = np.full((len(relations), 4), -1, dtype=np.int64), np.zeros((len(relations), 4))
+    for row, relation in enumerate(relations):
+        for at, vectors in ((0, relation.x), (2, relation.y)):
+            for k, vector in enumerate(vectors):
+                part[row, at + k], sign[row, at + k] = number(vector)
+
+    nc, felt = len(carried), np.array([b.C.shape[1] for b in carried], dtype=np.int64)
+    C, on, names = np.zeros((nc, 3, max(felt, default=0))), np.full(nc, -1, dtype=np.int64), [b.name for b in bodies]
+    for i, b in enumerate(carried):
+        C[i, :, : felt[i]] = b.C
+        if b.body in names and (felt[i] or table[names.index(b.body), 0]):
+            on[i] = names.index(b.body)
+    feels = np.full((len(relations), 4), -1, dtype=np.int64)
+    for row, own in enumerate(part):
+        felt_by = sorted({int(on[i]) for i in own if i >= 0 and on[i] >= 0})
+        feels[row, : len(felt_by)] = felt_by
+    t, c = np.array([b.t for b in carried]), np.array([b.c for b in carried]).reshape(nc, 3)
+    value = np.array([relation.value for relation in relations], dtype=float)
+    return Products(Relations(on, felt, t, c, C, part, sign, value, feels), table)
+
+
+def _key(b: Carried) -> Key:
+    # adding zero makes −0 and 0 the same
+    return b.body, b.t + 0.0, (b.c + 0.0).tobytes(), (b.C + 0.0).tobytes(), b.C.shape
+
+
+@joined
+def carried_vectors(
+    r: Relations, body: np.ndarray, q: np.ndarray, v: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """b (nc, 3), its rate, its Jacobian (nc, 3, 12 + k) by the natural coordinates of its body, and the rate of that."""
+    nc, most = len(r.t), r.C.shape[2]
+    b, rate = np.zeros((nc, 3)), np.zeros((nc, 3))
+    J, J_rate = np.zeros((nc, 3, 12 + most)), np.zeros((nc, 3, 12 + most))
+    y, y_rate = np.empty(3), np.empty(3)
+    for i in range(nc):
+        moving, at, n = 0, 0, 0
+        if r.on[i] >= 0:
+            moving, at, n = body[r.on[i], 0], body[r.on[i], 1], r.felt[i]
+        eta = at + 12 * moving
+        for beta in range(3):
+            y[beta], y_rate[beta] = r.c[i, beta], 0.0
+            for k in range(n):
+                y[beta] += r.C[i, beta, k] * q[eta + k]
+                y_rate[beta] += r.C[i, beta, k] * v[eta + k]
+        if moving == 0:
+            for a in range(3):
+                b[i, a], rate[i, a] = y[a], y_rate[a]
+                for k in range(n):
+                    J[i, a, k] = r.C[i, a, k]
+            continue
+        for a in range(3):
+            b[i, a], rate[i, a], J[i, a, a] = r.t[i] * q[at + a], r.t[i] * v[at + a], r.t[i]
+            for beta in range(3):
+                R = at + 3 + 3 * beta + a
+                b[i, a] += q[R] * y[beta]
+                rate[i, a] += v[R] * y[beta] + q[R] * y_rate[beta]
+                J[i, a, 3 + 3 * beta + a], J_rate[i, a, 3 + 3 * beta + a] = y[beta], y_rate[beta]
+                for k in range(n):
+                    J[i, a, 12 + k] += q[R] * r.C[i, beta, k]
+                    J_rate[i, a, 12 + k] += v[R] * r.C[i, beta, k]
+    return b, rate, J, J_rate
+
+
+@joined
+def rows(
+    r: Relations,
+    body: np.ndarray,
+    b: np.ndarray,
+    rate: np.ndarray,
+    J: np.ndarray,
+    Jr: np.ndarray,
+    rho: np.ndarray,
+    rho_dot: np.ndarray,
+    g: np.ndarray,
+    gr: np.ndarray,
+    x: np.ndarray,
+) -> None:
+    """ρ, ρ̇ (nr,), its two vectors x (nr, 2, 3); ∇ρ, ∂ρ̇ under q alone (nr, nt), given as zeros; gr (0, nt): that one not."""
+    xr, moving = np.empty((2, 3)), len(gr) > 0
+    for row in range(len(rho)):
+        for a in range(3):
+            x[row, 0, a] = x[row, 1, a] = xr[0, a] = xr[1, a] = 0.0
+        for p in range(4):
+            i = r.part[row, p]
+            if i >= 0:
+                for a in range(3):
+                    x[row, p // 2, a] += r.sign[row, p] * b[i, a]
+                    xr[p // 2, a] += r.sign[row, p] * rate[i, a]
+        rho[row], rho_dot[row] = -r.value[row], 0.0
+        for a in range(3):
+            rho[row] += x[row, 0, a] * x[row, 1, a]
+            rho_dot[row] += xr[0, a] * x[row, 1, a] + x[row, 0, a] * xr[1, a]
+        for p in range(4):
+            i = r.part[row, p]
+            if i < 0 or r.on[i] < 0:
+                continue
+            o, sign = 1 - p // 2, r.sign[row, p]
+            f0, f1, f2 = sign * x[row, o, 0], sign * x[row, o, 1], sign * x[row, o, 2]
+            r0, r1, r2 = sign * xr[o, 0], sign * xr[o, 1], sign * xr[o, 2]
+            t0, width = body[r.on[i], 2], body[r.on[i], 5] - body[r.on[i], 3] + r.felt[i]
+            for k in range(width):
+                g[row, t0 + k] += J[i, 0, k] * f0 + J[i, 1, k] * f1 + J[i, 2, k] * f2
+            for k in range(width if moving else 0):
+                gr[row, t0 + k] += J[i, 0, k] * r0 + J[i, 1, k] * r1 + J[i, 2, k] * r2
+                gr[row, t0 + k] += Jr[i, 0, k] * f0 + Jr[i, 1, k] * f1 + Jr[i, 2, k] * f2
+
+
+@kept()
+def relation_rows(p: Products, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """ρ (nr,), ∇ρ (nr, n), and its rate d/dt ∇ρ = vᵀ∇²ρ (nr, n)."""
+    nr, n = len(p.relations.value), len(q)
+    b, rate, J, J_rate = carried_vectors(p.relations, p.body, q, v)
+    rho, rho_dot, x = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3))
+    g, g_rate = np.zeros((nr, n)), np.zeros((nr, n))
+    rows(p.relations, p.body, b, rate, J, J_rate, rho, rho_dot, g, g_rate, x)
+    return rho, g, g_rate
+
+
+@kept()
+def relation_bends(p: Products, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
+    """∂ρ̈/∂q (nr, n), ρ̈ = ∇ρ a + vᵀ∇²ρ v for coordinates that move with v and a; ∂ρ̈/∂v is 2 vᵀ∇²ρ, ∂ρ̈/∂a is ∇ρ."""
+    r, body = p.relations, p.body
+    b, rate, J, J_rate = carried_vectors(r, body, q, v)
+    _, second, _, J_second = carried_vectors(r, body, q, a)
+    for i in range(len(b)):
+        for k in range(12 * body[r.on[i], 0] + r.felt[i] if r.on[i] >= 0 else 0):
+            for c in range(3):
+                second[i, c] += J_rate[i, c, k] * v[body[r.on[i], 1] + k]
+    found = np.zeros((len(r.value), len(q)))
+    x, x_rate, x_second = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
+    for row in range(len(r.value)):
+        x[:], x_rate[:], x_second[:] = 0.0, 0.0, 0.0
+        for s in range(4):
+            i = r.part[row, s]
+            if i >= 0:
+                for c in range(3):
+                    x[s // 2, c] += r.sign[row, s] * b[i, c]
+                    x_rate[s // 2, c] += r.sign[row, s] * rate[i, c]
+                    x_second[s // 2, c] += r.sign[row, s] * second[i, c]
+        for s in range(4):
+            i, other = r.part[row, s], 1 - s // 2
+            if i < 0 or r.on[i] < 0:
+                continue
+            for k in range(12 * body[r.on[i], 0] + r.felt[i]):
+                slope = 0.0
+                for c in range(3):
+                    slope += J_second[i, c, k] * x[other, c] + 2 * J_rate[i, c, k] * x_rate[other, c]
+                    slope += J[i, c, k] * x_second[other, c]
+                found[row, body[r.on[i], 1] + k] += r.sign[row, s] * slope
+    return found

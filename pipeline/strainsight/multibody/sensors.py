@@ -9,9 +9,8 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.errors import InfeasibleError
-from strainsight.multibody.frames import Frame, constant
-from strainsight.multibody.products import Products, compile_products, relation_bends, relation_rows
-from strainsight.multibody.relations import Relation, place
+from strainsight.multibody.bodies import Frame, constant
+from strainsight.multibody.relations import Products, Relation, compile_products, place, relation_bends, relation_rows
 from strainsight.multibody.system import System
 
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.advance import Advance, Method, advance
 from strainsight.multibody.initial import check_consistent
+from strainsight.multibody.step import Advance, Method, advance
 from strainsight.multibody.system import System
 
 FINEST = 1024

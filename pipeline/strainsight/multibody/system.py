@@ -12,8 +12,11 @@ from strainsight.errors import InfeasibleError, did_you_mean
 from strainsight.fem.affine import AffineOperator
 from strainsight.multibody.bodies import (
     Body,
+    Carried,
     FlexibleBody,
+    Frame,
     RigidBody,
+    constant,
     mass_matrix,
     mass_moment,
     metric,
@@ -21,13 +24,10 @@ from strainsight.multibody.bodies import (
     moves,
     size,
 )
-from strainsight.multibody.drives import DrivenRelation, Drives, compile_drives
 from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
-from strainsight.multibody.frames import Carried, Frame, constant
 from strainsight.multibody.inertia import Inertia, as_inertia
-from strainsight.multibody.joints import Joint
-from strainsight.multibody.products import Products, compile_products
-from strainsight.multibody.relations import Relation, place
+from strainsight.multibody.joints import DrivenRelation, Drives, Joint, compile_drives
+from strainsight.multibody.relations import Products, Relation, compile_products, place
 
 AXES = "xyz"
 

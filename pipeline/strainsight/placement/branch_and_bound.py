@@ -3,19 +3,222 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass
+from contextlib import suppress
+from dataclasses import dataclass, replace
 from heapq import heapify, heappop, heappush
 from time import monotonic
 
 import numpy as np
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from strainsight.errors import InfeasibleError
-from strainsight.ordering import TIE
+from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.ordering import TIE, tied_order
+from strainsight.placement.certificate import Bound, Cut, certify, cut_at, detects, lowest
 from strainsight.placement.elimination import eliminate_from
-from strainsight.placement.fill import fill
+from strainsight.placement.exchange import exchange, fill
 from strainsight.placement.limits import Limits, as_limits
-from strainsight.placement.nodes import Node, Search
-from strainsight.placement.scenario import Aggregate, Pool
+from strainsight.placement.scenario import Aggregate, Pool, aggregated
+from strainsight.placement.score import score
+from strainsight.placement.witness import twin_groups
+
+ROUNDS = 12
+"""Most cuts of one node; it branches sooner where they stop paying."""
+PAYS = 0.1
+"""A further cut pays where the last one closed this share of the distance to the incumbent."""
+DULL = 100.0
+"""No cut is taken where the relaxed cost is this many times the incumbent: its slope is too steep to be of use."""
+LEVEL = 1e-5
+"""Weights, of 0 to 1, this close are a tie: those of a relaxed optimum differ by up to 5e-7 between processors and BLAS."""
+TWIN = 1e-9
+"""Rows h/√r this share of their length apart are one gauge twice; those of mirrored gauges are up to 3e-11 apart."""
+
+
+@dataclass(frozen=True)
+class Node:
+    """The sets that hold every gauge of `inside` and none of `outside`, both (pool,) bool; cuts of its parent; centre
+    (pool,): the best relaxed weights known so far."""
+
+    inside: np.ndarray
+    outside: np.ndarray
+    cuts: tuple[Cut, ...]
+    centre: np.ndarray
+
+
+class Search:
+    """The incumbent, and what one node becomes."""
+
+    def __init__(self, pools: Sequence[Pool], limits: Limits, aggregate: Aggregate, gap: float):
+        self.pools, self.limits, self.aggregate = pools, limits, aggregate
+        # a set that is better by no more than a tie is not taken, so that nothing closer can be claimed
+        self.gap = max(gap, TIE)
+        # gauges that the limits distinguish cannot stand for each other
+        self.twins = np.unique(_twins(pools) * len(limits.size) + limits.alike, return_inverse=True)[1]
+        self.tried: set[tuple[int, ...]] = set()
+        self.best: np.ndarray | None = None
+        self.cost = np.inf
+        self.unsolved = np.inf
+
+    @property
+    def target(self) -> float:
+        """A set that costs at least this much is no improvement."""
+        return self.cost * (1 - self.gap)
+
+    def offer(self, gauges: np.ndarray, bound: float = np.inf) -> None:
+        """Take a set as incumbent if it costs less, with the swaps that help it.
+
+        Where its covariance cannot be solved to accuracy, `bound` is all that is known of it.
+        """
+        while tuple(gauges) not in self.tried:
+            self.tried.add(tuple(gauges))
+            try:
+                cost = score(self.pools, gauges, self.aggregate)
+            except NumericalError:
+                self.tried.remove(tuple(gauges))
+                self.unsolved = min(self.unsolved, bound)
+                return
+            if not cost < self.cost * (1 - TIE):
+                return
+            self.best, self.cost = gauges, cost
+            with suppress(NumericalError):
+                gauges = exchange(self.pools, gauges, self.aggregate, limits=self.limits).gauges
+
+    def root(self, inside: np.ndarray) -> Node:
+        """Every set, from the weights of the certificate where there is an incumbent."""
+        size = self.limits.size
+        free, left = int(size[~inside].sum()), self.limits.keep - int(size[inside].sum())
+        w = np.where(inside, 1.0, left / max(free, 1))
+        if self.best is not None and 0 < left < free:
+            with suppress(NumericalError):
+                w = certify(self.pools, self.best, self.cost, self.aggregate, limits=self.limits).weights
+        cut = cut_at(self.pools, w, None)
+        return Node(inside, np.zeros_like(inside), () if cut is None else (cut,), w)
+
+    def children(self, node: Node, bound: float) -> list[tuple[float, Node]]:
+        """Cuts until they no longer pay, then the two halves of the node with their bounds; () where none is left.
+
+        Empties, too, a node whose gauges lose an unknown all together, and scores one that holds a single set.
+        """
+        inside, outside, cuts = node.inside, node.outside, list(node.cuts)
+        if self._loses(~outside):
+            return []
+        centre, level, low = node.centre, np.inf, None
+        history = [bound]
+        while True:
+            used = self.limits.used(inside)
+            if np.any(used > self.limits.most):
+                return []
+            outside = outside | (~inside & self.limits.too_large(used))
+            free = ~(inside | outside)
+            if self.limits.size[inside | free].sum() < self.limits.least:
+                return []
+            if np.all(self.limits.used(inside | free) <= self.limits.most):
+                self.offer(np.flatnonzero(inside | free), bound)
+                return []
+            centre = _within(centre, inside, free, self.limits)
+            if low is None and not cuts:
+                cuts += self._cut(centre, inside, free, None)
+                if not cuts:
+                    break
+            low = lowest(cuts, inside, free, self.limits, self.aggregate)
+            cuts = [cut for cut, active in zip(cuts, low.active, strict=True) if active]
+            bound = max(bound, low.value)
+            history.append(bound)
+            if bound >= self.target:
+                return []
+            decided = free & (low.value + low.reduced >= self.target)
+            if decided.any():
+                inside, outside = inside | (decided & low.taken), outside | (decided & ~low.taken)
+                continue
+            self._round(cuts, low.weights, inside)
+            if len(history) > ROUNDS or (len(history) > 4 and history[-1] - history[-4] < PAYS * (self.target - bound)):
+                break
+            between = 0.5 * (centre + low.weights)
+            new = self._cut(between, inside, free, cuts[-1].P)
+            if not new:
+                break
+            cuts += new
+            cost = float(aggregated(new[0].cost, self.aggregate))
+            if cost < level:
+                centre, level = between, cost
+        return self._halves(inside, outside, bound, low, Node(inside, outside, tuple(cuts), centre))
+
+    def _halves(
+        self, inside: np.ndarray, outside: np.ndarray, bound: float, low: Bound | None, node: Node
+    ) -> list[tuple[float, Node]]:
+        """The sets with the most fractional gauge and those without it; of twins, the lowest index is taken first."""
+        free = ~(inside | outside)
+        most = int(tied_order(np.where(free, np.abs(node.centre - 0.5), np.inf), LEVEL)[0])
+        same = free & (self.twins == self.twins[most])
+        gauge = int(np.flatnonzero(same)[0])
+        with_it = inside.copy()
+        with_it[gauge] = True
+        bounds = [bound, bound]
+        if low is not None:
+            bounds[int(low.taken[gauge])] = max(bound, low.value + float(low.reduced[gauge]))
+        halves = [replace(node, inside=with_it), replace(node, outside=outside | same)]
+        return [(b, half) for b, half in zip(bounds, halves, strict=True) if b < self.target]
+
+    def _cut(self, w: np.ndarray, inside: np.ndarray, free: np.ndarray, last: Sequence[np.ndarray] | None) -> list[Cut]:
+        """The cut at w, or halfway to equal weights where w loses an unknown or nearly does; () where that one does."""
+        size = self.limits.size
+        share = (self.limits.keep - int(size[inside].sum())) / max(int(size[free].sum()), 1)
+        equal = np.where(inside, 1.0, np.where(free, min(share, 1.0), 0.0))
+        for point in (w, 0.5 * (w + equal), equal):
+            cut = cut_at(self.pools, point, last)
+            if cut is not None and cut.cost.max() <= DULL * self.cost:
+                return [cut]
+        return []
+
+    def _round(self, cuts: Sequence[Cut], weights: np.ndarray, inside: np.ndarray) -> None:
+        """Offer the gauges of the largest weights as far as they fit, unless the cuts say that they cost too much."""
+        chosen = self.limits.packed(tied_order(-weights, LEVEL), inside)
+        if not self.limits.allows(chosen):
+            return
+        planes = np.array([cut.offset + cut.slope[:, chosen].sum(axis=1) for cut in cuts])
+        if aggregated(planes.max(axis=0), self.aggregate) < self.target:
+            self.offer(chosen)
+
+    def _loses(self, gauges: np.ndarray) -> bool:
+        return not all(detects(pool, pool.stacked(gauges)) for pool in self.pools)
+
+
+def _within(w: np.ndarray, inside: np.ndarray, free: np.ndarray, limits: Limits) -> np.ndarray:
+    """w (pool,) moved to 1 inside, 0 outside and a sum of gauges that the limits allow, towards 0 or 1 in proportion."""
+    moved = inside.astype(float)
+    part, size, held = w[free], limits.size[free], int(limits.size[inside].sum())
+    total, whole = float(size @ part), float(size.sum())
+    most, least = limits.keep - held, limits.least - held
+    if total > most:
+        part = part * (most / total)
+    elif total < least:
+        part = 1 - (1 - part) * ((whole - least) / max(whole - total, np.finfo(float).tiny))
+    moved[free] = part
+    return moved
+
+
+def _twins(pools: Sequence[Pool]) -> np.ndarray:
+    """A label for every gauge, the same where the channels ±h/√r of all scenarios are: such gauges stand for each other."""
+    keys = []
+    for pool in pools:
+        length = np.linalg.norm(pool.rows, axis=2, keepdims=True)
+        size = np.where(length > 0, length, 1.0)
+        unit = pool.rows / size
+        # the sign of the first of the largest, which are ± alike where rows are symmetric
+        largest = np.abs(unit) >= (1 - TIE) * np.abs(unit).max(axis=2, keepdims=True)
+        sign = np.sign(np.take_along_axis(unit, largest.argmax(axis=2)[:, :, None], axis=2))
+        keys.append(_near(np.concatenate([unit * sign, np.log(size)], axis=2)))
+    return twin_groups(keys)
+
+
+def _near(points: np.ndarray) -> np.ndarray:
+    """Points (m, c, k) replaced by a number each (m, c, 1), the same where they are at most `TWIN` apart."""
+    different, place = np.unique(points.reshape(-1, points.shape[2]), axis=0, return_inverse=True)
+    pairs = cKDTree(different).query_pairs(TWIN, output_type="ndarray")
+    apart = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(different),) * 2)
+    label = connected_components(apart, directed=False)[1]
+    return np.asarray(label[place.ravel()], dtype=float).reshape(*points.shape[:2], 1)
 
 
 @dataclass(frozen=True)

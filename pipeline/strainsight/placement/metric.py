@@ -7,8 +7,7 @@ from functools import cached_property
 
 import numpy as np
 
-from strainsight.placement.criteria.criterion import Criterion
-from strainsight.placement.criteria.trace import Trace
+from strainsight.placement.criteria import Criterion, Trace
 
 
 @dataclass(frozen=True)

@@ -4,17 +4,20 @@ from __future__ import annotations
 
 from typing import Any
 
-from strainsight.records.at_rest import AtRest, Coupled
-from strainsight.records.bearing import BearingsAlone
-from strainsight.records.bench_estimated import BenchEstimated
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.bench_truth import BenchTruths
-from strainsight.records.bodies import ReducedBodies
+from strainsight.records.bench import (
+    AtRest,
+    BearingsAlone,
+    BenchTruths,
+    Coupled,
+    ReducedBodies,
+    Simulated,
+    SurfaceInTime,
+)
+from strainsight.records.bench_estimated import BenchEstimated, BenchPlaced
 from strainsight.records.estimated import CampaignRecord, Estimated
-from strainsight.records.imported import Imported
+from strainsight.records.mesh import Imported
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.reduced import Modes, Reduced
-from strainsight.records.simulated import Simulated, SurfaceInTime
 from strainsight.records.suite import SuiteNumbers
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.estimation.posterior import Posterior as Posterior
-from strainsight.records.budget import Budget
+from strainsight.estimation.mixture import Posterior as Posterior
 from strainsight.records.damage import Damaged
+from strainsight.records.placed import Budget
 from strainsight.records.record import Source as File
 from strainsight.records.record import dataset, group, read, record
 

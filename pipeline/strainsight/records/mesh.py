@@ -11,8 +11,7 @@ import numpy as np
 from strainsight.columns import Column
 from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.composite_solids import CompositeSolid
-from strainsight.mesh.forces import NodalForces
-from strainsight.mesh.joins import AveragingElement, PointMass, Relation, RigidElement, Springs
+from strainsight.mesh.joins import AveragingElement, NodalForces, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
@@ -28,8 +27,11 @@ from strainsight.mesh.thin import (
     ShellBlock,
     ShellSection,
 )
+from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
 from strainsight.records.record import Source, dataset, group, read, record
 from strainsight.records.table import Key, table
+from strainsight.runner.output import Dataset
+from strainsight.sensors.faces import Faces
 
 
 @dataclass(frozen=True)
@@ -198,3 +200,50 @@ class Meshes:
 def mesh_from(source: Source, below: str = "") -> Mesh:
     """The mesh of an import, or of a body of a bench below its group."""
     return read(MeshColumns, source, below).made()
+
+
+@record
+class Imported:
+    """import.h5 of a structure."""
+
+    mesh: MeshColumns = group(path="")
+    found: Faces | None = group(path="/faces/found", default=None)
+
+
+STRAIN = "m/m"
+UNITS = {
+    "displacement": "m",
+    "motion": "m",
+    "strain": STRAIN,
+    "strain_std": STRAIN,
+    "stress": "Pa",
+    "von_mises": "Pa",
+    "von_mises_std": "Pa",
+    "principal": "Pa",
+    "equivalent_range": "Pa",
+    "equivalent_range_of_mean": "Pa",
+}
+"""Of data on points or cells, by their name in every grid; of other names there is none."""
+
+
+def vtkhdf_datasets(
+    grid: VtkHdf, units: Mapping[str, str] = UNITS
+) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
+    """Datasets and attributes of a grid, under the paths that the file format prescribes; units: name of data → its unit."""
+    datasets = {f"/VTKHDF/{path}": Dataset(array, "", "") for path, array in grid.datasets.items()}
+    attributes = {f"/VTKHDF/{path}".rstrip("/"): dict(values) for path, values in grid.attributes.items()}
+    for path in grid.datasets:
+        where, _, name = path.partition("/")
+        if where in ("PointData", "CellData") and name in units:
+            attributes[f"/VTKHDF/{path}"] = {"units": units[name]}
+    return datasets, attributes
+
+
+def gauge_grid(
+    position: np.ndarray, data: Mapping[str, np.ndarray], units: Mapping[str, str] = UNITS
+) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
+    """Gauges as a cloud of points (m, 3) [m] with data (m, ...) on each; units as in `vtkhdf_datasets`."""
+    index = np.arange(len(position))
+    return vtkhdf_datasets(
+        unstructured_grid(position, (CellBlock("vertex", index, index[:, None], index),), point_data=data), units
+    )

@@ -11,12 +11,149 @@ from scipy.linalg import eigh, svd
 
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
+from strainsight.fem.factorisation import Factorise
 from strainsight.fem.model import FiniteElementModel
+from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.modes import signs, turned
+from strainsight.fem.relief import factorise_free, relief_of
 from strainsight.parallel.sweep import Sweep, serial
 from strainsight.rom.model import Damping, ReducedModel, modal_basis
-from strainsight.rom.samples import Theta, parameter_samples
-from strainsight.rom.snapshots import Snapshots, only_scales, scaled, shared_by_all, snapshots, snapshots_at
+
+GOLDEN = (3 - 5**0.5) / 2
+
+Theta = Mapping[str, float]
+
+
+def parameter_samples(
+    reference: Theta, ranges: Mapping[str, tuple[float, float]], samples: int
+) -> tuple[dict[str, float], ...]:
+    """The reference, then samples − 1 points of a Latin hypercube in log θ that reaches both ends of every range.
+
+    reference and ranges [SI]; the columns are ordered by the ranks of a Halton sequence, so nothing is random.
+    Raises InfeasibleError for a range that is missing or not 0 < low ≤ high.
+    """
+    if not reference:
+        return ({},)
+    count = samples - 1
+    return (dict(reference), *_latin(reference, ranges, np.linspace(0, 1, count) if count > 1 else np.zeros(count)))
+
+
+def held_out_samples(
+    reference: Theta, ranges: Mapping[str, tuple[float, float]], count: int
+) -> tuple[dict[str, float], ...]:
+    """A Latin hypercube at the golden section of `count` equal parts of log θ, so never on a level of the samples.
+
+    Arguments and errors as in `parameter_samples`.
+    """
+    return _latin(reference, ranges, (np.arange(count) + GOLDEN) / count) if reference else ({},)
+
+
+def _latin(
+    reference: Theta, ranges: Mapping[str, tuple[float, float]], levels: np.ndarray
+) -> tuple[dict[str, float], ...]:
+    if not len(levels):
+        return ()
+    order = np.argsort(_halton(len(reference), len(levels)), axis=0).argsort(axis=0)
+    columns = {}
+    for i, name in enumerate(reference):
+        if name not in ranges:
+            raise InfeasibleError(f"parameter {name} has no range", remedy="give it one")
+        low, high = ranges[name]
+        if not 0 < low <= high < np.inf:
+            raise InfeasibleError(f"parameter {name} ranges from {low:g} to {high:g}", remedy="give 0 < low <= high")
+        columns[name] = low * (high / low) ** levels[order[:, i]]
+    return tuple({name: float(column[k]) for name, column in columns.items()} for k in range(len(levels)))
+
+
+def _halton(dimensions: int, count: int) -> np.ndarray:
+    """Points 1 … count of Halton's sequence (count, dimensions): the digits of k in base 2, 3, 5, …, behind the point in reverse.
+
+    scipy.stats has it, and takes half a second to import.
+    """
+    points = np.zeros((count, dimensions))
+    primes = (p for p in range(2, 10**6) if all(p % q for q in range(2, int(p**0.5) + 1)))
+    for j, base in zip(range(dimensions), primes, strict=False):
+        left, weight = np.arange(1, count + 1), 1.0
+        while left.any():
+            left, digit = np.divmod(left, base)
+            weight /= base
+            points[:, j] += weight * digit
+    return points
+
+
+@dataclass(frozen=True)
+class Snapshots:
+    """frequency (m,) [Hz] and shapes (n_free, m) [1/√kg] of the lowest modes; static (n_free, n_u) [m/N]: K⁻¹S."""
+
+    frequency: np.ndarray
+    shapes: np.ndarray
+    static: np.ndarray
+
+    @property
+    def vectors(self) -> np.ndarray:
+        """[Φ, K⁻¹S] (n_free, m + n_u)."""
+        return np.hstack([self.shapes, self.static])
+
+    def lowest(self, modes: int) -> Snapshots:
+        """With this many modes only."""
+        return Snapshots(self.frequency[:modes], self.shapes[:, :modes], self.static)
+
+
+def snapshots(
+    full: FiniteElementModel,
+    S: np.ndarray,
+    theta: Mapping[str, float],
+    modes: int,
+    known: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Snapshots:
+    """K(θ)φ = ω²M(θ)φ and K(θ)⁻¹S, from one factorisation; of a free structure elastic modes and K⁺S, by inertia relief.
+
+    S (n_free, n_u) [-] input shapes; theta [SI]; known: frequency and shapes at this θ where they have been found already, at
+    least `modes` of them. Raises the errors of `modes` and `factorise`.
+    """
+    return snapshots_at(shared_by_all(full, S, modes), theta, known)
+
+
+Shared = tuple[AffineOperator, AffineOperator, np.ndarray | None, np.ndarray, int, Factorise, np.ndarray | None]
+
+
+def shared_by_all(full: FiniteElementModel, S: np.ndarray, modes: int, near: np.ndarray | None = None) -> Shared:
+    """What every task of a sweep over θ needs; near (n_free, r): vectors whose span holds the modes nearly, as of `modes`."""
+    return full.stiffness, full.mass, full.rigid, S, modes, full.factorise, near
+
+
+def snapshots_at(
+    shared: Shared,
+    theta: Mapping[str, float],
+    known: tuple[np.ndarray, np.ndarray] | None = None,
+) -> Snapshots:
+    """The same as a task of a sweep: shared are stiffness, mass, rigid motions, S, the number of modes, who factorises,
+    and vectors near the modes."""
+    stiffness, mass, rigid, S, modes, factorise, near = shared
+    K = stiffness.at(theta)
+    factor = factorise(K) if rigid is None else factorise_free(K, relief_of(mass.at(theta), rigid), factorise)
+    if known is None:
+        known = lowest_modes(K, mass.at(theta), modes, factor=factor, rigid=rigid, near=near)
+    frequency, shapes = known
+    return Snapshots(frequency[:modes], shapes[:, :modes], factor.solve(S))
+
+
+def scaled(
+    full: FiniteElementModel, known: Snapshots, at: Mapping[str, float], theta: Mapping[str, float]
+) -> Snapshots:
+    """Snapshots at θ of a model that `only_scales`, from those at another θ:  K = a K₀, M = b M₀:  ω₀√(a/b), Φ₀/√b, z₀/a."""
+    a, b = (X.at(theta).diagonal().sum() / X.at(at).diagonal().sum() for X in (full.stiffness, full.mass))
+    return Snapshots(known.frequency * np.sqrt(a / b), known.shapes / np.sqrt(b), known.static / a)
+
+
+def only_scales(full: FiniteElementModel) -> bool:
+    """K(θ) and M(θ) each a number times one matrix: modes and static responses keep their shapes over the whole box."""
+
+    def one_matrix(X: AffineOperator) -> bool:
+        return not X.terms or (len(X.terms) == 1 and abs(X.constant).sum() == 0)
+
+    return one_matrix(full.stiffness) and one_matrix(full.mass)
+
 
 DEPENDENT = 1e-10
 """A vector of unit energy whose part outside a basis is below this lies in it: the rest is rounding of the solver."""

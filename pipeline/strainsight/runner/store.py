@@ -7,20 +7,24 @@ import hashlib
 import io
 import json
 import os
+import platform
 import shutil
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
-from functools import partial
+from functools import cache, partial
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import h5py
 import numpy as np
 
+import strainsight
 from strainsight.errors import StrainsightError, UserError
 from strainsight.runner.artefact import (
+    BLOCK,
     FORMAT,
     FORMAT_VERSION,
     GRID,
@@ -29,14 +33,85 @@ from strainsight.runner.artefact import (
     digest_or_none,
     header_of,
     plain_name,
+    seal,
     sha256_of,
 )
 from strainsight.runner.contents import content_digest, read_contents
 from strainsight.runner.output import Dataset, Output
-from strainsight.runner.provenance import provenance
-from strainsight.runner.seal import BLOCK, seal
 from strainsight.runner.slices import canonical
 from strainsight.writing import TEMPORARY, make_folder, replace_file, temporary, write_bytes
+
+ROOT = Path(strainsight.__file__).parent
+CPU = Path("/proc/cpuinfo")
+PACKAGES = ("scipy", "numba", "pypardiso", "mkl")
+"""Asked of what is installed, not imported: a stage loads what it needs."""
+
+
+@cache
+def provenance() -> dict[str, str]:
+    """Name of an attribute → what it says, "" where it is not known or not there."""
+    return {
+        "package_version": strainsight.__version__,
+        "commit": commit_of(ROOT.parents[1]) or commit_of_build(),
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "h5py": h5py.__version__,
+        **{name: _installed(name) for name in PACKAGES},
+        "blas": _blas(),
+        "processor": _processor(),
+    }
+
+
+def commit_of(checkout: Path) -> str:
+    """Of a git checkout, read without git; "" where there is none. What was altered since shows in the digest of the code."""
+    with suppress(OSError, ValueError, IndexError):
+        git = checkout / ".git"
+        if git.is_file():  # a worktree: "gitdir: …"
+            git = (checkout / git.read_text(encoding="utf-8").split(":", 1)[1].strip()).resolve()
+        head = (git / "HEAD").read_text(encoding="utf-8").strip()
+        if not head.startswith("ref: "):
+            return head
+        name = head.removeprefix("ref: ")
+        common = git / "commondir"
+        top = (git / common.read_text(encoding="utf-8").strip()).resolve() if common.is_file() else git
+        for folder in (git, top):
+            if (folder / name).is_file():
+                return (folder / name).read_text(encoding="utf-8").strip()
+        for line in (top / "packed-refs").read_text(encoding="utf-8").splitlines():
+            if line.endswith(f" {name}"):
+                return line.split()[0]
+    return ""
+
+
+def commit_of_build() -> str:
+    """Of an installation from a repository, as pip notes it."""
+    with suppress(metadata.PackageNotFoundError, ValueError, KeyError, TypeError):
+        text = metadata.distribution("strainsight").read_text("direct_url.json")
+        return str(json.loads(text or "{}")["vcs_info"]["commit_id"])
+    return ""
+
+
+def _installed(name: str) -> str:
+    with suppress(metadata.PackageNotFoundError):
+        return metadata.version(name)
+    return ""
+
+
+def _blas() -> str:
+    """That of numpy, as in "scipy-openblas 0.3.30"."""
+    with suppress(KeyError, TypeError):
+        own = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
+        return f"{own['name']} {own['version']}"
+    return ""
+
+
+def _processor() -> str:
+    with suppress(OSError):
+        for line in CPU.read_text(encoding="utf-8", errors="replace").splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
 
 ROOM, ROOM_EACH = 1 << 14, 1 << 11
 """[bytes] What HDF5 takes for a file beside its arrays, and for each of them: headers, attributes, heaps, scales."""

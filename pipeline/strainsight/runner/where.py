@@ -7,8 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from strainsight.parallel.sweep import Sweep, serial
-from strainsight.parallel.threads import allowed_threads
+from strainsight.parallel.sweep import Sweep, allowed_threads, serial
 
 
 @dataclass(frozen=True)

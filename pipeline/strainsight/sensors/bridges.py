@@ -10,9 +10,9 @@ from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
+from strainsight.sensors.access import opposite
 from strainsight.sensors.arms import Arms
 from strainsight.sensors.candidates import STEEPEST, Candidates, concatenate
-from strainsight.sensors.opposite import opposite
 from strainsight.sensors.points import normals_at
 from strainsight.sensors.surface import turned
 from strainsight.sensors.walk import Skin

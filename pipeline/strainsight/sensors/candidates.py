@@ -4,17 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
+from typing import Literal
 
 import numpy as np
+from scipy.spatial import cKDTree
 
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
-from strainsight.sensors.admissible import admissible
 from strainsight.sensors.arms import Arms, concatenated
 from strainsight.sensors.surface import farthest_axis, turned
-from strainsight.sensors.zones import Zone
+from strainsight.sensors.zones import Zone, admissible
 
 STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
 UNITS = ("strain", "m/s^2", "m")
@@ -264,3 +265,114 @@ def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.nd
         )
     d0 = a - (n @ a)[:, None] * n
     return d0 / np.linalg.norm(d0, axis=1)[:, None]
+
+
+ROSETTE = (0.0, 45.0, 90.0)
+"""Angles from any tangent [deg] whose strains give those of every direction."""
+SAMPLES = 64
+ALIKE = 1e-6
+"""Directions whose mean squares are this share of the largest apart are alike; rounding is 1e-10 of it. Degrees this near to
+half a turn are none."""
+
+
+def principal_angles(rows: np.ndarray, moment: np.ndarray) -> np.ndarray:
+    """Angle (f,) [deg], −90 ≤ φ < 90, at which the mean square of ε(φ) over the run is largest, from 0°, 45° and 90°:
+
+        ε(φ) = a + b cos 2φ + c sin 2φ,     a = ½(ε₀ + ε₉₀),  b = ½(ε₀ − ε₉₀),  c = ε₄₅ − a
+        f(ψ) = M_aa + 2 M_ab cos ψ + 2 M_ac sin ψ + M_bb cos² ψ + M_cc sin² ψ + 2 M_bc sin ψ cos ψ,     ψ = 2φ
+
+    M (3, 3) is the mean of [a b c]ᵀ[a b c]. f has two maxima at most; the larger of 64 samples is refined by Newton's
+    method. Of samples alike the first is taken, and where all directions strain alike it is 0°.
+    rows (f, 3, r) strain of gauges at 0°, 45° and 90° from any tangent, per coordinate; moment (r, r) mean of q qᵀ over the
+    run.
+    """
+    zero, half, right = np.moveaxis(np.asarray(rows, dtype=float), 1, 0)
+    mean = 0.5 * (zero + right)
+    parts = np.stack([mean, 0.5 * (zero - right), half - mean], axis=1)
+    M = parts @ moment @ np.swapaxes(parts, 1, 2)
+    psi = np.linspace(0.0, 2 * np.pi, SAMPLES, endpoint=False)
+    basis = np.stack([np.ones(SAMPLES), np.cos(psi), np.sin(psi)])
+    f = np.einsum("ap,fab,bp->fp", basis, M, basis)
+    size = np.maximum(np.abs(f).max(axis=1), np.finfo(float).tiny)
+    # Rounding must not choose between directions that are alike.
+    x = psi[np.argmax(f >= (f.max(axis=1) - ALIKE * size)[:, None], axis=1)]
+    moves = np.ptp(f, axis=1) > ALIKE * size
+    p, q, r, s = 2 * M[:, 0, 2], -2 * M[:, 0, 1], 2 * M[:, 1, 2], M[:, 2, 2] - M[:, 1, 1]
+    for _ in range(20):
+        slope = p * np.cos(x) + q * np.sin(x) + r * np.cos(2 * x) + s * np.sin(2 * x)
+        bend = -p * np.sin(x) + q * np.cos(x) - 2 * r * np.sin(2 * x) + 2 * s * np.cos(2 * x)
+        # Uphill where the curve is not yet that of a maximum; never past the neighbouring samples.
+        step = np.where(bend < -1e-12 * size, -slope / np.where(bend < 0, bend, -1.0), np.sign(slope) * 0.01)
+        step = np.where(moves & (np.abs(slope) > 1e-14 * size), step, 0.0)
+        x = x + np.clip(step, -np.pi / SAMPLES, np.pi / SAMPLES)
+    turn = (np.rad2deg(x / 2) + 90.0) % 180.0
+    return np.where(turn > 180.0 - ALIKE, 0.0, turn) - 90.0
+
+
+Axis = Literal["normal"] | Sequence[float]
+
+
+def motion_candidates(
+    mesh: Mesh,
+    facets: Facets,
+    quantity: int,
+    axes: Sequence[Axis] = ("normal",),
+    *,
+    surface: str = "all",
+    include: Sequence[Zone] = (),
+    exclude: Sequence[Zone] = (),
+    on_constraints: bool = False,
+    every: float | None = None,
+    array: int = 1,
+    key: str = "motion_sensors",
+) -> Candidates:
+    """One sensor of motion at the centre of every admissible exterior facet, with a channel for each axis.
+
+    quantity ACCELERATION or DISPLACEMENT; axes: "normal", outward, or a direction (3,) of any length in global coordinates;
+    every [m]: facets nearer than this to the centre of an earlier one are passed over. Which facets are admissible, and what
+    `key` is for: see `admissible`.
+    Raises UserError for a set that is not there and an axis of no length, InfeasibleError where no facet is left.
+    """
+    keep, centre, normal = admissible(
+        mesh, facets, surface=surface, include=include, exclude=exclude, on_constraints=on_constraints, key=key
+    )
+    if every is not None:
+        keep = keep[spaced(centre[keep], every)]
+    each = np.repeat(keep, len(axes))
+    direction = np.stack([_direction(axis, normal[keep], key) for axis in axes], axis=1).reshape(-1, 3)
+    return Candidates(
+        **facets.columns(each),
+        position=centre[each],
+        normal=normal[each],
+        direction=direction,
+        angle=np.zeros(len(each)),
+        quantity=np.full(len(each), quantity),
+        gauge=np.repeat(np.arange(len(keep)), len(axes)),
+        array=np.full(len(each), array),
+    )
+
+
+def spaced(points: np.ndarray, distance: float) -> np.ndarray:
+    """Indices of points (m, 3) [m], each at least `distance` [m] from those before it that were taken, in their order."""
+    tree = cKDTree(points)
+    free = np.ones(len(points), dtype=bool)
+    taken = []
+    for i in range(len(points)):
+        if free[i]:
+            taken.append(i)
+            free[tree.query_ball_point(points[i], distance * (1 - 1e-9))] = False
+    return np.array(taken, dtype=np.int64)
+
+
+def _direction(axis: Axis, normal: np.ndarray, key: str) -> np.ndarray:
+    if isinstance(axis, str):
+        return normal
+    a = np.asarray(axis, dtype=float)
+    length = np.linalg.norm(a)
+    if a.shape != (3,) or not (np.isfinite(length) and length > 0):
+        raise UserError(
+            f"the sensor axis is {tuple(axis)}",
+            key=f"{key}.axes",
+            remedy='give three numbers, not all zero, or "normal"',
+        )
+    return np.broadcast_to(a / length, normal.shape)

@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.sparse import coo_array, csr_array
+from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from strainsight.mesh.facets import Facets
-from strainsight.sensors.surface import by_kind, facet_points, normals
+from strainsight.mesh.facets import Facets, facet_key
+from strainsight.mesh.model import Mesh
+from strainsight.sensors.surface import by_kind, facet_centres, facet_points, farthest_axis, normals
 
 SHARP = np.deg2rad(30.0)
 
@@ -85,3 +89,300 @@ def near_segments(points: np.ndarray, segments: np.ndarray, distance: float) -> 
         share = np.clip(apart @ along[i] / max(length[i] ** 2, np.finfo(float).tiny), 0, 1)
         near[hit] |= np.linalg.norm(apart - share[:, None] * along[i], axis=1) < distance
     return near
+
+
+USUAL_GRID = 0.003
+"""[m] of a gauge whose grid is not stated. This and the three below are assumptions of ours, of what is typical."""
+ENDS = 0.005
+"""[m] by which a carrier is longer than the grid: end loops, solder tabs and margin, both ends together."""
+SIDES = 0.003
+"""[m] by which a carrier is wider than the grid, both sides together."""
+SLIM = 0.5
+"""Width of a grid over its length."""
+
+
+def carrier(grid: float) -> tuple[float, float]:
+    """Length and width [m] of the foil that carries a linear gauge, of the length of its grid [m]; 0: `USUAL_GRID`.
+
+        l = L + 5 mm,     w = L/2 + 3 mm
+
+    3 mm: 8 × 4.5 mm. An assumption of ours, taken from no catalogue. A rosette, or a gauge with cables or cover, needs more.
+    """
+    own = grid if grid > 0 else USUAL_GRID
+    return own + ENDS, SLIM * own + SIDES
+
+
+def carrier_clearance(grid: float) -> float:
+    """½ √(l² + w²) [m]: from the centre, the carrier turned as it may reaches no farther. 3 mm: 4.6 mm."""
+    return half_diagonal(*carrier(grid))
+
+
+def half_diagonal(length: float, width: float) -> float:
+    """½ √(l² + w²) [m] of a carrier of this length and width [m]."""
+    return 0.5 * float(np.hypot(length, width))
+
+
+def obstacles(mesh: Mesh, facets: Facets, loaded: np.ndarray) -> dict[str, np.ndarray]:
+    """What a gauge is to stay clear of, each as segments (s, 2, 3) [m], a point as one without length:
+
+        edges      where exterior facets meet at more than 30°
+        supports   nodes of solids that are held, on springs, or tied by a rigid or averaging element or a relation, and the edges
+                   between two of them
+        loads      nodes (l,) on which a load acts, and the edges between two of them
+
+    facets: exterior ones. What touches a body without being tied to it is not in the mesh.
+    """
+    held = np.zeros(len(mesh.position), dtype=bool)
+    held[mesh.held] = True
+    ties = (*(own.nodes for own in mesh.rigid), *(own.nodes for own in mesh.averaging))
+    for tied in (*ties, *(own.node for own in mesh.relations if own.ties), *(own.node for own in mesh.springs)):
+        held[tied] = True
+    acting = np.zeros(len(mesh.position), dtype=bool)
+    acting[loaded] = True
+    return {
+        "edges": sharp_edges(mesh.position, facets),
+        "supports": _patches(mesh, facets, mesh.above(held)),
+        "loads": _patches(mesh, facets, mesh.above(acting)),
+    }
+
+
+def _patches(mesh: Mesh, facets: Facets, chosen: np.ndarray) -> np.ndarray:
+    """Chosen nodes (n,) of the surface, and edges of facets between two of them."""
+    edges = edges_of(mesh.position, facets)
+    ends = edges.ends[edges.start]
+    between = mesh.position[ends[np.all(chosen[ends], axis=1)]].reshape(-1, 2, 3)
+    on = np.unique(facets.nodes[facets.nodes >= 0])
+    single = mesh.position[on[chosen[on]]]
+    return np.concatenate([between, np.stack([single, single], axis=1)])
+
+
+def crowded(points: np.ndarray, segments: Mapping[str, np.ndarray], distance: float) -> dict[str, np.ndarray]:
+    """Which points (m, 3) [m] are nearer than the distance [m] to each of the obstacles, in a straight line: name → (m,)."""
+    return {name: near_segments(points, own, distance) for name, own in segments.items()}
+
+
+def room_for(points: np.ndarray, spacing: float, count: int) -> bool:
+    """Whether `count` of the points (m, 3) [m] can be taken one after the other, each at least the spacing [m] from those before
+    it; points in one place count once."""
+    if len(points) < count:
+        return False
+    tree, free, found = cKDTree(points), np.ones(len(points), dtype=bool), 0
+    for i in range(len(points)):
+        if found >= count:
+            break
+        if free[i]:
+            found += 1
+            free[tree.query_ball_point(points[i], spacing * (1 - 1e-9))] = False
+    return found >= count
+
+
+ALIKE = 1e-6
+"""Distances that differ by less than this share are alike."""
+ACROSS = np.cos(np.deg2rad(45.0))
+"""The second edge is turned by more than 45° against the first."""
+OFF = np.sin(np.deg2rad(30.0))
+"""The way to it leaves the tangent plane by less than 30°: else it runs through the body, round which nobody measures."""
+
+
+@dataclass(frozen=True)
+class EdgeDimensions:
+    """Of k places the nearest edge of the face, and the nearest of those that run across it; NaN where there is none.
+
+    distance (k, 2) [m] in a straight line; foot (k, 2, 3) [m] nearest point of the edge; along (k, 2, 3) unit vector of the edge,
+    laid on the surface, NaN where it is along the normal; angle (k, 2) [deg] from the edge to the measuring direction,
+    right-handed about the outward normal, in (−90, 90], NaN of a direction along the normal.
+    """
+
+    distance: np.ndarray
+    foot: np.ndarray
+    along: np.ndarray
+    angle: np.ndarray
+
+
+def edge_dimensions(
+    position: np.ndarray,
+    facets: Facets,
+    on: np.ndarray,
+    points: np.ndarray,
+    directions: np.ndarray,
+    normals: np.ndarray,
+) -> EdgeDimensions:
+    """The nearest two edges of the face on which each place lies.
+
+    A face ends at sharp edges, where facets meet at more than 30° or an edge is not of two (`edges_of`). With t the edge, n the
+    normal, d the direction:
+
+        α = atan2((t × d)·n, t·d)   in (−90°, 90°], as an edge has no sense
+
+    The second edge is one whose perpendicular through the place meets it, turned against the first by more than 45°, at most 30°
+    out of the tangent plane.
+    position (n, 3) [m] of nodes; facets: exterior ones; on (k,): key of the facet below each place, one that is not there has
+    no edges; points (k, 3) [m]; directions, normals (k, 3) unit.
+    """
+    edges = edges_of(position, facets)
+    face = _smooth_faces(len(facets.kind), edges)
+    index = {int(key): i for i, key in enumerate(facets.key)}
+    of = np.array([face[index[int(key)]] if int(key) in index else -1 for key in on], dtype=np.int64)
+    found = no_edges(len(points))
+    for own in np.unique(of[of >= 0]):
+        segments = _rim(position, edges, face == own)
+        for i in np.flatnonzero(of == own):
+            for j, (d, x, t) in enumerate(_nearest_two(segments, points[i], normals[i])):
+                found.distance[i, j], found.foot[i, j], found.along[i, j] = d, x, t
+                found.angle[i, j] = angle_from(t, directions[i], normals[i])
+    return found
+
+
+def no_edges(count: int) -> EdgeDimensions:
+    """Of places without any."""
+    nothing = (np.full((count, 2), np.nan), np.full((count, 2, 3), np.nan))
+    return EdgeDimensions(nothing[0], nothing[1], nothing[1].copy(), nothing[0].copy())
+
+
+def facet_keys(element: np.ndarray, facet: np.ndarray) -> np.ndarray:
+    """Keys (k,) of facets by element ids and local numbers (k,), −1 of what lies on none (facet 0)."""
+    return np.where(np.asarray(facet) > 0, facet_key(np.asarray(element), np.asarray(facet)), -1)
+
+
+def angle_from(t: np.ndarray, d: np.ndarray, n: np.ndarray) -> float:
+    """From the line t to the line d [deg], right-handed about n: in (−90, 90]; NaN where t is, and of a d along n or of no
+    length, which has no angle on the surface."""
+    if np.linalg.norm(np.cross(d, n)) <= ALIKE:
+        return float("nan")
+    angle = float(np.rad2deg(np.arctan2(np.cross(t, d) @ n, t @ d)))
+    rounded = round(angle, 9)
+    return angle + 180.0 * (rounded <= -90.0) - 180.0 * (rounded > 90.0)
+
+
+def _smooth_faces(count: int, edges: Edges) -> np.ndarray:
+    """Number of the face of every facet (count,)."""
+    first = edges.start[~edges.sharp]
+    left, right = edges.facet[first], edges.facet[first + 1]
+    pairs = coo_array((np.ones(len(left)), (left, right)), shape=(count, count))
+    return np.asarray(connected_components(pairs, directed=False)[1])
+
+
+def _rim(position: np.ndarray, edges: Edges, chosen: np.ndarray) -> np.ndarray:
+    """Sharp edges of the chosen facets, through their middle: segments (s, 2, 3) [m]."""
+    sharp = np.repeat(edges.sharp, edges.count) & chosen[edges.facet]
+    a, b = position[edges.ends[sharp, 0]], position[edges.ends[sharp, 1]]
+    m = edges.middle[sharp]
+    return np.concatenate([np.stack([a, m], axis=1), np.stack([m, b], axis=1)])
+
+
+def _nearest_two(
+    segments: np.ndarray, point: np.ndarray, normal: np.ndarray
+) -> list[tuple[float, np.ndarray, np.ndarray]]:
+    """(distance, foot, unit vector along the edge on the surface) of the nearest edge and of the nearest across it."""
+    if not len(segments):
+        return []
+    a, along = segments[:, 0], segments[:, 1] - segments[:, 0]
+    length = np.linalg.norm(along, axis=1)
+    share = np.sum((point - a) * along, axis=1) / np.maximum(length**2, np.finfo(float).tiny)
+    foot = a + np.clip(share, 0, 1)[:, None] * along
+    distance = np.linalg.norm(foot - point, axis=1)
+    flat = along - np.outer(along @ normal, normal)
+    size = np.linalg.norm(flat, axis=1)
+    # Where a corner is nearest, of the edges that meet there the one that lies most on the surface.
+    lying = size / np.maximum(length, np.finfo(float).tiny)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        t = np.where(lying[:, None] > ALIKE, flat / size[:, None], np.nan)
+
+    def best(allowed: np.ndarray) -> int:
+        near = allowed & (distance <= distance[allowed].min() * (1 + ALIKE))
+        return int(np.flatnonzero(near & (lying >= lying[near].max() - ALIKE))[0])
+
+    first = best(np.ones(len(segments), dtype=bool))
+    found = [first]
+    with np.errstate(invalid="ignore"):
+        turned = np.abs(t @ t[first]) < ACROSS
+    lies = np.abs((foot - point) @ normal) <= OFF * distance
+    across = turned & lies & (share >= -ALIKE) & (share <= 1 + ALIKE)
+    if across.any():
+        found.append(best(across))
+    return [(float(distance[i]), foot[i], t[i]) for i in found]
+
+
+def bend_radius(position: np.ndarray, facets: Facets) -> np.ndarray:
+    """The least radius of curvature (f,) [m] of every facet, inf where it is flat:
+
+        dn = S dx,     R = 1 / max |eig S|
+
+    S (2, 2), symmetric, from the normals at the corners of the facet by least squares, each the mean of those of all facets that
+    meet at the corner and whose own normal there is within 30° of the facet's: what is sharper is an edge, and no bend
+    (Rusinkiewicz, Estimating curvatures and their derivatives on triangle meshes, 3DPVT 2004). A flat facet beside a bend takes
+    part of it: the bend is spread over a facet on either side. position (n, 3) [m].
+    """
+    corners = _corners(position, facets)
+    mean = _smooth(corners.node, corners.normal)
+    radius = np.full(len(facets.kind), np.inf)
+    _, normal = facet_centres(position, facets.kind, facets.nodes)
+    e1 = np.cross(normal, farthest_axis(normal))
+    length = np.linalg.norm(e1, axis=1, keepdims=True)
+    e1 = e1 / np.where(length > 0, length, 1.0)
+    plane = np.stack([e1, np.cross(normal, e1)], axis=2)
+    for which, rows in corners.of_facets:
+        u, v = (_about_the_mean(values[rows]) @ plane[which] for values in (corners.position, mean))
+        S = np.linalg.pinv(u) @ v
+        bend = np.abs(np.linalg.eigvalsh(0.5 * (S + S.transpose(0, 2, 1)))).max(axis=1)
+        size = np.linalg.norm(u, axis=(1, 2))
+        bent = bend * size > 1e-6  # below that it is rounding of the nodes
+        radius[which[bent]] = 1 / bend[bent]
+    return radius
+
+
+@dataclass(frozen=True)
+class _Corners:
+    """The corners of all facets, h of them: node (h,), position (h, 3) [m], normal (h, 3) of the facet there; of_facets: of every
+    kind of facet the facets (m,) and their corners (m, c)."""
+
+    node: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    of_facets: tuple[tuple[np.ndarray, np.ndarray], ...]
+
+
+def _corners(position: np.ndarray, facets: Facets) -> _Corners:
+    node, normal, of_facets, start = [np.zeros(0, dtype=np.int64)], [np.zeros((0, 3))], [], 0
+    for kind, which, nodes in by_kind(facets.kind, facets.nodes):
+        of_facets.append((which, start + np.arange(len(which) * kind.corners).reshape(kind.corners, -1).T))
+        for a in range(kind.corners):
+            _, J = facet_points(kind, position[nodes], np.tile(kind.nodes[a], (len(nodes), 1)))
+            node.append(nodes[:, a])
+            normal.append(normals(J))
+        start += len(which) * kind.corners
+    every = np.concatenate(node)
+    return _Corners(every, position[every], np.concatenate(normal), tuple(of_facets))
+
+
+def _smooth(node: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """The mean normal (h, 3) at every corner, over the corners at the same node that face within 30° of it."""
+    h = len(node)
+    at = csr_array((np.ones(h), (np.arange(h), node)), shape=(h, int(node.max(initial=-1)) + 1))
+    pair = (at @ at.T).tocoo()
+    one, other = pair.row, pair.col
+    alike = np.sum(normal[one] * normal[other], axis=1) > np.cos(SHARP)
+    total = np.zeros((h, 3))
+    np.add.at(total, one[alike], normal[other[alike]])
+    length = np.linalg.norm(total, axis=1, keepdims=True)
+    return np.asarray(total / np.where(length > 0, length, 1.0))
+
+
+def _about_the_mean(values: np.ndarray) -> np.ndarray:
+    return np.asarray(values - values.mean(axis=1, keepdims=True))
+
+
+def tight(position: np.ndarray, facets: Facets, radius: float) -> np.ndarray:
+    """Which facets (f,) bend tighter than a radius [m]."""
+    return np.asarray(bend_radius(position, facets) < radius * (1 - 1e-6))
+
+
+def sides(position: np.ndarray, facets: Facets, chosen: np.ndarray) -> np.ndarray:
+    """The straight sides and diagonals of the chosen facets (f,): segments (s, 2, 3) [m]. No point of a facet is farther from
+    them than a quarter of its size or so."""
+    found = [np.zeros((0, 2, 3))]
+    for kind, which, nodes in by_kind(facets.kind, facets.nodes):
+        x = position[nodes[chosen[which], : kind.corners]]
+        pairs = [(a, b) for a in range(kind.corners) for b in range(a)]
+        found += [np.stack([x[:, a], x[:, b]], axis=1) for a, b in pairs]
+    return np.concatenate(found)

@@ -16,9 +16,8 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.ordering import first_of_largest, tied_order
 from strainsight.sensors.edges import edges_of
-from strainsight.sensors.locate import locate
 from strainsight.sensors.surface import by_kind, facet_centres
-from strainsight.sensors.walk import Skin, skin_of
+from strainsight.sensors.walk import Skin, locate, skin_of
 
 LEVEL = np.deg2rad(1.0)
 """Neighbours whose normals part by less lie in one plane."""

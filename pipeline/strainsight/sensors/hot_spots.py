@@ -7,8 +7,8 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from strainsight.errors import DeckError, NumericalError
+from strainsight.fem.nodal_forces import tractions
 from strainsight.fem.patch import Incidence, Patch, forced_nodes, held_components, patch_around
-from strainsight.fem.patch_forces import tractions
 from strainsight.fem.submodel import refined_submodel, submodel, with_spread_forces
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.kinds import FACETS

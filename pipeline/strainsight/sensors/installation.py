@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.mesh.facets import Facets
-from strainsight.mesh.thickness import Thickness
+from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
 from strainsight.sensors.misplaced import installation_axes, misplaced
 from strainsight.sensors.points import surface_of

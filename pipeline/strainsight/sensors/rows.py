@@ -10,7 +10,7 @@ from scipy import sparse
 from strainsight.errors import InfeasibleError
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds.kind import Kind
-from strainsight.mesh.thickness import Thickness
+from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.misplaced import misplaced
 from strainsight.sensors.points import Points, points_of, stays, surface_of

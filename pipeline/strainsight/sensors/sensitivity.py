@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.thickness import Thickness
+from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.misplaced import installation_axes, misplaced
 from strainsight.sensors.points import Points, surface_of

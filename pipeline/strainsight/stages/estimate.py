@@ -13,7 +13,7 @@ from strainsight.experiment.structure.campaign_text import (
 )
 from strainsight.experiment.structure.full_model import FILES, READS
 from strainsight.records.estimated import record_group
-from strainsight.records.grids import vtkhdf_datasets
+from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import below, written
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage

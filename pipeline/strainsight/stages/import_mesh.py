@@ -10,19 +10,16 @@ import numpy as np
 from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig
 from strainsight.decks.reader import format_of
-from strainsight.experiment.structure.contact import contact_warnings
 from strainsight.experiment.structure.early import check_files
-from strainsight.experiment.structure.mesh import checked, mesh_of, model_warnings
+from strainsight.experiment.structure.mesh import checked, contact_warnings, mesh_of, model_warnings
 from strainsight.experiment.structure.mesh_tables import assumed_table, faces_table, found_tables
 from strainsight.experiment.structure.references import READS, beyond_range, check_references, on_one_node
-from strainsight.fem.quality import Quality
+from strainsight.fem.checks import Quality
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import ignored_structure, size_of
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
-from strainsight.records.grids import vtkhdf_datasets
-from strainsight.records.imported import Imported
-from strainsight.records.mesh import MeshColumns
+from strainsight.records.mesh import Imported, MeshColumns, vtkhdf_datasets
 from strainsight.records.record import written
 from strainsight.runner.output import Output, warnings_in
 from strainsight.runner.stage import Context, Stage

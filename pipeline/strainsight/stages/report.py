@@ -12,8 +12,8 @@ from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
 from strainsight.stages.pages.page import placement_report
 from strainsight.stages.pages.workshop import exported, sheet_files, sheets_of, workshop_files, workshop_of_run
-from strainsight.stages.view.placement import placement_view
-from strainsight.stages.view.strain import strain_shapes, strains_of
+from strainsight.stages.view.surface import strain_shapes, strains_of
+from strainsight.stages.view.views import placement_view
 
 
 def run(context: Context[PlacementConfig]) -> Output:

@@ -10,7 +10,7 @@ from strainsight.experiment.structure.reduction import reduced_of
 from strainsight.experiment.structure.settings import WHAT_IS_FREE, WHERE_LOADS_ACT
 from strainsight.experiment.structure.training import hertz
 from strainsight.mesh.vtkhdf import unstructured_grid
-from strainsight.records.grids import vtkhdf_datasets
+from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import read, written
 from strainsight.records.reduced import Modes
 from strainsight.runner.output import Output, warnings_table

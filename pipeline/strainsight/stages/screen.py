@@ -9,10 +9,16 @@ from collections.abc import Iterator
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig, Screen
-from strainsight.experiment.structure.channels import training_units
-from strainsight.experiment.structure.clearance import bent_gauges, bent_warning, clearance_in_words, clearance_warning
-from strainsight.experiment.structure.gauge_practice import type_in_words, type_table
-from strainsight.experiment.structure.resolution import loud_noise, quiet_noise
+from strainsight.experiment.structure.candidates import training_units
+from strainsight.experiment.structure.clearance import (
+    bent_gauges,
+    bent_warning,
+    clearance_in_words,
+    clearance_warning,
+    type_in_words,
+    type_table,
+)
+from strainsight.experiment.structure.expectation import loud_noise, quiet_noise
 from strainsight.experiment.structure.screening import screened_of
 from strainsight.records.record import written
 from strainsight.records.training import Screened

@@ -10,25 +10,22 @@ from typing import Literal
 import numpy as np
 
 from strainsight.config.answers import Lacking, Place, Suggestion
-from strainsight.config.gauge_types import fitting_type
-from strainsight.decks.effects import MISSING_END, short
+from strainsight.config.gauges import fitting_type
+from strainsight.decks.faults import MISSING_END, short
 from strainsight.decks.reader import format_of, read_mesh
 from strainsight.errors import ChoiceError, ContactError, StrainsightError, UserError
-from strainsight.experiment.structure.grounds import free_motions
+from strainsight.experiment.structure.mesh import free_motions
 from strainsight.mesh.anisotropic import Anisotropic
-from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import Facets, exterior_facets
-from strainsight.mesh.forces import BodyForce
 from strainsight.mesh.given_sections import GivenSection
-from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.joins import AveragingElement, BodyForce, RigidElement
 from strainsight.mesh.laminates import Lamina
-from strainsight.mesh.mixed_units import usual_units
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import without_modulus
-from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.thin import GeneralShell, ShellSection
-from strainsight.mesh.units import to_si
-from strainsight.sensors.contact import contact_faces
+from strainsight.mesh.thin_faces import with_faces, with_sides
+from strainsight.mesh.units import to_si, usual_units
+from strainsight.sensors.access import contact_faces
 from strainsight.sensors.faces import Faces, Pick, faces_of, picked, pointed_at
 
 CHOICES: tuple[Literal["bonded", "open"], ...] = ("bonded", "open")

@@ -8,10 +8,9 @@ from collections.abc import Iterable, Sequence
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.candidates import OnSurface
-from strainsight.experiment.structure.channels import training_units
+from strainsight.experiment.structure.candidates import OnSurface, training_units
+from strainsight.experiment.structure.expectation import unresolved_candidates
 from strainsight.experiment.structure.inertia import inertia_problems
-from strainsight.experiment.structure.resolution import unresolved_candidates
 from strainsight.experiment.structure.settings import KINDS_OF_LOAD, load_units
 from strainsight.experiment.structure.training import trained
 from strainsight.measurements.calibration import LARGE_STRAIN

@@ -7,10 +7,10 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.decision import WITHHELD, claims_of
 from strainsight.experiment.filters_compared import comparison_table
-from strainsight.experiment.layout.budget import budget_tables
-from strainsight.experiment.layout.names import layout_labels
+from strainsight.experiment.layout.advice import budget_tables
+from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.experiment.structure.full_model import FILES, READS
-from strainsight.experiment.structure.sweeps import sweep_table
+from strainsight.experiment.structure.studies import sweep_table
 from strainsight.experiment.structure.validation import (
     measured_csv,
     validated_without_sigma,
@@ -20,8 +20,8 @@ from strainsight.experiment.structure.validation import (
     validation_of,
     validation_table,
 )
-from strainsight.records.grids import STRAIN as STRAIN_UNIT
-from strainsight.records.grids import gauge_grid
+from strainsight.records.mesh import STRAIN as STRAIN_UNIT
+from strainsight.records.mesh import gauge_grid
 from strainsight.records.record import written
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage

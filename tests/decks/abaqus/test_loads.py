@@ -7,7 +7,7 @@ import pytest
 
 from strainsight.decks.abaqus.deck import read_abaqus
 from strainsight.errors import ChoiceError, DeckError
-from strainsight.fem.body_forces import with_body_forces
+from strainsight.fem.nodal_forces import with_body_forces
 from strainsight.mesh.kinds import kind_of
 
 from ...bodies import body

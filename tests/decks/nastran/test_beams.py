@@ -8,7 +8,7 @@ import pytest
 from strainsight.errors import DeckError
 from strainsight.fem.model import build_model
 from strainsight.fem.thin import thin_operators
-from strainsight.mesh.resized import resized
+from strainsight.mesh.scaling import resized
 from strainsight.records.mesh import MeshColumns
 
 from ...refusals import refusal_table

@@ -10,8 +10,7 @@ from pyyeti import nastran
 
 from strainsight.decks.nastran.cards import read_deck
 from strainsight.decks.nastran.deck import read_nastran
-from strainsight.decks.numbers import parse_integer, parse_real
-from strainsight.decks.text import read_bytes
+from strainsight.decks.text import parse_integer, parse_real, read_bytes
 from strainsight.errors import DeckError
 
 from ...refusals import expect_refusal, refusal_table

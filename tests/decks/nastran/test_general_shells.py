@@ -16,7 +16,7 @@ from strainsight.fem.thin import thin_operators
 from strainsight.mesh.additions import with_material, with_properties
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.scaling import scaled
-from strainsight.mesh.shell_faces import with_faces
+from strainsight.mesh.thin_faces import with_faces
 from strainsight.mesh.units import to_si
 from strainsight.records.mesh import MeshColumns
 

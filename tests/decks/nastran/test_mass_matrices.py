@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from strainsight.errors import DeckError
-from strainsight.fem.body_forces import body_forces
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
-from strainsight.mesh.forces import BodyForce
+from strainsight.fem.nodal_forces import body_forces
+from strainsight.mesh.joins import BodyForce
 from strainsight.mesh.scaling import scaled
 from strainsight.mesh.units import to_si
 from strainsight.rom.inertia import inertia_invariants

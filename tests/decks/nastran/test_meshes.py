@@ -15,9 +15,8 @@ from strainsight.fem.factorisation import factorise
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
-from strainsight.mesh.shell_faces import with_faces
+from strainsight.mesh.thin_faces import with_faces, with_sides
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.zones import NormalCone

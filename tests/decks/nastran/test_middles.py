@@ -11,7 +11,7 @@ from scipy.linalg import eigh
 from strainsight.errors import DeckError
 from strainsight.fem.model import build_model
 from strainsight.mesh.facets import exterior_facets
-from strainsight.sensors.admissible import admissible
+from strainsight.sensors.zones import admissible
 
 from ... import solids
 from ..programs import frequencies

@@ -8,9 +8,9 @@ from scipy.linalg import eigh
 
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.constraints import constraint_transform
+from strainsight.fem.equations import rotation_rows
 from strainsight.fem.model import build_model
 from strainsight.fem.springs import spring_operator
-from strainsight.fem.ties import rotation_rows
 from strainsight.mesh.sanity import sanity_warnings
 
 from ...refusals import refusal_table

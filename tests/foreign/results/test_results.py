@@ -16,7 +16,7 @@ from strainsight.decks.other.load import load
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.fem.checks import check_geometry
-from strainsight.foreign.results import ansys, vtu
+from strainsight.foreign.results import ansys, reader
 from strainsight.foreign.results.reader import read_responses
 
 from ...bodies import body
@@ -232,7 +232,7 @@ SHAPE = np.arange(12, dtype=float).reshape(4, 3) / 7 - 1
 @pytest.fixture
 def here(monkeypatch):
     """Read in this process: a child process takes a second to start."""
-    monkeypatch.setattr(vtu, "load_sandboxed", load)
+    monkeypatch.setattr(reader, "load_sandboxed", load)
 
 
 def written(tmp_path, point_data, field_data=None, name="run.vtu", **options):

@@ -9,20 +9,17 @@ import numpy as np
 from strainsight.fem.affine import AffineOperator
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
 from strainsight.multibody.bearing.law import BearingLaw
-from strainsight.multibody.bodies import FlexibleBody, RigidBody
+from strainsight.multibody.bodies import FlexibleBody, Frame, RigidBody
 from strainsight.multibody.forces import Gravity, PointForce, RelativeElement
-from strainsight.multibody.frames import Frame
-from strainsight.multibody.initial import Pose, project_position, state
+from strainsight.multibody.initial import Pose, project_position, state, static_equilibrium
 from strainsight.multibody.inverse.loads import walks
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.inverse.parameters import parameter_coordinates
-from strainsight.multibody.inverse.start import start_covariance, white_force
+from strainsight.multibody.inverse.parameters import parameter_coordinates, start_covariance, white_force
 from strainsight.multibody.joints import Joint
-from strainsight.multibody.laws.linear import bushing
+from strainsight.multibody.laws.springs import bushing
 from strainsight.multibody.relations import bearing_displacements, dot
 from strainsight.multibody.sensors import Readings, RelationSensor, StrainSensor, readings
 from strainsight.multibody.simulate import simulate
-from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.system import System, assemble
 from strainsight.rom.inertia import InertiaInvariants
 

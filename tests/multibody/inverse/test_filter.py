@@ -6,8 +6,8 @@ import pytest
 from strainsight.errors import NumericalError
 from strainsight.estimation.decision import chi_square_band
 from strainsight.estimation.filter import filter_runs
-from strainsight.multibody.advance import advance
 from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.step import advance
 
 from .benches import bench, loads
 

@@ -8,16 +8,14 @@ import pytest
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
 from strainsight.multibody.bearing.geometry import PARAMETERS
-from strainsight.multibody.bodies import FlexibleBody
+from strainsight.multibody.bodies import FlexibleBody, Frame
 from strainsight.multibody.forces import PointForce
-from strainsight.multibody.frames import Frame
-from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.initial import constraints_at, static_equilibrium
+from strainsight.multibody.inverse.linear import indistinct
 from strainsight.multibody.inverse.loads import walks
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.inverse.observed import indistinct
 from strainsight.multibody.inverse.parameters import parameter_coordinates
 from strainsight.multibody.sensors import Accelerometer, StrainSensor, readings
-from strainsight.multibody.static import static_equilibrium
 from strainsight.multibody.system import assemble
 
 from .benches import bench, inertia_of, springs

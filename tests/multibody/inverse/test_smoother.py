@@ -10,7 +10,7 @@ from scipy.integrate import solve_ivp
 from scipy.integrate._ivp.rk import DOP853, rk_step
 
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.orthogonal_smoother import smooth_first
+from strainsight.estimation.smoother import smooth_first
 from strainsight.experiment.bench.inverse.smoothing import keep_for, smoothed_loads
 from strainsight.experiment.bench.inverse.truth import drawn
 from strainsight.loads.input_models import Matern, RandomWalk

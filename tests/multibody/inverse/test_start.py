@@ -9,19 +9,22 @@ import pytest
 
 from strainsight.errors import InfeasibleError
 from strainsight.estimation.filter import filter_runs
-from strainsight.multibody.advance import advance
-from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.forces import Load, RelativeElement
-from strainsight.multibody.frames import Frame
-from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.initial import constraints_at, static_equilibrium
 from strainsight.multibody.inverse.linear import linearised
-from strainsight.multibody.inverse.parameters import parameter_coordinates
-from strainsight.multibody.inverse.start import start_covariance, white_force
-from strainsight.multibody.inverse.zeroed import followed, rest_at, zero_at_rest
+from strainsight.multibody.inverse.parameters import (
+    followed,
+    parameter_coordinates,
+    rest_at,
+    start_covariance,
+    white_force,
+    zero_at_rest,
+)
 from strainsight.multibody.joints import prismatic
-from strainsight.multibody.laws.linear import bushing
+from strainsight.multibody.laws.springs import bushing
 from strainsight.multibody.relations import offset
-from strainsight.multibody.static import static_equilibrium
+from strainsight.multibody.step import advance
 from strainsight.multibody.system import assemble
 
 from .benches import bench, loads
@@ -144,7 +147,7 @@ def test_one_that_cannot_be_followed_is_sought(loaded, monkeypatch):
     xi = coordinates.xi(b.theta)
     zero(xi)
     far = xi + np.array([np.log(50.0), 0.0])
-    monkeypatch.setattr("strainsight.multibody.inverse.zeroed.STEPS", 1)
+    monkeypatch.setattr("strainsight.multibody.inverse.parameters.STEPS", 1)
     expected = sought(loaded, far)
     np.testing.assert_allclose(zero(far)[0], expected, rtol=0, atol=1e-9 * np.abs(expected).max())
 

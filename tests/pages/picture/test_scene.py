@@ -11,9 +11,8 @@ from PIL import Image
 
 from strainsight.pages.chart.drawing import gauge_colour
 from strainsight.pages.picture import scene
-from strainsight.pages.picture.geometry import seen_from, triangles, views
+from strainsight.pages.picture.geometry import arrow, free_end, seen_from, triangles, views
 from strainsight.pages.picture.layout import Layout, Load
-from strainsight.pages.picture.markers import arrow, free_end
 from strainsight.pages.picture.picture import LINES, spread_labels
 
 from ..conftest import layout, mixed_layout

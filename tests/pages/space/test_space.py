@@ -12,8 +12,8 @@ import pyvista as pv
 from strainsight.pages.picture.layout import Gauge, Layout, Load
 from strainsight.pages.space.model import Shape, contour_of, space, surface, vertex_shift
 from strainsight.pages.space.section import space_section
-from strainsight.pages.view.viewed import FACETS, Panel, View
 from strainsight.pages.view.viewer import _colours
+from strainsight.pages.view.viewing import FACETS, Panel, View
 
 from ...shared import slowly
 

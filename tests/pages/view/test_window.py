@@ -13,7 +13,7 @@ import time
 import pytest
 
 from strainsight.pages.picture.scene import inherited
-from strainsight.pages.view.viewed import View
+from strainsight.pages.view.viewing import View
 
 pytestmark = [
     pytest.mark.slow,

@@ -10,10 +10,7 @@ import pytest
 
 from strainsight.config.placement import Place
 from strainsight.errors import NumericalError
-from strainsight.placement.criteria.choices import CRITERIA, criterion_of
-from strainsight.placement.criteria.criterion import Criterion
-from strainsight.placement.criteria.determinant import LogDeterminant
-from strainsight.placement.criteria.worst_eigenvalue import WorstEigenvalue
+from strainsight.placement.criteria import CRITERIA, Criterion, LogDeterminant, WorstEigenvalue, criterion_of
 
 from ..variances import VARIANCE, variance
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from strainsight.config.bench.bearing import RADII
+from strainsight.config.base import Problem, known, undivided
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor
+from strainsight.config.bench.bodies import RADII
 from strainsight.config.bench.checks_truth import truth_problems
 from strainsight.config.bench.connections import Driven, Load
 from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
-from strainsight.config.problem import Problem, known, undivided
 
 FEW = 3
 """Parameters of a bank."""

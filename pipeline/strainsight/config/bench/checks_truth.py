@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
+from strainsight.config.base import Problem
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.connections import Driven
 from strainsight.config.bench.estimate import Estimate
-from strainsight.config.problem import Problem
 
 OWN = ("step", "duration", "histories", "within")
 """Keys that no other truth has."""

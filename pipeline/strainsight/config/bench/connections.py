@@ -6,10 +6,25 @@ from typing import Annotated, Literal
 
 from pydantic import Field
 
-from strainsight.config.base import DirectionVector, Duration, NotNegative, Positive, Section, Vector, with_defaults
+from strainsight.config.base import (
+    DRIVEN,
+    DURATION,
+    MOMENT,
+    STIFFNESS,
+    TURN,
+    VISCOUS,
+    BearingName,
+    DirectionVector,
+    Duration,
+    FrameName,
+    NotNegative,
+    Plausible,
+    Positive,
+    Section,
+    Vector,
+    with_defaults,
+)
 from strainsight.config.loads import MultiSine, Recorded, Sine, Sweep
-from strainsight.config.names import BearingName, FrameName
-from strainsight.config.plausible import DRIVEN, DURATION, MOMENT, STIFFNESS, TURN, VISCOUS, Plausible
 
 Frames = tuple[FrameName, FrameName]
 Axis = Literal["x", "y", "z"]

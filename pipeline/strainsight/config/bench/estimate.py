@@ -7,11 +7,20 @@ from typing import Annotated, Literal
 from pydantic import Field, Tag
 
 from strainsight.config.base import (
+    DRIVEN,
+    GAIN,
+    INSTANT,
+    MISALIGNED,
+    MISPLACED,
+    NOISE,
+    PARAMETER,
+    BearingName,
     Duration,
     Frequency,
     Name,
     NotNegative,
     ParameterValue,
+    Plausible,
     Positive,
     Section,
     Text,
@@ -19,10 +28,8 @@ from strainsight.config.base import (
     with_defaults,
 )
 from strainsight.config.estimate import Channel, RecordedFile
+from strainsight.config.layout import key_of
 from strainsight.config.loads import InputNoise
-from strainsight.config.names import BearingName
-from strainsight.config.plausible import DRIVEN, GAIN, INSTANT, MISALIGNED, MISPLACED, NOISE, PARAMETER, Plausible
-from strainsight.config.zones import key_of
 
 BearingParameter = Literal[
     "ball_diameter", "radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right", "preload"

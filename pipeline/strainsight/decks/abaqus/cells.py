@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.decks.abaqus.text import Keyword, integers, split
 from strainsight.decks.faults import IdTable
-from strainsight.decks.numbers import no_integer, parse_integer
+from strainsight.decks.text import no_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind

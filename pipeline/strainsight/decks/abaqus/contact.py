@@ -11,8 +11,8 @@ import numpy as np
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.surfaces import Surface
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.abaqus.tied_surfaces import TOLERANCE, facet_size, following, surface_of
-from strainsight.decks.numbers import parse_real
+from strainsight.decks.abaqus.ties import TOLERANCE, facet_size, following, surface_of
+from strainsight.decks.text import parse_real
 from strainsight.errors import ContactError, UserError
 from strainsight.mesh.model import IntArray, Mesh
 

@@ -11,9 +11,9 @@ from scipy.spatial import cKDTree
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.surfaces import Surface
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.abaqus.tied_surfaces import SECTOR, TOLERANCE, cyclic_ties, following, surface_of
+from strainsight.decks.abaqus.ties import SECTOR, TOLERANCE, cyclic_ties, following, surface_of
 from strainsight.decks.faults import Doubt
-from strainsight.decks.numbers import parse_integer, parse_real
+from strainsight.decks.text import parse_integer, parse_real
 from strainsight.errors import UserError
 from strainsight.mesh.cyclic import Ring, whole_ring
 from strainsight.mesh.model import IntArray, Mesh

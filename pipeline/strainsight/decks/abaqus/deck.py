@@ -14,24 +14,18 @@ from strainsight.decks.abaqus.assembly import assemble
 from strainsight.decks.abaqus.cells import SOLIDS, THIN, USUAL
 from strainsight.decks.abaqus.contact import Contact, with_contact
 from strainsight.decks.abaqus.cyclic import with_whole_ring
-from strainsight.decks.abaqus.equations import equations
 from strainsight.decks.abaqus.history import state_of
 from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import by_temperature
 from strainsight.decks.abaqus.preload import LARGE, STRESSED, preloads, stressed
 from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.sections import read_sections
-from strainsight.decks.abaqus.springs import NODES as SPRINGS
-from strainsight.decks.abaqus.springs import springs
-from strainsight.decks.abaqus.supports import nodal_axes, point_masses
+from strainsight.decks.abaqus.sections import beam_blocks, read_sections, shell_blocks
+from strainsight.decks.abaqus.supports import NODES as SPRINGS
+from strainsight.decks.abaqus.supports import equations, nodal_axes, point_masses, springs
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords, split
-from strainsight.decks.abaqus.thin import beam_blocks, shell_blocks
-from strainsight.decks.abaqus.tied_surfaces import with_tied_surfaces
-from strainsight.decks.abaqus.ties import Ties, ties
-from strainsight.decks.effects import ENFORCED, HELD, effects, spelt
-from strainsight.decks.faults import check_elements, notes_and_doubts
-from strainsight.decks.moments import turning_nodes
+from strainsight.decks.abaqus.ties import Ties, ties, with_tied_surfaces
+from strainsight.decks.faults import ENFORCED, HELD, check_elements, effects, notes_and_doubts, spelt, turning_nodes
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin

@@ -13,8 +13,7 @@ from strainsight.decks.abaqus.preload import MODAL
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.structure import Step
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.effects import ENFORCED, HELD
-from strainsight.decks.faults import plural
+from strainsight.decks.faults import ENFORCED, HELD, plural
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.model import IntArray
 

@@ -11,14 +11,14 @@ from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.sections import Sections
 from strainsight.decks.abaqus.surfaces import Surface, facets_of, shell_facets
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.moments import moment_note
-from strainsight.decks.numbers import parse_integer
-from strainsight.mesh.forces import BodyForce, NodalForces
+from strainsight.decks.faults import moment_note
+from strainsight.decks.text import parse_integer
+from strainsight.mesh.facets import Traction, consistent_forces
+from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.thin import ShellSection
-from strainsight.mesh.tractions import Traction, consistent_forces
 
 AXES = {"BX": 0, "BY": 1, "BZ": 2}
 """Label of a force per volume → its direction."""

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from strainsight.decks.abaqus.text import Keyword
-from strainsight.decks.effects import PRELOAD
+from strainsight.decks.faults import PRELOAD
 
 LARGE = "*STEP, NLGEOM"
 """Large displacements, where no modes follow."""

@@ -13,7 +13,7 @@ from strainsight.decks.abaqus.cells import BEAMS, SHELLS, THIN
 from strainsight.decks.abaqus.parts import Part
 from strainsight.decks.abaqus.structure import Step
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.numbers import is_whole, no_integer, parse_integer
+from strainsight.decks.text import is_whole, no_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 

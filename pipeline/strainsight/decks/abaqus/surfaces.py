@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Row
-from strainsight.decks.numbers import parse_integer
+from strainsight.decks.text import parse_integer
 from strainsight.mesh.facets import OUTWARD, Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.kind import Kind

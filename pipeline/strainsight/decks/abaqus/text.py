@@ -13,8 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.numbers import LARGEST_ID, entry, integer_entry, real_entry
-from strainsight.decks.text import Includes, Line, text_lines
+from strainsight.decks.text import LARGEST_ID, Includes, Line, entry, integer_entry, real_entry, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 

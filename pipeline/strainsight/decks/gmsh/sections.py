@@ -18,8 +18,7 @@ from strainsight.decks.gmsh.records import (
     nodes_2,
     nodes_4,
 )
-from strainsight.decks.numbers import parse_integer
-from strainsight.decks.text import UNPACKING, opened, read_bytes
+from strainsight.decks.text import UNPACKING, opened, parse_integer, read_bytes
 from strainsight.errors import DeckError
 
 _HEADER = re.compile(rb"\$(\w+)[ \t]*\r?\n")

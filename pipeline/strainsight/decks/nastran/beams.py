@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -10,10 +11,12 @@ from strainsight.decks.faults import folded
 from strainsight.decks.nastran.cards import Card
 from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.supports import components
-from strainsight.decks.numbers import parse_integer, parse_real
+from strainsight.decks.text import parse_integer, parse_real
+from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import beam_axes
 from strainsight.mesh.model import FloatArray, IntArray
-from strainsight.mesh.thin import BeamBlock
+from strainsight.mesh.section_shapes import SHAPES, section_of_shape
+from strainsight.mesh.thin import BeamBlock, BeamSection
 
 BEAMS, RODS = ("CBAR", "CBEAM"), ("CROD", "CTUBE", "CONROD")
 DEFAULTS = {"CBAR": "BAROR", "CBEAM": "BEAMOR"}
@@ -128,3 +131,252 @@ def _orientation(card: Card, A: int, grids: Grids) -> FloatArray:
     v = np.array([card.real(i, "a component of X", 0.0) for i in (4, 5, 6)])
     axes = np.eye(3) if card.text(7).upper().startswith("B") else grids.axes.get(A, np.eye(3))
     return np.asarray(axes @ v)
+
+
+LINEAR = 1e-3
+"""Deviation of a station of a PBEAM from the line between its ends, over the larger end, that the digits of a card explain."""
+STATIONS = ("YES", "YESA", "NO")
+
+
+def bar_section(card: Card) -> tuple[int, BeamSection]:
+    """MID and section of a PBAR; blank K1 and K2: it does not shear. Raises DeckError for sections that cannot be."""
+    A, I1, I2, J, nonstructural = (card.real(i, what, 0.0) for i, what in _WORDS)
+    I12 = card.real(18, "I12", 0.0)
+    shear = (card.real(16, "K1", 0.0), card.real(17, "K2", 0.0))
+    own = BeamSection(A, _second(I1, I2, I12), J, shear, _points(card, 8), nonstructural)
+    return card.integer(1, "the material id"), _checked(card, own)
+
+
+_WORDS = ((2, "the area A"), (3, "I1"), (4, "I2"), (5, "J"), (6, "the mass NSM"))
+
+
+def rod_section(card: Card) -> tuple[int, BeamSection]:
+    """MID and section of a PROD."""
+    A, J, nonstructural = card.real(2, "the area A"), card.real(3, "J", 0.0), card.real(5, "the mass NSM", 0.0)
+    own = BeamSection(A, torsion=J, nonstructural=nonstructural)
+    return card.integer(1, "the material id"), _checked(card, own)
+
+
+def own_section(card: Card) -> tuple[int, BeamSection]:
+    """MID and section of a CONROD."""
+    A, J, nonstructural = card.real(4, "the area A"), card.real(5, "J", 0.0), card.real(7, "the mass NSM", 0.0)
+    own = BeamSection(A, torsion=J, nonstructural=nonstructural)
+    return card.integer(3, "the material id"), _checked(card, own)
+
+
+def tube_section(card: Card) -> tuple[int, BeamSection]:
+    """MID and section of a PTUBE of outer diameter d and wall t, a full circle without t:
+
+    A = π (d² − (d − 2t)²)/4,     J = π (d⁴ − (d − 2t)⁴)/32
+    """
+    d, t = card.real(2, "the outer diameter OD"), card.real(3, "the wall T", 0.0)
+    if card.text(5) and card.real(5, "the outer diameter OD2") != d:
+        raise card.error("OD2 makes it conical, which is not supported", "give pieces with PTUBEs of their own")
+    if not 0 <= 2 * t <= d:
+        raise card.error(f"the wall is {t:g}, of a tube {d:g} thick", "give a wall of at most half the diameter")
+    inner = d - 2 * t if t else 0.0
+    own = BeamSection(
+        np.pi * (d**2 - inner**2) / 4,
+        torsion=np.pi * (d**4 - inner**4) / 32,
+        nonstructural=card.real(4, "the mass NSM", 0.0),
+    )
+    return card.integer(1, "the material id"), _checked(card, own)
+
+
+def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
+    """MID and section of a PBEAM at its ends; stations between them have to lie on the line. K1 and K2 are 1 where blank.
+
+    N1 and N2, M1 and M2 of end B are those of end A where blank. Raises DeckError for stations off the line, and for relief of
+    shear by taper (S1, S2).
+    """
+    at, points = 8, np.zeros((0, 2))
+    if card.text(8).upper() not in STATIONS:  # the line of places of stress may be left out
+        at, points = 16, _points(card, 8)
+    end_a = replace(_station(card, 2, None), points=points)
+    stations: list[tuple[float, int, FloatArray]] = []
+    while (recovered := card.text(at).upper()) in STATIONS:
+        own = _points(card, at + 8) if recovered == "YES" else points
+        stations.append((card.real(at + 1, "the place X/XB"), at + 2, own))
+        at += 16 if recovered == "YES" else 8
+    ends = [(field, own) for x, field, own in stations if x == 1]
+    end_b = replace(_station(card, ends[-1][0], end_a), points=ends[-1][1]) if ends else end_a
+    for x, field, _ in stations:
+        if not 0 < x <= 1:
+            raise card.error(f"X/XB is {x:g}, no station behind end A", "give places above 0, end B at 1")
+        if x < 1:
+            check_station(card, x, _station(card, field, _between(x, end_a, end_b)), end_a, end_b)
+    words: tuple[str, ...] = ("K1", "K2", "S1", "S2", "NSI(A)", "NSI(B)", "CW(A)", "CW(B)")
+    words += ("M1(A)", "M2(A)", "M1(B)", "M2(B)", "N1(A)", "N2(A)", "N1(B)", "N2(B)")
+    more: dict[str, float] = {}
+    for i, word in enumerate(words):  # of end B the values of end A where it is blank
+        more[word] = card.real(at + i, word, 1.0 if word in ("K1", "K2") else more.get(word.replace("(B)", "(A)"), 0.0))
+    given = [word for word in words if more[word] != 0]
+    if relief := [word for word in given if word in ("S1", "S2")]:
+        raise card.error(
+            f"{', '.join(f'{word} is {more[word]:g}' for word in relief)}: relief of shear by taper is not supported",
+            "leave them blank",
+        )
+    if (
+        any(word[0] == "N" and word[1] != "S" for word in given)
+        and not min(*_values(end_a)[1:3], *_values(end_b)[1:3]) > 0
+    ):
+        raise card.error(
+            "a neutral axis beside the shear centre (N1, N2) of a beam that does not bend", "give I1 and I2"
+        )
+    end_a, end_b = (
+        replace(own, neutral=(more[f"N1({end})"], more[f"N2({end})"]), beside=(more[f"M1({end})"], more[f"M2({end})"]))
+        for own, end in ((end_a, "A"), (end_b, "B"))
+    )
+    if idle := [word for i, word in enumerate(words) if more[word] and word[:2] in ("NS", "CW") and card.text(at + i)]:
+        notes.append(f"PBEAM {card.text(0)}: {', '.join(idle)} (inertia about the axis, warping) have no effect")
+    shear = (more["K1"], more["K2"])
+    same = all(np.array_equal(a, b) for a, b in zip(_values(end_a), _values(end_b), strict=True))
+    same = same and np.array_equal(end_a.points, end_b.points)
+    same = same and (end_a.neutral, end_a.beside) == (end_b.neutral, end_b.beside)
+    made = replace(end_a, shear=shear, at_b=None if same else replace(end_b, shear=shear))
+    return card.integer(1, "the material id"), _checked(card, made)
+
+
+def _station(card: Card, at: int, default: BeamSection | None) -> BeamSection:
+    """A, I1, I2, I12, J, NSM from a field on; blank ones are those of `default`, and at end A zero but for A, I1 and I2."""
+    blank = [None, None, None, 0.0, 0.0, 0.0] if default is None else _values(default)
+    names = ("the area A", "I1", "I2", "I12", "J", "the mass NSM")
+    A, I1, I2, I12, J, nonstructural = (card.real(at + i, names[i], blank[i]) for i in range(6))
+    return BeamSection(A, _second(I1, I2, I12), J, nonstructural=nonstructural)
+
+
+def _values(own: BeamSection) -> list[float]:
+    """A, I1, I2, I12, J, NSM."""
+    I = own.second
+    return [own.area, float(I[0, 0]), float(I[1, 1]), float(I[0, 1]), own.torsion, own.nonstructural]
+
+
+def _between(x: float, a: BeamSection, b: BeamSection) -> BeamSection:
+    A, I1, I2, I12, J, nonstructural = ((1 - x) * p + x * q for p, q in zip(_values(a), _values(b), strict=True))
+    return BeamSection(A, _second(I1, I2, I12), J, nonstructural=nonstructural)
+
+
+def check_station(card: Card, x: float, own: BeamSection, a: BeamSection, b: BeamSection) -> None:
+    """Raise DeckError unless a section at x of the length from end A is that on the line between the ends."""
+    line = _values(_between(x, a, b))
+    for name, value, on_line, p, q in zip(
+        ("A", "I1", "I2", "I12", "J", "NSM"), _values(own), line, _values(a), _values(b), strict=True
+    ):
+        if abs(value - on_line) > LINEAR * max(abs(p), abs(q)):
+            raise card.error(
+                f"{name} is {value:g} at X/XB = {x:g}, on the line between its ends {on_line:g}: other stations are not "
+                "supported",
+                "divide the beam there, with a PBEAM for each part",
+            )
+
+
+def _second(I1: float, I2: float, I12: float) -> FloatArray:
+    return np.array([[I1, I12], [I12, I2]])
+
+
+def _points(card: Card, at: int) -> FloatArray:
+    """Places C, D, E, F (p, 2) of stress, those that are given."""
+    given = [i for i in range(at, at + 8, 2) if card.text(i) or card.text(i + 1)]
+    return np.array([[card.real(i + j, "a place of stress", 0.0) for j in (0, 1)] for i in given]).reshape(-1, 2)
+
+
+def _checked(card: Card, own: BeamSection) -> BeamSection:
+    """Raise DeckError for what no section can be."""
+    for end in (own, *((own.at_b,) if own.at_b else ())):
+        A, I1, I2, I12, J, nonstructural = _values(end)
+        if not A > 0:
+            raise card.error(f"the area is {A:g}, not positive", "give a positive area")
+        if min(I1, I2, J, nonstructural) < 0 or I12**2 > I1 * I2 * (1 + LINEAR):
+            raise card.error(
+                f"I1 is {I1:g}, I2 {I2:g}, I12 {I12:g}, J {J:g}, NSM {nonstructural:g}",
+                "none but I12 may be negative, and I12² at most I1 I2",
+            )
+        if min(own.shear) < 0:
+            raise card.error(f"K1 is {own.shear[0]:g} and K2 {own.shear[1]:g}", "neither may be negative")
+    return own
+
+
+CENTRED = 1e-6
+"""Distance over the size of a section, within which its places of stress are symmetric about the centroid."""
+
+
+def bar_shape(card: Card) -> tuple[int, BeamSection]:
+    """MID and section of a PBARL, whose axis is through the centroid."""
+    _, count = _shape(card)
+    own = _section(card, _dimensions(card, 8, count, None))
+    nonstructural = card.real(8 + count, "the mass NSM", 0.0)
+    return card.integer(1, "the material id"), _weighed(card, own, nonstructural)
+
+
+def beam_shape(card: Card) -> tuple[int, BeamSection]:
+    """MID and section of a PBEAML at its ends; sections between them have to lie on the line.
+
+    Raises DeckError for stations off the line, and for shapes whose shear centre, which is the axis of a CBEAM, lies beside the
+    centroid: those that are not symmetric about a point.
+    """
+    kind, count = _shape(card)
+    dimensions = _dimensions(card, 8, count, None)
+    mass = card.real(8 + count, "the mass NSM", 0.0)
+    end_a = _weighed(card, _section(card, dimensions), mass)
+    at, between, end_b = 9 + count, [], end_a
+    while any(card.text(i) for i in range(at, at + 3 + count)):
+        if card.text(at).upper() not in ("", *STATIONS):
+            raise card.error(f"SO (field {at + 2}) is {card.text(at)}", "write YES or NO")
+        x = card.real(at + 1, "the place X/XB", 1.0)
+        if not 0 < x <= 1:
+            raise card.error(f"X/XB is {x:g}, no station behind end A", "give places above 0, end B at 1")
+        blank = not any(card.text(i) for i in range(at + 2, at + 3 + count))
+        own = _section(card, _dimensions(card, at + 2, count, dimensions))
+        own = _weighed(card, own, card.real(at + 2 + count, "the mass NSM", mass))
+        if x == 1:
+            end_b = own
+        elif not blank:
+            between.append((x, own))
+        at += 3 + count
+    for x, own in between:
+        check_station(card, x, own, end_a, end_b)
+    for end in (end_a, end_b):
+        if not _symmetric(end.points):
+            raise card.error(
+                f"the shear centre of this {kind} is not its centroid: such a section of a CBEAM is not supported",
+                "make it a CBAR with a PBARL, whose axis is through the centroid, with WA and WB where it lies elsewhere",
+            )
+    same = end_b is end_a or _equal(end_a, end_b)
+    return card.integer(1, "the material id"), end_a if same else replace(end_a, at_b=end_b)
+
+
+def _shape(card: Card) -> tuple[str, int]:
+    """TYPE, and how many dimensions it has."""
+    if card.text(2).upper() not in ("", "MSCBML0"):
+        raise card.error(f"GROUP is {card.text(2)}, not MSCBML0", "give the section by its area and moments")
+    kind = card.text(3).upper()
+    return kind, SHAPES[kind][0] if kind in SHAPES else 0
+
+
+def _dimensions(card: Card, at: int, count: int, default: list[float] | None) -> list[float]:
+    return [card.real(at + i, f"DIM{i + 1}", default[i] if default else None) for i in range(count)]
+
+
+def _section(card: Card, dimensions: list[float]) -> BeamSection:
+    try:
+        return section_of_shape(card.text(3).upper(), dimensions)
+    except DeckError as fault:
+        raise card.error(fault.what, fault.remedy or "correct the card and run again") from None
+
+
+def _weighed(card: Card, own: BeamSection, mass: float) -> BeamSection:
+    if mass < 0:
+        raise card.error(f"the mass NSM is {mass:g}, negative", "give a positive mass")
+    return replace(own, nonstructural=mass)
+
+
+def _symmetric(points: FloatArray) -> bool:
+    """Is there, for each of the points (p, 2), one on the other side of the centroid?"""
+    apart = np.linalg.norm(points[:, None] + points[None], axis=2).min(axis=1)
+    return bool(apart.max() <= CENTRED * np.abs(points).max())
+
+
+def _equal(a: BeamSection, b: BeamSection) -> bool:
+    return (a.area, a.torsion, a.nonstructural) == (b.area, b.torsion, b.nonstructural) and np.array_equal(
+        a.second, b.second
+    )

@@ -10,29 +10,21 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.effects import ENFORCED, HELD, MISSING_END, effects, spelt
-from strainsight.decks.faults import notes_and_doubts
-from strainsight.decks.moments import turning_nodes
-from strainsight.decks.nastran.anisotropic import ANISOTROPIC
+from strainsight.decks.faults import ENFORCED, HELD, MISSING_END, effects, notes_and_doubts, spelt, turning_nodes
 from strainsight.decks.nastran.cards import Deck, origin, read_deck, together, unique_ids
-from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
-from strainsight.decks.nastran.grids import read_grids
-from strainsight.decks.nastran.loads import LOADS, preloads, static_loads
-from strainsight.decks.nastran.masses import MASSES, point_masses
-from strainsight.decks.nastran.middles import straight_sides, with_middles
+from strainsight.decks.nastran.grids import BY_NODES, BY_POINTS, read_grids
+from strainsight.decks.nastran.loads import LOADS, PLATES, preloads, static_loads
+from strainsight.decks.nastran.materials import ANISOTROPIC
 from strainsight.decks.nastran.parameters import count_parameters, lumped, mass_scale
-from strainsight.decks.nastran.pressures import PLATES
 from strainsight.decks.nastran.properties import properties
-from strainsight.decks.nastran.relations import selected_cards, terms
-from strainsight.decks.nastran.rigid_bars import NAMES as RIGID_BARS
-from strainsight.decks.nastran.rigid_bars import rigid_bars
 from strainsight.decks.nastran.sets import sets
-from strainsight.decks.nastran.solids import SOLIDS, read_solids
-from strainsight.decks.nastran.springs import SPRINGS, springs
+from strainsight.decks.nastran.solids import SOLIDS, read_solids, straight_sides, with_middles
+from strainsight.decks.nastran.springs import MASSES, SPRINGS, point_masses, springs
 from strainsight.decks.nastran.supports import fixed_components
 from strainsight.decks.nastran.thin import TAKEN as THIN
 from strainsight.decks.nastran.thin import read_thin
-from strainsight.decks.nastran.ties import averaging_elements, rigid_elements
+from strainsight.decks.nastran.ties import NAMES as RIGID_BARS
+from strainsight.decks.nastran.ties import averaging_elements, rigid_bars, rigid_elements, selected_cards, terms
 from strainsight.decks.nastran.unused import structural_lines, unused_systems
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import Relation

@@ -9,7 +9,7 @@ from difflib import get_close_matches
 
 from strainsight.decks.faults import Doubt
 from strainsight.decks.nastran.cards import Card, Deck
-from strainsight.decks.numbers import parse_real
+from strainsight.decks.text import parse_real
 
 HONOURED = ("WTMASS",)
 """Those that count here as in Nastran."""

@@ -9,13 +9,17 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.decks.faults import OR_CONFIG
-from strainsight.decks.nastran.anisotropic import ANISOTROPIC, damped, solid_material
 from strainsight.decks.nastran.cards import Card, unique_ids
-from strainsight.decks.nastran.composite_solids import composite_solid, layers_of
-from strainsight.decks.nastran.composites import lamina
 from strainsight.decks.nastran.grids import resolved_system
-from strainsight.decks.nastran.isotropic import isotropic_material, states_moduli
-from strainsight.decks.nastran.solids import SOLIDS
+from strainsight.decks.nastran.materials import (
+    ANISOTROPIC,
+    damped,
+    isotropic_material,
+    lamina,
+    solid_material,
+    states_moduli,
+)
+from strainsight.decks.nastran.solids import SOLIDS, composite_solid, layers_of
 from strainsight.decks.nastran.thin import PROPERTIES, Section, Thin
 from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.composite_solids import CompositeSolid

@@ -9,7 +9,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from strainsight.decks.nastran.cards import Card, Deck
-from strainsight.decks.numbers import is_whole, no_integer, parse_integer
+from strainsight.decks.text import is_whole, no_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray
 

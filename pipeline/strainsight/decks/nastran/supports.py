@@ -7,13 +7,11 @@ from collections import Counter
 
 import numpy as np
 
-from strainsight.decks.effects import ENFORCED, HELD
-from strainsight.decks.faults import Doubt
+from strainsight.decks.faults import ENFORCED, HELD, Doubt
 from strainsight.decks.nastran.cards import Card, Deck
 from strainsight.decks.nastran.grids import NodeTable
 from strainsight.decks.nastran.sets import expand
-from strainsight.decks.numbers import parse_integer
-from strainsight.decks.text import Line
+from strainsight.decks.text import Line, parse_integer
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.model import IntArray
 

@@ -10,18 +10,36 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.decks.faults import Doubt, coincident, plural
-from strainsight.decks.nastran.beams import BEAMS, DEFAULTS, RODS, read_beams, with_defaults
+from strainsight.decks.nastran.beams import (
+    BEAMS,
+    DEFAULTS,
+    RODS,
+    bar_section,
+    bar_shape,
+    beam_section,
+    beam_shape,
+    own_section,
+    read_beams,
+    rod_section,
+    tube_section,
+    with_defaults,
+)
 from strainsight.decks.nastran.cards import Card, origin, unique_ids
-from strainsight.decks.nastran.composites import COMPOSITES, laminate, middle_of, one_ply
-from strainsight.decks.nastran.general_shells import general_shell, is_general, materials_of, shell_materials
 from strainsight.decks.nastran.grids import Grids
-from strainsight.decks.nastran.sections import bar_section, beam_section, own_section, rod_section, tube_section
-from strainsight.decks.nastran.shapes import bar_shape, beam_shape
-from strainsight.decks.nastran.shells import SHELLS, read_shells, shell_section
+from strainsight.decks.nastran.materials import COMPOSITES, laminate, middle_of, one_ply
+from strainsight.decks.nastran.shells import (
+    SHELLS,
+    general_shell,
+    is_general,
+    materials_of,
+    read_shells,
+    shell_materials,
+    shell_section,
+)
 from strainsight.errors import DeckError
 from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import CellBlock, IntArray, Origin
-from strainsight.mesh.resized import resized
+from strainsight.mesh.scaling import resized
 from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock, ShellSection
 
 SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {

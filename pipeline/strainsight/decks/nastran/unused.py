@@ -6,9 +6,9 @@ import re
 from collections.abc import Mapping, Sequence
 
 from strainsight.decks.nastran.cards import Card, Deck
-from strainsight.decks.nastran.coordinates import BY_NODES, BY_POINTS
+from strainsight.decks.nastran.grids import BY_NODES, BY_POINTS
 from strainsight.decks.nastran.shells import SHELLS
-from strainsight.decks.numbers import parse_integer
+from strainsight.decks.text import parse_integer
 
 STRUCTURE = (
     "K2GG",

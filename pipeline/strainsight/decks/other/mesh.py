@@ -3,24 +3,181 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
-from strainsight.decks.other.arrays import Labels, labels, numbers_of, switches
-from strainsight.decks.other.cells import CellData, groups_of, thin_cells, with_sections
 from strainsight.decks.other.load import Loaded, load
 from strainsight.decks.other.sandbox import load_sandboxed
-from strainsight.decks.thin import SHELLS, regions_with_sections, sections_by_region
+from strainsight.decks.thin import SHELLS, Chosen, Groups, regions_with_sections, sections_by_region
 from strainsight.errors import DeckError
-from strainsight.mesh.given_sections import GivenSection, with_given
+from strainsight.mesh.given_sections import LINE, LINE3, GivenSection, with_given
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind, in_order
-from strainsight.mesh.left_handed import left_handed
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
+from strainsight.mesh.node_order import left_handed
+
+REGIONS = (
+    "region",
+    "region_id",
+    "gmsh:physical",
+    "medit:ref",
+    "cell_tags",
+    "netgen:index",
+    "tetgen:ref",
+    "avsucd:material",
+    "su2:tag",
+    "ugrid:ref",
+    "MaterialIds",
+    "MaterialID",
+    "MaterialId",
+    "material_id",
+    "material",
+    "PartId",
+    "part_id",
+    "PropertyId",
+    "property_id",
+    "ElementBlockIds",
+    "ObjectId",
+)
+"""Names under which programs write the region of a cell, the first that is there counts."""
+
+
+class Labels(NamedTuple):
+    """Cell data taken as regions: its name, values (cells,)."""
+
+    name: str
+    values: IntArray
+
+
+def whole(values: Any) -> IntArray | None:
+    """One whole number a row, (n,); None for anything else."""
+    array = np.asarray(values)
+    if array.ndim == 2 and array.shape[1] == 1:
+        array = array[:, 0]
+    if array.ndim != 1 or array.dtype.kind not in "biuf":
+        return None
+    if array.dtype.kind == "f" and not (np.all(np.abs(array) < 2.0**53) and np.all(array == np.floor(array))):
+        return None
+    return array.astype(np.int64)
+
+
+def switches(values: Any) -> np.ndarray | None:
+    """Which rows are on, for data that are 0 or 1 everywhere and 1 somewhere; None for other data."""
+    numbers = whole(values)
+    if numbers is None or not numbers.any() or not np.all((numbers == 0) | (numbers == 1)):
+        return None
+    return numbers == 1
+
+
+def numbers_of(
+    data: Mapping[str, Any], names: tuple[str, ...], count: int, what: str, notes: list[str]
+) -> tuple[IntArray, str]:
+    """Numbers of the nodes or elements (count,), and the data they come from, "" where they just count from 1."""
+    for name in (name for name in names if name in data):
+        numbers = whole(data[name])
+        right = numbers is not None and len(numbers) == count and numbers.min(initial=1) > 0
+        if numbers is not None and right and len(np.unique(numbers)) == count:
+            return numbers, name
+        notes.append(f"{what} data {name} are not positive and unique: they are no numbers of {what}s")
+    notes.append(f"the file does not number its {what}s: they count from 1 in its order")
+    return np.arange(1, count + 1), ""
+
+
+def labels(data: Mapping[str, Any], name: str | None, count: int, path: str, notes: list[str]) -> Labels | None:
+    """The cell data that say the regions: those of this name, or the first usual ones; None where there are none.
+
+    Raises DeckError for a name that is not there or no whole numbers.
+    """
+    there = {
+        key: numbers for key, values in data.items() if (numbers := whole(values)) is not None and len(numbers) == count
+    }
+    if name is not None:
+        if name not in there:
+            known = ", ".join(there) or "none"
+            raise DeckError(
+                f"cell data {name!r} are not whole numbers" if name in data else f"there are no cell data {name!r}",
+                where=path,
+                remedy=f"cell data that can be regions: {known}",
+            )
+        return Labels(name, there[name])
+    for usual in REGIONS:
+        if usual in there:
+            notes.append(f"regions are the cell data {usual}")
+            return Labels(usual, there[usual])
+    others = ", ".join(there)
+    notes.append(
+        "no cell data say the regions: all elements are region 1 (solids)"
+        + (f"; whole numbers are in {others}, to be named as region_data" if others else "")
+    )
+    return None
+
+
+THIN = {"quad": "quad4", "triangle": "tri3", "quad8": "quad8", "triangle6": "tri6", "line": LINE, "line3": LINE3}
+"""Types of cells that may have a section."""
+
+
+class CellData:
+    """Cell data of some blocks, one after the other; rows[b] are those of block b among them."""
+
+    def __init__(self, raw: Any, blocks: list[int]):
+        sizes = [len(raw.cells[b].data) for b in blocks]
+        ends = np.cumsum([0, *sizes])
+        self.total = int(ends[-1])
+        self.rows = {b: slice(int(ends[i]), int(ends[i + 1])) for i, b in enumerate(blocks)}
+        self.data = {
+            name: np.concatenate([np.asarray(values[b]) for b in blocks])
+            for name, values in raw.cell_data.items()
+            if len({np.shape(values[b])[1:] for b in blocks}) == 1 and all(values[b] is not None for b in blocks)
+        }
+
+
+def with_sections(raw: Any, given: Mapping[str, GivenSection]) -> list[int]:
+    """Which blocks of cells may have one of these sections, by their dimension."""
+    wanted = {own.dimension for own in given.values()}
+    return [b for b, block in enumerate(raw.cells) if block.dim in wanted and len(block.data)]
+
+
+def groups_of(raw: Any, cells: CellData, tags: Labels | None, names: Mapping[int, Mapping[int, list[str]]]) -> Groups:
+    """Regions of the cells by their dimension; names: dimension → region → its names."""
+    groups: dict[int, dict[int | None, str]] = {}
+    for b, rows in cells.rows.items():
+        dimension = raw.cells[b].dim
+        own = groups.setdefault(dimension, {})
+        if tags is None:
+            own[None] = {1: "beams", 2: "shells", 3: "solids"}[dimension]
+        else:
+            for tag in np.unique(tags.values[rows]).tolist():
+                own[tag] = ", ".join(names[dimension].get(tag, ())) or f"region {tag}"
+    return groups
+
+
+def thin_cells(
+    raw: Any, thin: list[int], cells: CellData, ids: IntArray, tags: Labels | None, chosen: Chosen, path: str
+) -> Iterator[CellBlock]:
+    """Cells of the blocks `thin` whose regions have a section. Raises DeckError for others."""
+    for b in sorted(thin, key=lambda b: list(THIN).index(raw.cells[b].type) if raw.cells[b].type in THIN else -1):
+        block, rows = raw.cells[b], cells.rows[b]
+        region = np.full(len(block.data), -1)
+        inside = np.zeros(len(block.data), dtype=bool)
+        for (dimension, tag), (own, _) in chosen.items():
+            if dimension == block.dim:
+                here = np.ones(len(region), dtype=bool) if tag is None or tags is None else tags.values[rows] == tag
+                region[here], inside = own.id, inside | here
+        if not inside.any():
+            continue
+        if block.type not in THIN:
+            raise DeckError(
+                f"{plural(int(inside.sum()), block.type + ' cell')} in regions with a section are not supported",
+                where=path,
+                remedy=f"mesh with {', '.join(THIN)}",
+            )
+        nodes = np.asarray(block.data, np.int64)[inside]
+        yield CellBlock(THIN[block.type], ids[rows][inside], nodes, region[inside].astype(np.int64))
+
 
 KINDS = {cell: kind for kind in ELEMENTS for cell in kind.meshio}
 WIDTH = {"quad": 4, "triangle": 3, "quad8": 8, "triangle6": 6, "line": 2, "line3": 3}

@@ -5,9 +5,6 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import kept
-from strainsight.estimation.compiled.motion import corrected, in_states, moved_mean, moved_nuisances, predicted
-from strainsight.estimation.compiled.nuisances import considered, updated_nuisances, without
-from strainsight.estimation.compiled.readings import innovation_covariance, sense, sense_beyond, updated
 from strainsight.estimation.compiled.vectors import (
     LOOPS,
     add_rows,
@@ -15,16 +12,280 @@ from strainsight.estimation.compiled.vectors import (
     copied,
     copied_matrix,
     dot,
+    flushed,
     loop,
     measured,
     mirrored,
+    product,
+    solved,
     transposed,
     unmoved,
 )
 
+
+@loop
+def add_moved(sign, x, pairs, beside, out):  # type: ignore[no-untyped-def]
+    """out ← out ± A x, in coordinates in which modes are apart: each moves by itself and by the states behind them."""
+    q, n = pairs.shape[1], len(x)
+    for a in range(q):
+        out[a] += sign * (pairs[0, a] * x[a] + pairs[1, a] * x[q + a])
+    for a in range(q):
+        out[q + a] += sign * (pairs[2, a] * x[a] + pairs[3, a] * x[q + a])
+    for b in range(len(beside)):
+        value = sign * x[2 * q + b]
+        for a in range(n):
+            out[a] += value * beside[b, a]
+
+
+@loop
+def moved_mean(x, pairs, beside, G, w, ahead):  # type: ignore[no-untyped-def]
+    """x ← A x + G w."""
+    n = len(x)
+    for a in range(n):
+        ahead[a] = dot(G[a], w)
+    add_moved(1.0, x, pairs, beside, ahead)
+    for a in range(n):
+        x[a] = flushed(ahead[a])
+
+
+@loop
+def moved_nuisances(x, V, pairs, beside, pairs_nu, beside_nu, G_nu, w, behind):  # type: ignore[no-untyped-def]
+    """V ← A V − (A_ν x + G_ν w), x before it has moved; V (n, d), a row a state, as ν are many; behind (s, d): work space."""
+    n, d = V.shape
+    q, s = pairs.shape[1], len(beside)
+    for a in range(q):
+        p0, p1, p2, p3 = pairs[0, a], pairs[1, a], pairs[2, a], pairs[3, a]
+        for k in range(d):
+            position, rate = V[a, k], V[q + a, k]
+            V[a, k] = p0 * position + p1 * rate
+            V[q + a, k] = p2 * position + p3 * rate
+    for b in range(s):
+        for k in range(d):
+            behind[b, k] = V[2 * q + b, k]
+            V[2 * q + b, k] = 0.0
+    for a in range(n):
+        add_rows(beside[:, a], behind, d, V[a])
+        for k in range(d):
+            V[a, k] = flushed(V[a, k])
+    for k in range(len(pairs_nu)):
+        for a in range(q):
+            V[a, k] -= pairs_nu[k, 0, a] * x[a] + pairs_nu[k, 1, a] * x[q + a]
+            V[q + a, k] -= pairs_nu[k, 2, a] * x[a] + pairs_nu[k, 3, a] * x[q + a]
+        for a in range(n):
+            for b in range(s):
+                V[a, k] -= beside_nu[k, b, a] * x[2 * q + b]
+            V[a, k] -= dot(G_nu[k, a], w)
+
+
+@loop
+def predicted(P, pairs, beside, Q, half):  # type: ignore[no-untyped-def]
+    """P ← A P Aᵀ + Q, symmetric; half: P Aᵀ."""
+    n, q = len(P), pairs.shape[1]
+    for a in range(n):
+        for b in range(n):
+            half[a, b] = 0.0
+        add_moved(1.0, P[a], pairs, beside, half[a])
+    for a in range(n):
+        for b in range(a + 1):
+            P[a, b] = Q[a, b]
+        if a < 2 * q:
+            k, first = a % q, 2 * (a // q)
+            own, rate = pairs[first, k], pairs[first + 1, k]
+            for b in range(a + 1):
+                P[a, b] += own * half[k, b] + rate * half[q + k, b]
+        add_rows(beside[:, a], half[2 * q :], a + 1, P[a])
+        for b in range(a + 1):
+            P[a, b] = flushed(P[a, b])
+    mirrored(P)
+
+
+@loop
+def in_states(basis, z, out):  # type: ignore[no-untyped-def]
+    """x = T z."""
+    for a in range(len(z)):
+        out[a] = dot(basis[a], z)
+
+
+@loop
+def corrected(x, V, nu, out):  # type: ignore[no-untyped-def]
+    """x less what ν makes of it."""
+    for a in range(len(x)):
+        out[a] = x[a] - dot(V[a], nu)
+
+
+@loop
+def updated_nuisances(V, H, sensed, K, S, there, whitened, nu, left, slope, W, small):  # type: ignore[no-untyped-def]
+    """V ← V + K ε of one channel after the other, and ν by least squares on the innovations of all at once; returns what the
+    squares add to the log-likelihood.
+
+    By slopes s (k, d) of white innovations e (k,):  L Lᵀ = I + s Λ sᵀ,  W = L⁻¹ s Λ,  ν ← ν + Wᵀ L⁻¹(e − s ν),  Λ ← Λ − WᵀW
+
+    V (n, d); there: channels that measured; slope, W (m, d) and small (m + 2, m): work space.
+    """
+    n, d = V.shape
+    m = len(there)
+    if d == 0:
+        fit = 0.0
+        for channel in there:
+            fit -= 0.5 * whitened[channel] * whitened[channel]
+        return fit
+    L, rest, factor = small[:m], small[m], small[m + 1]
+    for c in range(m):
+        h = H[there[c]]
+        for k in range(d):
+            slope[c, k] = 0.0
+            W[c, k] = 0.0
+        add_rows(h, V, d, slope[c])
+        for k in range(d):
+            slope[c, k] = sensed[there[c], k] - slope[c, k]
+        for j in range(c):
+            L[c, j] = -dot(h, K[there[j]])
+        add_rows(L[c, :c], slope, d, slope[c])
+    for a in range(n):
+        for c in range(m):
+            factor[c] = K[there[c], a]
+        add_rows(factor[:m], slope, d, V[a])
+    for c in range(m):
+        scale = 1.0 / np.sqrt(S[there[c]])
+        for k in range(d):
+            slope[c, k] *= scale
+    for c in range(m):
+        add_rows(slope[c], left, d, W[c])
+        for j in range(c + 1):
+            L[c, j] = dot(W[c], slope[j])
+        L[c, c] += 1.0
+        rest[c] = whitened[there[c]] - dot(nu, slope[c])
+    fit = 0.0
+    for c in range(m):
+        for j in range(c):
+            for i in range(j):
+                L[c, j] -= L[c, i] * L[j, i]
+            L[c, j] /= L[j, j]
+            L[c, c] -= L[c, j] * L[c, j]
+            rest[c] -= L[c, j] * rest[j]
+            for k in range(d):
+                W[c, k] -= L[c, j] * W[j, k]
+        L[c, c] = np.sqrt(L[c, c])
+        rest[c] /= L[c, c]
+        scale = 1.0 / L[c, c]
+        for k in range(d):
+            W[c, k] *= scale
+        fit -= 0.5 * rest[c] * rest[c] + np.log(L[c, c])
+    add_rows(rest[:m], W, d, nu)
+    for k in range(d):
+        for c in range(m):
+            factor[c] = -W[c, k]
+        add_rows(factor[:m], W, d, left[k])
+    return fit
+
+
+@loop
+def without(less, nu, left):  # type: ignore[no-untyped-def]
+    """ν ← ν − Λ β, by an information β that is none; returns what that adds to the log-likelihood, −βᵀν + βᵀΛβ/2."""
+    d = len(nu)
+    change = np.zeros(d)
+    add_rows(less, left, d, change)
+    fit = 0.0
+    for k in range(d):
+        fit += less[k] * (0.5 * change[k] - nu[k])
+        nu[k] -= change[k]
+    return fit
+
+
+@loop
+def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
+    """Update by all channels that measured, with the gain of Schmidt; V (n, d)."""
+    n, d = V.shape
+    there = measured(y)
+    m = len(there)
+    Ph, slope, S, K = np.empty((m, n)), np.empty((m, d)), np.empty((m, m)), np.empty((m, n))
+    innovation, less = np.empty(m), np.empty(m)
+    for c in range(m):
+        h = H[there[c]]
+        product(P, h, Ph[c])
+        innovation[c] = y[there[c]] - dot(F[there[c]], w) - dot(h, x)
+        for k in range(d):
+            slope[c, k] = -sensed[there[c], k]
+        add_rows(h, V, d, slope[c])
+        for a in range(n):
+            K[c, a] = Ph[c, a] + dot(slope[c], V[a])
+        for g in range(c + 1):
+            S[c, g] = dot(H[there[g]], Ph[c]) + dot(slope[c], slope[g])
+        S[c, c] += R[there[c]]
+    solved(S, K)
+    add_rows(innovation, K, n, x)
+    for a in range(n):
+        for c in range(m):
+            less[c] = -K[c, a]
+        add_rows(less, slope, d, V[a])
+        add_rows(less, Ph, n, P[a])
+    # rows of P Hᵀ after the first factor of Joseph's form
+    for c in range(m):
+        for a in range(n):
+            Ph[c, a] = dot(P[a], H[there[c]]) - R[there[c]] * K[c, a]
+    for a in range(n):
+        for c in range(m):
+            less[c] = -Ph[c, a]
+        add_rows(less, K, n, P[a])
+    for a in range(n):
+        for b in range(a):
+            P[a, b] = P[b, a] = 0.5 * (P[a, b] + P[b, a])
+
+
+@loop
+def sense(x, D, E, offset, acts, w, out):  # type: ignore[no-untyped-def]
+    """What one of every ν adds to the readings of the predicted motion; nothing where it does not act."""
+    for k in range(len(D)):
+        for c in range(D.shape[1]):
+            out[c, k] = offset[k, c]
+            if acts[k, c]:
+                out[c, k] += dot(D[k, c], x) + dot(E[k, c], w)
+
+
+@loop
+def sense_beyond(z, B, out):  # type: ignore[no-untyped-def]
+    """What it adds to them of what loads displace beyond the coordinates."""
+    if len(z) == 0:
+        return
+    for k in range(len(B)):
+        for c in range(B.shape[1]):
+            out[c, k] += dot(B[k, c], z)
+
+
+@loop
+def innovation_covariance(P, H, R, Ph, S):  # type: ignore[no-untyped-def]
+    """S ← H P Hᵀ + R."""
+    m = len(H)
+    for c in range(m):
+        product(P, H[c], Ph)
+        for g in range(m):
+            S[g, c] = dot(H[g], Ph)
+        S[c, c] += R[c]
+
+
+@loop
+def updated(P, h, r, k, Ph, Th, T):  # type: ignore[no-untyped-def]
+    """P ← (I − k hᵀ) P (I − h kᵀ) + k r kᵀ, Joseph's form, symmetric but for rounding, with k ← P h/s; returns
+    s = hᵀP h + r."""
+    n = len(h)
+    product(P, h, Ph)
+    s = r + dot(h, Ph)
+    for a in range(n):
+        k[a] = Ph[a] / s
+    for a in range(n):
+        for b in range(n):
+            T[a, b] = P[a, b] - k[a] * Ph[b]
+        Th[a] = dot(T[a], h)
+    for a in range(n):
+        gone = Th[a] - r * k[a]
+        for b in range(n):
+            P[a, b] = T[a, b] - gone * k[b]
+    return s
+
+
 CALM = 20
 """A covariance is steady after so many steps in which it did not move (`unmoved`)."""
-FILES = tuple(f"estimation/compiled/{name}.py" for name in ("motion", "nuisances", "readings", "vectors"))
+FILES = tuple(f"estimation/compiled/{name}.py" for name in ("filters", "vectors"))
 
 
 @kept(*FILES, **LOOPS)

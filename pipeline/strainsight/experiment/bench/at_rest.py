@@ -9,25 +9,22 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig, ReactionSensor
 from strainsight.errors import blame
-from strainsight.experiment.bench.bench import Bench, bench_of
-from strainsight.experiment.bench.felt import felt
+from strainsight.experiment.bench.bench import Bench, bench_of, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
 from strainsight.experiment.bench.rings import rings_in_time
 from strainsight.experiment.bench.sensors import instants_of, read_in_time, sensors_of
-from strainsight.experiment.bench.start import start_of
+from strainsight.experiment.bench.simulation import felt
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.multibody.accelerations import measured
-from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.coupled import CoupledModes, coupled_modes, growth
-from strainsight.multibody.frames import Frame
 from strainsight.multibody.sensors import axis_sensor, position_sensor, readings
 from strainsight.multibody.simulate import Trajectory
-from strainsight.records.at_rest import AtRest, Coupled, FrameAtRest, FrameInModes, RingAtRest, StateSpace
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.bodies import ReducedBody
+from strainsight.records.bench import AtRest, Coupled, FrameAtRest, FrameInModes, ReducedBody, RingAtRest, StateSpace
+from strainsight.records.bench_estimated import BenchPlaced
 
 DRAWN = 20
 """Most modes in the grid."""

@@ -6,15 +6,15 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from strainsight.config.bench.bearing import Bearing as StatedBearing
-from strainsight.config.bench.bearing import Curve, LoadCase
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.bodies import Bearing as StatedBearing
+from strainsight.config.bench.bodies import Curve, LoadCase
 from strainsight.config.bench.connections import BearingForce
 from strainsight.errors import StrainsightError, blame
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bearing.equilibrium import displacement
 from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.records.bearing import BearingCase, BearingCurve, Displaced
+from strainsight.records.bench import BearingCase, BearingCurve, Displaced
 from strainsight.records.record import record_from
 
 ALONG = ("x", "y", "z", "tilt_y", "tilt_z")

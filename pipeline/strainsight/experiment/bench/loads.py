@@ -11,11 +11,10 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.connections import Driven, DrivenDistance, Gravity, Load
 from strainsight.errors import ConfigError, blame
 from strainsight.experiment.bench.bench import Bench
-from strainsight.experiment.histories import signal_at
-from strainsight.experiment.recorded import LOADS
+from strainsight.experiment.recorded import LOADS, signal_at
 from strainsight.loads.histories import FromSamples, evaluate
 from strainsight.loads.motion import gap, motion, swing
-from strainsight.multibody.laws.spring import SHORTEST
+from strainsight.multibody.laws.springs import SHORTEST
 
 LARGEST = 1e50
 """[N, N m, m, rad] Its fourth power is still a number."""

@@ -12,8 +12,8 @@ from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory
 from strainsight.ordering import first_of_largest
+from strainsight.records.bench import RingMotion, WorstInstant
 from strainsight.records.record import record_from
-from strainsight.records.simulated import RingMotion, WorstInstant
 
 
 def rings_in_time(config: BenchConfig, bench: Bench, found: Trajectory) -> dict[str, RingMotion]:

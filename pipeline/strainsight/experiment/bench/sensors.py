@@ -21,7 +21,7 @@ from strainsight.experiment.bench.bench import Bench
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import Instant, gravity_at, instant
-from strainsight.multibody.frames import Frame
+from strainsight.multibody.bodies import Frame
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.sensors import (
     Accelerometer,
@@ -35,8 +35,8 @@ from strainsight.multibody.sensors import (
 )
 from strainsight.multibody.sensors import StrainSensor as StrainRows
 from strainsight.multibody.system import System
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.bodies import ReducedBody
+from strainsight.records.bench import ReducedBody
+from strainsight.records.bench_estimated import BenchPlaced
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.rows import channel_rows

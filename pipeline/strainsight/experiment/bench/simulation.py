@@ -2,31 +2,60 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.config.bench.bench import BenchConfig, Simulate
+from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor, Simulate
 from strainsight.config.bench.connections import Driven
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
-from strainsight.experiment.bench.bench import Bench, bench_of
-from strainsight.experiment.bench.felt import feels, felt
+from strainsight.experiment.bench.bench import Bench, bench_of, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
 from strainsight.experiment.bench.rings import rings_in_time
 from strainsight.experiment.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
-from strainsight.experiment.bench.start import start_of
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.model import Mesh
+from strainsight.multibody.accelerations import Instant, reaction
 from strainsight.multibody.coupled import coupled_modes
 from strainsight.multibody.initial import constraints_at, moving_constraints, project_position
-from strainsight.multibody.laws.friction import Friction
-from strainsight.multibody.laws.turning import TurningGravity
+from strainsight.multibody.laws.actuators import Friction, TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.bodies import ReducedBody
-from strainsight.records.simulated import Simulated, Violation
+from strainsight.records.bench import DriveMotion, ReducedBody, Simulated, Violation
+from strainsight.records.bench_estimated import BenchPlaced
+
+Reading = Callable[[np.ndarray, np.ndarray, Instant], np.ndarray]
+"""q, u and what (1.3) says there → the components of a sensor."""
+
+
+def felt(
+    config: BenchConfig, bench: Bench, found: Trajectory, instants: Sequence[Instant], drives: np.ndarray
+) -> tuple[dict[str, np.ndarray], dict[str, DriveMotion]]:
+    """Sensors of reaction (T, components), and the driven joints, drives (nd, 3, T) p, ṗ, p̈."""
+    read: dict[str, np.ndarray] = {}
+    for name, entry in config.sensors.items():
+        if isinstance(entry, ReactionSensor):
+            own = _reaction(config, bench, entry)
+            read[name] = np.array([own(*now) for now in zip(found.q, found.u, instants, strict=True)])
+    force = np.array([now.drive for now in instants])
+    return read, {
+        name: DriveMotion(position=drives[i, 0], rate=drives[i, 1], force=force[:, i])
+        for i, name in enumerate(bench.system.drives.names)
+    }
+
+
+def feels(config: BenchConfig, bench: Bench) -> bool:
+    """Whether anything of the config asks for what (1.3) says of every instant."""
+    asking = (isinstance(own, ReactionSensor | AccelerationSensor) for own in config.sensors.values())
+    return any(asking) or bool(bench.system.drives.names)
+
+
+def _reaction(config: BenchConfig, bench: Bench, entry: ReactionSensor) -> Reading:
+    joint = next(own for own in bench.system.joints if own.name == entry.joint)
+    i, j = (bench.frames[frame] for frame in config.joints[entry.joint].frames)
+    return lambda q, u, now: reaction(bench.system, joint, i, j, q, now.lam, u)
+
 
 SPUN = 1.0
 """[rad] a step up to which a driven angle is followed."""

@@ -3,21 +3,106 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from strainsight.errors import at_least
-from strainsight.experiment.layout.budget import helps
-from strainsight.experiment.layout.expectation import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.layout import Layout
 from strainsight.experiment.layout.task import Task
-from strainsight.ordering import first_of_largest
+from strainsight.ordering import first_of_largest, tied_order
 from strainsight.placement.certificate import Certificate
-from strainsight.placement.criteria.criterion import Criterion
+from strainsight.placement.criteria import Criterion
 from strainsight.placement.elimination import Elimination
 from strainsight.placement.recommendation import WORTH, gains, worth_keeping
+from strainsight.records.placed import Budget
 from strainsight.runner.output import Table
+
+MATTERS = 1.05
+"""Factor that another layout than the first has to be better by, and that σ of no unknown may be worse by."""
+
+
+@dataclass(frozen=True)
+class Expectation:
+    """σ of every unknown: std, name → σ; without, name → (k,) σ without each gauge in turn. On a structure relative to the
+    scale of the unknown, on a bench in N or N m; inf where it is lost, NaN where it is not solved. budget, name → source → share
+    of the variance with all gauges, the shares of a name in sum 1; empty on a bench."""
+
+    std: dict[str, float]
+    without: dict[str, np.ndarray]
+    budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    def importance(self, over: Collection[str]) -> np.ndarray:
+        """How much σ grows without each gauge, summed over these unknowns (k,); infinite where that is not solved."""
+        grown = np.asarray(sum(self.without[name] / self.std[name] for name in over))
+        return np.where(np.isnan(grown), np.inf, grown)
+
+    def ordered(self, order: np.ndarray) -> Expectation:
+        """The same with the gauges in another order."""
+        return replace(self, without={name: values[order] for name, values in self.without.items()})
+
+
+def least_expected(found: Sequence[Expectation], over: Collection[str]) -> int:
+    """Which of several layouts has the least geometric mean of σ over these unknowns; the first one unless another is better
+    by the factor MATTERS, and worse by it in no unknown."""
+    ratio = np.array([[own.std[name] / found[0].std[name] for name in over] for own in found])
+    mean = np.exp(np.mean(np.log(ratio), axis=1))
+    allowed = (mean * MATTERS <= 1) & (ratio.max(axis=1) <= MATTERS)
+    allowed[0] = True
+    return int(tied_order(np.where(allowed, mean, np.inf))[0])
+
+
+REMEDY = {
+    "noise": "quieter channels, or more of them",
+    "process noise": "a smaller process noise, if loads, parameters and the model change or err less than it allows",
+    "start": "a longer run",
+    "position": "gauges placed more exactly, or where the strain changes less from place to place",
+    "angle": "gauges aligned more exactly",
+    "gain": "channels calibrated more exactly",
+    "transverse sensitivity": "gauges of known transverse sensitivity",
+    "offset": "channels zeroed more exactly",
+    "drift": "channels that hold their zero, or a shorter record",
+    "temperature": "a steady temperature, or gauges beside on a part without load",
+    "load direction": "loads aligned more exactly, or their components across among the unknowns",
+    "load point": "loads put on more exactly",
+    "load gain": "load cells calibrated more exactly",
+    "load between samples": "known loads recorded at a higher rate",
+    "damping": "damping measured mode by mode",
+    "frequency": "natural frequencies measured, and the model corrected by them, or slow loads, which do not depend on them",
+    "stiffness": "a stiffness known more exactly, or a modulus among the unknowns",
+}
+"""Source of variance → what makes it smaller."""
+
+
+def budget_table(budget: Mapping[str, Mapping[str, float]], of: str = "budget") -> Table:
+    """Unknowns by source, in % of the variance."""
+    sources = list(dict.fromkeys(source for shares in budget.values() for source in shares))
+    rows = tuple((name, *(f"{100 * shares[source]:.1f} %" for source in sources)) for name, shares in budget.items())
+    return Table(of, ("variance of", *sources), rows)
+
+
+def budget_tables(budget: Budget | None, without: Sequence[str] = ()) -> tuple[Table, ...]:
+    """Of a filter that has run, with what would help most, and why an unknown has none; none of nothing."""
+    sentences = tuple((sentence,) for sentence in (*helps({} if budget is None else budget.shares), *without))
+    table = () if budget is None else (budget_table(budget.shares, "budget of the filtered estimates"),)
+    return (*table, *([Table("what would help", ("",), sentences)] if sentences else []))
+
+
+def helps(budget: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
+    """What would lower σ of every unknown most, those with the same source in one sentence."""
+    led: dict[str, list[str]] = {}
+    for name, shares in budget.items():
+        largest = list(shares)[first_of_largest(np.array(list(shares.values())))]
+        led.setdefault(largest, []).append(name)
+    for source, names in led.items():
+        much = _listed([f"{100 * budget[name][source]:.0f} % of the variance of {name}" for name in names])
+        yield f"What would help {_listed(names)} most: {REMEDY[source]} ({source}: {much})."
+
+
+def _listed(words: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+
 
 NEARLY = 0.8
 """A gauge that sees this share of its range in training is worth a word."""

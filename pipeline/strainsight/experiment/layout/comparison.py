@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.experiment.layout.task import Task
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
-from strainsight.placement.criteria.choices import CRITERIA, criterion_of
+from strainsight.placement.criteria import CRITERIA, criterion_of
 from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.scenario import Pool
 from strainsight.placement.score import Scores, scores

@@ -4,12 +4,30 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import count
 
 import numpy as np
 
-from strainsight.experiment.layout.names import layout_labels
+from strainsight.config import layout as stated
+from strainsight.config.placement import Datum
+from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.units import length_factor
+from strainsight.pages.datum import Frame
 from strainsight.runner.output import Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, UNITS, Candidates
+from strainsight.sensors.edges import EdgeDimensions, edge_dimensions, facet_keys, no_edges
+from strainsight.sensors.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, On, OnElements, ShellFace, Zone
+
+
+def layout_labels(names: Sequence[str], gauges: np.ndarray) -> tuple[str, ...]:
+    """The name that the config gives a gauge, else G1, G2, … in the order of the layout, without those that it gives.
+
+    names: of every candidate, empty where it has none; gauges (k,): numbers of those of the layout.
+    """
+    taken = {name for name in names if name}
+    free = (label for label in (f"G{i}" for i in count(1)) if label not in taken)
+    return tuple(names[gauge] or next(free) for gauge in gauges)
 
 
 @dataclass(frozen=True)
@@ -183,3 +201,102 @@ def marked_places(listed: GaugeList) -> tuple[np.ndarray, np.ndarray, np.ndarray
             labels += arms.labels(label)
     position, direction, normal = (np.array(column).reshape(-1, 3) for column in zip(*rows, strict=True))
     return position, direction, normal, tuple(labels)
+
+
+@dataclass(frozen=True)
+class GaugeLine:
+    """A channel, or an arm of a bridge with its sign in words: number of its gauge in the layout; ids; position [m]; normal and
+    direction unit; angle [deg] from the projected axis; length [m] of the grid, 0: not stated; peak [unit of the channel]."""
+
+    gauge: int
+    element: int
+    facet: int
+    position: np.ndarray
+    normal: np.ndarray
+    direction: np.ndarray
+    angle: float
+    length: float
+    peak: float
+    sign: str = ""
+
+
+def gauge_lines(listed: GaugeList) -> list[GaugeLine]:
+    """All of them in the order of the layout."""
+    return [line for i in range(len(listed.labels)) for line in _lines(listed, i)]
+
+
+def _lines(listed: GaugeList, i: int) -> list[GaugeLine]:
+    arms, peaks = listed.arms[i], listed.peaks[i]
+    if arms is not None:
+        g, peak = arms.grid, peaks[0]
+        columns = zip(g.element, g.facet, g.position, g.normal, g.direction, g.angle, g.length, arms.sign, strict=True)
+        return [
+            GaugeLine(i, e, f, x, n, d, angle, length, peak, f"{s:g}") for e, f, x, n, d, angle, length, s in columns
+        ]
+    element, facet, position, normal = (getattr(listed, c)[i] for c in ("element", "facet", "position", "normal"))
+    each = zip(listed.directions[i], listed.angles[i], peaks, strict=True)
+    return [GaugeLine(i, element, facet, position, normal, d, angle, listed.length[i], peak) for d, angle, peak in each]
+
+
+def line_edges(lines: Sequence[GaugeLine], mesh: Mesh) -> EdgeDimensions:
+    """Of every line the nearest edges of its face; none of what lies on no facet."""
+    if not any(line.facet for line in lines):
+        return no_edges(len(lines))
+    columns = (np.array([getattr(line, name) for line in lines]) for name in ("element", "facet"))
+    position, direction, normal = (
+        np.array([getattr(line, name) for line in lines]).reshape(-1, 3) for name in ("position", "direction", "normal")
+    )
+    return edge_dimensions(mesh.position, exterior_facets(mesh), facet_keys(*columns), position, direction, normal)
+
+
+def measured_columns(frame: Frame) -> list[str]:
+    """Heads of what `measured_cells` gives."""
+    u = frame.unit
+    return [f"x_{u}", f"y_{u}", f"z_{u}", f"edge_{u}", "edge_deg", f"edge2_{u}", "edge2_deg"]
+
+
+def measured_cells(lines: Sequence[GaugeLine], edges: EdgeDimensions, frame: Frame) -> list[list[str]]:
+    """Of every line its place in the frame, and distance and angle to both edges; empty where there is none."""
+    rows = []
+    for line, distance, angle in zip(lines, frame.length(edges.distance), edges.angle, strict=True):
+        pairs = [value for pair in zip(distance, angle, strict=True) for value in pair]
+        rows.append([cell(x) for x in (*frame.place(line.position), *pairs)])
+    return rows
+
+
+def cell(value: float) -> str:
+    """Nine digits, what is rounding of zero as 0; empty for what is not there."""
+    return "" if np.isnan(value) else f"{round(value, 9) + 0.0:.9g}"
+
+
+def deck_frame(unit: str) -> Frame:
+    """The deck's own coordinates, in its unit."""
+    return Frame(unit, length_factor(unit), np.zeros(3), np.eye(3))
+
+
+def frame_of(unit: str, datum: Datum) -> Frame:
+    """Right-handed axes at the origin of the datum: x along its x, z along x × y, y = z × x."""
+    x = np.array(datum.x) / np.linalg.norm(datum.x)
+    z = np.cross(x, datum.y)
+    z /= np.linalg.norm(z)
+    return Frame(unit, length_factor(unit), np.array(datum.origin), np.array([x, np.cross(z, x), z]))
+
+
+def zone_of(entry: stated.Zone) -> Zone:
+    """A zone of a config."""
+    match entry:
+        case stated.BoxZone(box=(low, high)):
+            return Box(low, high)
+        case stated.InCylinder(cylinder=own):
+            return Cylinder(own.point, own.axis, own.radius)
+        case stated.FacingZone(normal_cone=cone):
+            return NormalCone(cone.axis, cone.angle)
+        case stated.NearSetZone(near_set=near):
+            return NearSet(near.set, near.distance)
+        case stated.NearEdgesZone(near_edges=distance):
+            return NearEdges(distance)
+        case stated.ShellFaceZone(shell_face=face):
+            return ShellFace(UPPER if face == "upper" else LOWER)
+        case stated.OnElementsZone(on_elements=kind):
+            return OnElements(kind)
+    return On(entry)

@@ -11,9 +11,8 @@ from strainsight.config.layout import LayoutSettings
 from strainsight.ordering import TIE
 from strainsight.placement.branch_and_bound import BranchAndBound, branch_and_bound
 from strainsight.placement.certificate import Certificate, certify
-from strainsight.placement.exchange import Exchange, exchange
+from strainsight.placement.exchange import Exchange, exchange, fill
 from strainsight.placement.failure import robust_set
-from strainsight.placement.fill import fill
 from strainsight.placement.limits import Limits
 from strainsight.placement.scenario import Aggregate, Pool
 from strainsight.placement.score import score

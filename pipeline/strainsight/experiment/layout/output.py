@@ -12,15 +12,22 @@ from scipy.spatial.distance import cdist
 from strainsight.csv_cells import csv_bytes
 from strainsight.experiment.layout.advice import advice_table
 from strainsight.experiment.layout.comparison import Comparison, criteria_table
-from strainsight.experiment.layout.datum import deck_frame
-from strainsight.experiment.layout.gauge_lines import gauge_lines, line_edges, measured_cells, measured_columns
-from strainsight.experiment.layout.gauge_list import GaugeList, gauge_table, marked_places
+from strainsight.experiment.layout.gauge_list import (
+    GaugeList,
+    deck_frame,
+    gauge_lines,
+    gauge_table,
+    line_edges,
+    marked_places,
+    measured_cells,
+    measured_columns,
+)
 from strainsight.experiment.layout.placement import Placed
 from strainsight.mesh.model import Mesh
 from strainsight.pages.datum import Frame
 from strainsight.placement.recommendation import worth_keeping
-from strainsight.records.grids import gauge_grid
-from strainsight.records.layout import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
+from strainsight.records.mesh import gauge_grid
+from strainsight.records.placed import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
 from strainsight.records.record import Place, record_from, written
 from strainsight.runner.output import Dataset, Output, Scalar, Table
 from strainsight.sensors.candidates import STRAIN, UNITS, channels_of_gauges, grouped

@@ -9,9 +9,8 @@ from functools import cache
 import numpy as np
 
 from strainsight.errors import blame
-from strainsight.experiment.layout.advice import advice, moved_in_words
+from strainsight.experiment.layout.advice import Expectation, advice, least_expected, moved_in_words
 from strainsight.experiment.layout.comparison import Comparison, comparison
-from strainsight.experiment.layout.expectation import Expectation, least_expected
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.layout import Layout, layout_of, proved
 from strainsight.experiment.layout.task import Task

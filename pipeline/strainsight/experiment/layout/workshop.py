@@ -2,24 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from strainsight.config.gauge_types import GaugeType, Typed, gauge_type
+from strainsight.config.gauges import GaugeType, Typed, gauge_type
 from strainsight.csv_cells import csv_bytes
-from strainsight.experiment.layout.gauge_lines import (
+from strainsight.experiment.layout.gauge_list import (
     GaugeLine,
+    GaugeList,
     cell,
+    channel_labels,
     gauge_lines,
     line_edges,
+    marked_places,
     measured_cells,
     measured_columns,
 )
-from strainsight.experiment.layout.gauge_list import GaugeList, marked_places
 from strainsight.mesh.model import Mesh
 from strainsight.pages.datum import Frame
-from strainsight.sensors.clearance import carrier
-from strainsight.sensors.edge_dimensions import EdgeDimensions
+from strainsight.sensors.edges import EdgeDimensions, carrier
 from strainsight.sensors.export import uff_text
 
 
@@ -89,3 +91,164 @@ def workshop_unv(shop: Workshop) -> bytes:
     position, direction, normal, labels = marked_places(shop.listed)
     moved = frame.place(position), frame.turn(direction), frame.turn(normal)
     return uff_text(*moved, labels, unit=frame.unit, metres=frame.metres).encode()
+
+
+UNIT = {"strain": "um/m"}
+"""Unit of an instrument, where it is another than that of the readings."""
+BRIDGES = {1: "quarter", 2: "half", 4: "full"}
+HALVES = {True: "half, arms 1 and 2", False: "half, arms 1 and 3"}
+
+
+@dataclass(frozen=True)
+class Wiring:
+    """What a config says of all strain gauges alike: gauge factor [-] and resistance [ohm], None where it does not."""
+
+    gauge_factor: float | None = None
+    resistance: float | None = None
+
+
+@dataclass(frozen=True)
+class _Row:
+    """A channel: name; kind of its gauge; unit; bridge, "" of what is no strain; arms."""
+
+    name: str
+    kind: str
+    unit: str
+    bridge: str
+    arms: int
+
+
+def catman_table(listed: GaugeList, wiring: Wiring) -> bytes:
+    """A row a channel, cells apart by tabs: number, name, sensor, bridge, gauge factor, resistance, µm/m a mV/V, unit.
+
+    ε [µm/m] = 4000/GF · r [mV/V]     of one gauge, and of a bridge the signed sum ε_B of its arms
+    """
+    head = ["Channel", "Name", "Sensor", "Bridge", "Gauge factor", "Resistance [ohm]", "um/m per mV/V", "Unit"]
+    rows: list[list[str]] = []
+    for number, row in enumerate(_rows(listed), start=1):
+        factor, resistance = _wired(row, wiring)
+        slope = f"{4000 / wiring.gauge_factor:.9g}" if wiring.gauge_factor and row.arms else ""
+        rows.append([str(number), row.name, row.kind, row.bridge, factor, resistance, slope, row.unit])
+    return _table(head, rows)
+
+
+def labview_table(listed: GaugeList, wiring: Wiring) -> bytes:
+    """A row a channel, cells apart by tabs, in the words of NI-DAQmx: a single gauge is a strain channel, "Quarter Bridge I"; a
+    bridge, whose ε_B is the sum of its arms and no strain that NI knows, a Bridge (V/V) channel, with the slope of its scale.
+
+        ε_B [m/m] = 4/GF · r [V/V]
+    """
+    head = ["Name", "Measurement type", "Strain configuration", "Gauge factor", "Nominal gauge resistance [ohm]"]
+    head += ["Scale slope", "Scaled unit"]
+    rows: list[list[str]] = []
+    for row in _rows(listed):
+        factor, resistance = _wired(row, wiring)
+        kind, configuration, slope, unit = row.kind, "", "", row.unit
+        if row.arms == 1:
+            kind, configuration, unit = "Strain", "Quarter Bridge I", "strain"
+        elif row.arms:
+            slope = f"{4 / wiring.gauge_factor:.9g}" if wiring.gauge_factor else ""
+            kind, unit = "Bridge (V/V)", "strain"
+        rows.append([row.name, kind, configuration, factor, resistance, slope, unit])
+    return _table(head, rows)
+
+
+def _rows(listed: GaugeList) -> list[_Row]:
+    labels = channel_labels(listed)
+    rows: list[_Row] = []
+    for i, kind in enumerate(listed.kind):
+        arms = listed.arms[i]
+        strain = listed.unit[i] == "strain"
+        count = 0 if not strain else 1 if arms is None else len(arms.sign)
+        bridge = BRIDGES.get(count, f"{count} arms") if count else ""
+        if arms is not None and count == 2:
+            bridge = HALVES[bool(arms.sign[0] * arms.sign[1] < 0)]
+        unit = UNIT.get(listed.unit[i], listed.unit[i])
+        rows += [_Row(labels[len(rows) + k], kind, unit, bridge, count) for k in range(len(listed.directions[i]))]
+    return rows
+
+
+def _wired(row: _Row, wiring: Wiring) -> tuple[str, str]:
+    """Gauge factor and resistance, empty of what is no strain or where they are not known."""
+    values = (wiring.gauge_factor, wiring.resistance)
+    factor, resistance = ("" if value is None or not row.arms else f"{value:.9g}" for value in values)
+    return factor, resistance
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> bytes:
+    lines = ["\t".join(" ".join(cell.split()) for cell in row) for row in (head, *rows)]
+    return ("\r\n".join(lines) + "\r\n").encode()
+
+
+ALL = "GAUGES"
+FIRST_SET = 9001
+"""Number of the Nastran set of all gauges; those of single gauges follow."""
+WIDTH = 72
+A_LINE = 16
+"""Numbers that a data line of Abaqus may hold."""
+LONGEST = 80
+
+
+def elements_of(shop: Workshop) -> dict[str, list[int]]:
+    """Label of every gauge → ids of the elements below it, of a bridge below all its arms, ascending; none of what lies on no
+    facet."""
+    found = {}
+    for i, label in enumerate(shop.listed.labels):
+        ids = sorted({int(shop.lines[k].element) for k in shop.lines_of(i) if shop.lines[k].facet})
+        if ids:
+            found[label] = ids
+    return found
+
+
+def nastran_sets(elements: Mapping[str, Sequence[int]], run: str) -> bytes:
+    """SET cards of the case control section: one of all, then one a gauge, each below a comment with its name."""
+    lines = [
+        f"$ Run {_ascii(run)}: elements below its gauges.",
+        "$ For the case control section: INCLUDE this file there.",
+    ]
+    for number, (name, ids) in enumerate(_with_all(elements), start=FIRST_SET):
+        lines += [f"$ {_ascii(name)}", *_wrapped(f"SET {number} = ", ids)]
+    return ("\n".join(lines) + "\n").encode("ascii")
+
+
+def abaqus_sets(elements: Mapping[str, Sequence[int]], run: str) -> bytes:
+    """*ELSET of all gauges, then one a gauge, GAUGE_ and its name; in a deck of parts they belong below the part."""
+    lines = [
+        f"** Elements below the gauges of the run {_ascii(run)}. Model data: *INCLUDE this file behind the elements."
+    ]
+    taken: set[str] = set()
+    for name, ids in _with_all(elements):
+        own = name if name == ALL else _set_name(f"GAUGE_{name}", taken)
+        taken.add(own.upper())
+        lines.append(f"*ELSET, ELSET={own}")
+        lines += [", ".join(map(str, ids[i : i + A_LINE])) for i in range(0, len(ids), A_LINE)]
+    return ("\n".join(lines) + "\n").encode("ascii")
+
+
+def _with_all(elements: Mapping[str, Sequence[int]]) -> list[tuple[str, list[int]]]:
+    every = sorted({i for ids in elements.values() for i in ids})
+    return [(ALL, every), *((name, list(ids)) for name, ids in elements.items())]
+
+
+def _wrapped(head: str, ids: Sequence[int]) -> list[str]:
+    """Lines of at most 72 characters, each but the last ending with a comma."""
+    lines = [head]
+    for i, number in enumerate(ids):
+        word = f"{number}{',' if i + 1 < len(ids) else ''}"
+        if len(lines[-1]) + len(word) > WIDTH:
+            lines.append(" " * 8)
+        lines[-1] += word
+    return lines
+
+
+def _set_name(name: str, taken: set[str]) -> str:
+    """Letters, digits, _ and -, which begin with a letter; apart from others, as case does not count."""
+    plain = re.sub(r"[^A-Za-z0-9_-]+", "_", name)[:LONGEST]
+    own, count = plain, 2
+    while own.upper() in taken:
+        own, count = f"{plain}-{count}", count + 1
+    return own
+
+
+def _ascii(text: str) -> str:
+    return " ".join(text.encode("ascii", "replace").decode().split())[:60]

@@ -3,17 +3,158 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from scipy import sparse
 
+from strainsight.config.checks_gauges import bridge_problem
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
-from strainsight.errors import ConfigError, blame, did_you_mean
-from strainsight.experiment.layout.names import layout_labels
-from strainsight.experiment.structure.bonded_file import BondedPlace, read_bonded
+from strainsight.errors import ConfigError, DeckError, blame, did_you_mean
+from strainsight.experiment.layout.gauge_list import layout_labels
+from strainsight.foreign.matrices.files import csv_columns, csv_lines, read_matrix
+from strainsight.foreign.ready import row_scale
 from strainsight.records.training import Training
+from strainsight.sensors.bonded import GivenGauges, given_pool
 from strainsight.sensors.candidates import STRAIN, Candidates
+
+AXES = ("x", "y", "z")
+NEEDED = ("gauge", *(f"{vector}_{axis}" for vector in ("position", "direction") for axis in AXES))
+NORMAL = tuple(f"normal_{axis}" for axis in AXES)
+STRAIN_KINDS = ("strain gauge", "rosette", "bridge")
+
+
+@dataclass(frozen=True)
+class BondedArm:
+    """One arm of a bridge: position [m] and direction (3,); length [m] of its grid, None where the file has none; sign ±1."""
+
+    position: np.ndarray
+    direction: np.ndarray
+    length: float | None
+    sign: int
+
+
+@dataclass(frozen=True)
+class BondedPlace:
+    """One gauge: position (3,) [m]; direction (c, 3) of each of its channels; normal (3,) outward, zero where the file has none;
+    length [m] of its grid, None where the file has none; kind in words; line of the file where it begins; arms of a bridge, all
+    of them, the first of which is the rest of this."""
+
+    position: np.ndarray
+    direction: np.ndarray
+    normal: np.ndarray
+    length: float | None
+    kind: str
+    line: int
+    arms: tuple[BondedArm, ...] = ()
+
+    @property
+    def angles(self) -> tuple[float, ...]:
+        """Of every grid from the first one [deg], right-handed about the normal: tan α = (d₁ × d)·n / (d₁·d)."""
+        first = self.direction[0]
+        across = np.cross(first, self.direction) @ self.normal
+        return tuple(np.rad2deg(np.arctan2(across, self.direction @ first)).tolist())
+
+
+def read_bonded(path: Path) -> dict[str, BondedPlace]:
+    """Gauges by name, in the order of the file: a line a channel, of a bridge an arm, those of one gauge one behind the other.
+
+    Columns gauge, position_x … z, direction_x … z in metres; kind, normal_x … z and grid_length where they are there, and sign,
+    1 or −1, of the arms of a bridge; others are passed over. Raises DeckError for a column that is missing, what is no number, a
+    direction without length, a gauge that is there twice, a rosette without a normal, and arms that are no bridge.
+    """
+    found: dict[str, list[tuple[int, dict[str, str]]]] = {}
+    last = ""
+    for line, cells in csv_columns(path, NEEDED):
+        name = cells["gauge"]
+        if not name:
+            raise DeckError("a line without the name of a gauge", where=f"{path}:{line}", remedy="name it")
+        if name in found and name != last:
+            raise DeckError(
+                f"gauge {name} is there twice",
+                where=f"{path}:{line}",
+                remedy="give each its own name; grids of a rosette stand one behind the other",
+            )
+        last = name
+        found.setdefault(name, []).append((line, cells))
+    if not found:
+        raise DeckError("no gauge in the file", where=str(path), remedy=f"one line a gauge: {','.join(NEEDED)}")
+    return {name: _place(path, name, lines) for name, lines in found.items()}
+
+
+def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> BondedPlace:
+    vectors = {
+        vector: np.array([[_number(path, line, cells, f"{vector}_{axis}") for axis in AXES] for line, cells in lines])
+        for vector in ("position", "direction")
+    }
+    first, cells = lines[0]
+    where = f"{path}:{first}"
+    length = np.linalg.norm(vectors["direction"], axis=1)
+    if not length.all():
+        raise DeckError(f"gauge {name} has a direction of length zero", where=where, remedy="give direction_x, …")
+    direction = vectors["direction"] / length[:, None]
+    arms = _arms(path, name, lines, vectors["position"], direction)
+    if arms:
+        lines = lines[:1]
+    elif np.ptp(vectors["position"], axis=0).any():
+        raise DeckError(f"the grids of {name} are in several places", where=where, remedy="give all the same position")
+    there = all(cells.get(column) for column in NORMAL)
+    normal = np.array([_number(path, first, cells, column) for column in NORMAL]) if there else np.zeros(3)
+    if len(lines) > 1 and not normal.any():
+        raise DeckError(
+            f"rosette {name} has no normal, which says in which sense its grids turn",
+            where=where,
+            remedy=f"add the columns {', '.join(NORMAL)}: the outward normal of the surface",
+        )
+    return BondedPlace(
+        position=vectors["position"][0],
+        direction=direction[: len(lines)],
+        normal=normal,
+        length=_length(path, first, cells),
+        kind=cells.get("kind") or STRAIN_KINDS[2 if arms else len(lines) > 1],
+        line=first,
+        arms=arms,
+    )
+
+
+def _arms(
+    path: Path, name: str, lines: list[tuple[int, dict[str, str]]], position: np.ndarray, direction: np.ndarray
+) -> tuple[BondedArm, ...]:
+    """The arms of a bridge, () of what is none: its lines have signs."""
+    cells = [own.get("sign", "") for _, own in lines]
+    where = f"{path}:{lines[0][0]}"
+    if not any(cells):
+        if lines[0][1].get("kind") == STRAIN_KINDS[2]:
+            raise DeckError(
+                f"the arms of the bridge {name} have no sign", where=where, remedy="add the column sign: 1 or -1"
+            )
+        return ()
+    sign = [_number(path, line, own, "sign") for line, own in lines]
+    if problem := bridge_problem(sign):
+        raise DeckError(f"the bridge {name} has {problem[0]}", where=where, remedy=problem[1])
+    return tuple(
+        BondedArm(x, d, _length(path, line, own), int(s))
+        for x, d, s, (line, own) in zip(position, direction, sign, lines, strict=True)
+    )
+
+
+def _length(path: Path, line: int, cells: dict[str, str]) -> float | None:
+    return _number(path, line, cells, "grid_length") if cells.get("grid_length") else None
+
+
+def _number(path: Path, line: int, cells: dict[str, str], column: str) -> float:
+    try:
+        value = float(cells[column])
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise DeckError(
+            f"{cells[column]!r} under {column} is no number", where=f"{path}:{line}", remedy="give one, in metres"
+        )
+    return value
+
 
 KEY = "estimate.gauges_file"
 ROUNDED = 1e-6
@@ -150,3 +291,67 @@ def _check_place(
 
 def _xyz(x: np.ndarray) -> str:
     return f"({', '.join(f'{value:.4g}' for value in x + 0.0)})"
+
+
+COLUMNS = ("gauge", "x", "y", "z", "dx", "dy", "dz")
+
+
+def read_given(rows: Path, table: Path, components: np.ndarray, length: float) -> GivenGauges:
+    """Strain rows ε = R u [1/L on translations, 1/rad on rotations] and the table gauge,x,y,z,dx,dy,dz [L], L [m].
+
+    components (r,) 0-5 of the rows of the matrices. Raises DeckError for files that cannot be read or do not fit together.
+    """
+    number, position, direction = given_table(table)
+    R = _rows(rows, components, length)
+    if R.shape[0] != len(number):
+        raise DeckError(
+            f"the matrix has {R.shape[0]} rows, {table.name} has {len(number)} gauges",
+            where=str(rows),
+            remedy="one row a gauge, in the order of the table",
+        )
+    return GivenGauges(given_pool(number, position * length, direction), R)
+
+
+def _rows(path: Path, components: np.ndarray, length: float) -> sparse.csr_array:
+    """The strain rows (m, r) in SI: R_SI = R s/L,  s = 1 for translations, L for rotations. Errors as `read_given`."""
+    R = read_matrix(path)
+    if R.shape[1] != len(components):
+        raise DeckError(
+            f"the matrix has {R.shape[1]} columns, the stiffness {len(components)} rows",
+            where=str(path),
+            remedy="one column for every line of mesh.matrices.numbering",
+        )
+    return sparse.csr_array(R @ sparse.diags_array(row_scale(components, length) / length))
+
+
+def given_table(path: Path) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Numbers (m,), positions and directions (m, 3) of the table, in its unit. Errors as `read_given`."""
+    number: list[int] = []
+    position, direction = [], []
+    for line, cells in csv_lines(path, COLUMNS):
+        try:
+            gauge = int(cells[0])
+            x = [float(cell) for cell in cells[1:4]]
+            d = [float(cell or "0") for cell in cells[4:]]
+        except ValueError:
+            raise DeckError(
+                f"{','.join(cells)[:60]!r} holds something that is no number",
+                where=f"{path}:{line}",
+                remedy="give a whole number, a position and a direction, which may be left blank",
+            ) from None
+        if not (np.isfinite([*x, *d]).all() and abs(gauge) < 2**62):
+            raise DeckError(
+                f"gauge {gauge} has a number that is not finite", where=f"{path}:{line}", remedy="correct it"
+            )
+        number.append(gauge)
+        position.append(x)
+        direction.append(d)
+    if not number:
+        raise DeckError("no gauge in the table", where=str(path), remedy=f"one line a gauge: {','.join(COLUMNS)}")
+    ids, first = np.unique(number, return_index=True)
+    if len(ids) < len(number):
+        again = next(i for i in range(len(number)) if i not in set(first.tolist()))
+        raise DeckError(
+            f"gauge {number[again]} is there twice", where=f"{path}:{again + 2}", remedy="give each its own number"
+        )
+    return np.array(number, dtype=np.int64), np.array(position), np.array(direction)

@@ -12,12 +12,13 @@ import numpy as np
 from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
+from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoothed import Wanted
-from strainsight.estimation.tuning import Tuning
+from strainsight.estimation.smoother import Wanted
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
+from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
 from strainsight.experiment.structure.damage_drawn import drawn_damage
 from strainsight.experiment.structure.diagnosed import Judgement, Together, judgement_of, together_of
 from strainsight.experiment.structure.estimation import Common, Estimation, estimation_of_record, held_out
@@ -36,11 +37,21 @@ from strainsight.experiment.structure.nuisances import Tolerated, not_held_in_wo
 from strainsight.experiment.structure.observation import undetectable
 from strainsight.experiment.structure.problem import Problem, initial_covariance, problem_of, rests_on_loads_in_words
 from strainsight.experiment.structure.records_of_test import RecordSettings, in_record, records_of, source_of
-from strainsight.experiment.structure.surface import damage_on_surface, virtual_strain
-from strainsight.experiment.structure.surface_in_test import displaced, skin_in_test, wanted_of
-from strainsight.experiment.structure.suspected import suspect_of, turning_of
-from strainsight.experiment.structure.thick_rows import free_thicknesses, thickness_at
-from strainsight.experiment.structure.withheld import beyond_ranges, excluded_by_comparison, last_values, widen
+from strainsight.experiment.structure.surface import (
+    damage_on_surface,
+    displaced,
+    skin_in_test,
+    virtual_strain,
+    wanted_of,
+)
+from strainsight.experiment.structure.suspected import (
+    beyond_ranges,
+    excluded_by_comparison,
+    last_values,
+    suspect_of,
+    turning_of,
+    widen,
+)
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.parallel.sweep import Sweep

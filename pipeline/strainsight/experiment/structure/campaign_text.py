@@ -19,7 +19,7 @@ from strainsight.experiment.hold_out import (
     rms,
     size_in_words,
 )
-from strainsight.experiment.layout.budget import budget_tables
+from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.structure.campaign import Campaign
 from strainsight.experiment.structure.estimation import Estimation
 from strainsight.experiment.structure.filtering import posterior_doubts, posterior_numbers

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -11,21 +11,38 @@ import numpy as np
 from strainsight.config.gauges import AxisDirection, BondedBridge, Gauges, NamedGauge
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, InfeasibleError, blame
-from strainsight.experiment.layout.zones import zone_of
-from strainsight.experiment.structure.bonded_file import STRAIN_KINDS, BondedPlace, read_bonded
+from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, zone_of
+from strainsight.experiment.recorded import named_regions
+from strainsight.experiment.structure.bonded_gauges import STRAIN_KINDS, BondedPlace, read_bonded
 from strainsight.experiment.structure.settings import families
+from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter
+from strainsight.fem.by_region import interpolated
+from strainsight.loads.linearisation import Sensed
+from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.sensors.admissible import admissible
+from strainsight.mesh.properties import THICKNESS, Thickness, thickness_of
+from strainsight.records.training import Screened, Training
+from strainsight.rom.model import ReducedModel, accelerations
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.bridges import StrainGauges, bridges
-from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, candidates, concatenate
-from strainsight.sensors.motion import motion_candidates
-from strainsight.sensors.principal import ROSETTE, principal_angles
+from strainsight.sensors.candidates import (
+    ACCELERATION,
+    DISPLACEMENT,
+    ROSETTE,
+    STRAIN,
+    UNITS,
+    candidates,
+    channels_of_gauges,
+    concatenate,
+    grouped,
+    motion_candidates,
+    principal_angles,
+)
 from strainsight.sensors.rows import channel_rows, fits
 from strainsight.sensors.surface import facet_centres
 from strainsight.sensors.walk import skin_of
-from strainsight.sensors.zones import inside
+from strainsight.sensors.zones import admissible, inside
 
 FILE = "gauges.fixed_file"
 
@@ -214,3 +231,136 @@ def _entry(gauges: Gauges, file: Path, name: str, place: BondedPlace) -> BondedE
 
 def _length(gauges: Gauges, stated: float | None) -> float:
     return float(gauges.grid_length if stated is None else stated)
+
+
+@dataclass(frozen=True)
+class Channels:
+    """All candidates, one row a channel, those of one gauge one behind the other.
+
+    rows (m, n): strain, or displacement of the point, per reduced coordinate, at the references, and change, what θ adds to them
+    where a thickness of shells is free; quantity (m,): 0 strain, 1 acceleration,
+    2 displacement; noise_std (m,) of one sample at the training time step [unit of the quantity]; gauge (m,): number of the
+    gauge; bridged (m,): which are bridges of several arms.
+    """
+
+    rows: np.ndarray
+    change: AffineOperator
+    quantity: np.ndarray
+    noise_std: np.ndarray
+    gauge: np.ndarray
+    bridged: np.ndarray
+
+    def sensed(self, channels: np.ndarray) -> Sensed:
+        """What some channels (k,) read."""
+        return Sensed(self.rows[channels], self.quantity[channels], self.change.of_terms(lambda X: X[channels]))
+
+    @property
+    def gauges(self) -> int:
+        """How many gauges there are."""
+        return int(self.gauge[-1]) + 1
+
+    def of(self, gauges: np.ndarray) -> np.ndarray:
+        """Channels (..., c) of gauges (...), −1 where a gauge has fewer than the c of the largest."""
+        return channels_of_gauges(self.gauge, gauges)
+
+
+def units_in_words(quantity: np.ndarray) -> str:
+    """The unit of an array over channels of these quantities: "strain", or "strain or m/s^2" where they differ."""
+    return " or ".join(UNITS[kind] for kind in np.unique(quantity))
+
+
+def training_units(quantity: np.ndarray) -> dict[str, str]:
+    """Of what is written of channels of these quantities (m,), a row of which is strain or displacement per coordinate."""
+    still = np.where(quantity == STRAIN, STRAIN, DISPLACEMENT)
+    unit, row = units_in_words(quantity), f"{grouped(units_in_words(still))}/(kg^1/2 m)"
+    return {"the channel": unit, "the variance": f"{grouped(unit)}^2", "the row": row}
+
+
+def channels_of(training: Training, screened: Screened) -> Channels:
+    """All channels of the training run, with their noise."""
+    pool = training.candidates
+    return Channels(training.rows, training.change, pool.quantity, screened.noise_std, pool.gauge, pool.bridged)
+
+
+def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:
+    """Gauges (k,) by their numbers, as a layout lists them, with what they read in the training run."""
+    candidates = training.candidates
+    used = candidates.channels(gauges)
+    peak, most = np.full((2, len(candidates)), np.nan)
+    peak[used], most[used] = training.peak[used], training.strained[used]
+    return gauge_list(candidates, training.name, gauges, screened.family, peak, screened.range, most)
+
+
+def readings(
+    model: ReducedModel,
+    theta: Mapping[str, float],
+    rows: np.ndarray,
+    quantity: np.ndarray,
+    x: np.ndarray,
+    u: np.ndarray,
+) -> np.ndarray:
+    """What channels read in a motion without noise: row·q of strain and displacement, row·q̈ of acceleration.
+
+    theta: all parameters [SI]; rows (m, n); quantity (m,); x (s, 2n) = [q, q̇]; u (s, n_u) [N] at the same instants.
+    Returns (s, m) [strain, m/s² or m].
+    """
+    n = model.size
+    reading = x[:, :n] @ rows.T
+    moving = quantity == ACCELERATION
+    if moving.any():
+        reading[:, moving] = accelerations(model, theta, x, u) @ rows[moving].T
+    return reading
+
+
+def largest_of_quantity(peak: np.ndarray, quantity: np.ndarray) -> np.ndarray:
+    """For every channel the largest reading of any channel of its quantity (m,); peak (m,) of each, quantity (m,)."""
+    return np.array([peak[quantity == q].max() for q in quantity])
+
+
+SMALL = 1e-4
+"""Of the largest entry of all rows: what is less in all of a row is that well known, and not to its own digits."""
+
+
+def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str, float]) -> tuple[Parameter, ...]:
+    """The parameters that are a thickness, at their references [m]."""
+    own = {name: entry for name, entry in config.parameters.items() if entry.property == THICKNESS}
+    return tuple(
+        Parameter(name, THICKNESS, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range)
+        for name, entry in own.items()
+    )
+
+
+def thickness_of_guess(config: PlacementConfig, mesh: Mesh, reference: Mapping[str, float]) -> Thickness | None:
+    """Of the shells at the references [m], which may differ from the deck; None where no thickness is free."""
+    return thickness_at(mesh, free_thicknesses(config, mesh, reference), reference)
+
+
+def thickness_at(mesh: Mesh, free: Sequence[Parameter], theta: Mapping[str, float]) -> Thickness | None:
+    """Of the shells at θ [m]; None where no thickness is free."""
+    return thickness_of(mesh, [(own.regions, theta[own.name]) for own in free]) if free else None
+
+
+def rows_along(
+    mesh: Mesh, free: Sequence[Parameter], read: Callable[[Thickness | None], np.ndarray]
+) -> tuple[np.ndarray, AffineOperator]:
+    """Rows X(θ₀) (m, r) at the references, and ΔX(θ) = X(θ) − X(θ₀), without terms where no thickness is free:
+
+        X(θ) = X(θ₀) + Σᵢ (X(θᵢ) − X(θ₀)),     each difference that of `interpolated`, every row over its largest entry
+
+    as a row is a sum over points, each on a shell of one thickness. Linear in it on shells that are flat around a node, and else
+    rational, as faces are longer or shorter than the middle.
+    read: shells of another thickness → rows (m, r) as they read then."""
+    reference = {own.name: own.reference for own in free}
+    first = read(thickness_at(mesh, free, reference))
+    size = np.abs(first).max(axis=1, initial=0.0, keepdims=True)
+    size = np.maximum(size, SMALL * size.max(initial=0.0))  # rows that are zero but for rounding
+    change = NO_CHANGE
+    for own in free:
+
+        def at(theta: Mapping[str, float]) -> np.ndarray:
+            return read(thickness_at(mesh, free, {**reference, **theta})) / size
+
+        found = interpolated(at, [own])
+        terms = {label: size * X for label, X in found.terms.items()}
+        change = AffineOperator(0.0, {**change.terms, **terms}, {**change.coefficients, **found.coefficients})
+    return first, change

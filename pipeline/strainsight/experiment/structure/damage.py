@@ -7,18 +7,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.damage import DamageSettings
+from strainsight.config.estimate import DamageSettings
 from strainsight.config.gauges import Gauges, NamedGauge
-from strainsight.damage.curve import Curve, MeanStress
-from strainsight.damage.intervals import Interval, interval_of
 from strainsight.damage.loops import FKM, GOODMAN, NONE
-from strainsight.damage.sums import damage_of, equivalent_range, one_number
+from strainsight.damage.sums import Curve, Interval, MeanStress, damage_of, equivalent_range, interval_of, one_number
 from strainsight.errors import UserError
-from strainsight.estimation.bank_paths import Paths
+from strainsight.estimation.error_paths import Paths
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.smoothed import Smoothed
+from strainsight.estimation.smoother import Smoothed
+from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.surface import Skin, virtual_pool
-from strainsight.experiment.structure.thick_rows import rows_along
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.stress import SurfaceModel
 from strainsight.records.damage import DamageAt, Damaged

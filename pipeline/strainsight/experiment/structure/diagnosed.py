@@ -12,11 +12,11 @@ from strainsight.config.estimate import Channel, DelayInSeconds
 from strainsight.estimation.bank_filters import BankRecord, bank_record
 from strainsight.estimation.decision import INCONSISTENT
 from strainsight.estimation.faults import MARGIN, Explained, Fault, at_limit
+from strainsight.estimation.load_faults import ResidualPattern
 from strainsight.estimation.peak import peak_of_records
 from strainsight.estimation.record_check import RecordCheck, check_record
 from strainsight.estimation.suspect import ShiftedMode, Suspect
-from strainsight.estimation.unmodelled_load import ResidualPattern
-from strainsight.experiment.recorded_channels import delay_in_seconds
+from strainsight.experiment.recorded import delay_in_seconds
 from strainsight.experiment.structure.filtered_test import Filtering
 from strainsight.experiment.structure.measured import Measured
 from strainsight.experiment.structure.problem import Problem

@@ -9,8 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.gauges import AbsoluteNoise
-from strainsight.config.load_cases import CaseLoad
-from strainsight.config.loads import MultiSine, Recorded, Sine, Sweep
+from strainsight.config.loads import CaseLoad, MultiSine, Recorded, Sine, Sweep
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
 from strainsight.estimation.faults import at_limit
@@ -77,8 +76,7 @@ def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, Recorded, di
 def _check_gauges(config: PlacementConfig, base: Path) -> None:
     """Names of the channels among those of bonded gauges and the G1 … of as many as are kept. A file that says where those of the
     layout were bonded comes after the layout: only `estimate` needs it."""
-    from strainsight.experiment.structure.bonded_file import read_bonded
-    from strainsight.experiment.structure.bonded_gauges import KEY, absent, not_bonded, place_unknown
+    from strainsight.experiment.structure.bonded_gauges import KEY, absent, not_bonded, place_unknown, read_bonded
 
     settings, own = config.estimate, config.gauges
     assert settings is not None
@@ -109,8 +107,7 @@ def _check_gauges(config: PlacementConfig, base: Path) -> None:
 
 def _check_given(config: PlacementConfig, table: Path) -> None:
     """Given gauges have the numbers of their table for names."""
-    from strainsight.experiment.structure.bonded_gauges import absent
-    from strainsight.experiment.structure.given_gauges import given_table
+    from strainsight.experiment.structure.bonded_gauges import absent, given_table
 
     assert config.estimate is not None
     with blame("gauges.given"):
@@ -122,7 +119,7 @@ def _check_given(config: PlacementConfig, table: Path) -> None:
 
 def _check_records(config: PlacementConfig, base: Path) -> None:
     """Channels and units of every record that is there; which sensor is which is known without motion sensors alone."""
-    from strainsight.experiment.recorded_channels import signals_of
+    from strainsight.experiment.recorded import signals_of
     from strainsight.experiment.structure.early import odd_channels
     from strainsight.experiment.structure.measured import check_quantities, wanted_of
     from strainsight.experiment.structure.records_of_test import in_record, records_of

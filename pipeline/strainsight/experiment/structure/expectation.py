@@ -2,18 +2,25 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank_claim import bank_claim
-from strainsight.estimation.claim import covariance_recursion
-from strainsight.experiment.layout.expectation import Expectation
-from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of
+from strainsight.estimation.claim import bank_claim, covariance_recursion
+from strainsight.experiment.layout.advice import Expectation
+from strainsight.experiment.layout.gauge_list import GaugeList
+from strainsight.experiment.layout.placement import Placed
+from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
-from strainsight.experiment.structure.variance import variances
+from strainsight.ordering import first_of_largest
 from strainsight.placement.recommendation import alike
+from strainsight.placement.score import score
+from strainsight.records.placed import ByCase
+from strainsight.records.training import Screened, Training
+from strainsight.runner.output import Table
+from strainsight.sensors.candidates import STRAIN, UNITS
 
 
 def expectation(problem: Problem, gauges: np.ndarray, own: Tolerated) -> Expectation:
@@ -67,3 +74,135 @@ def alike_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -
         rows = np.where((channels[own] >= 0)[..., None], problem.channels.rows[channels[own]], 0.0)
         groups += [tuple(int(own[i]) for i in group) for group in alike(rows @ L)]
     return sorted(groups)
+
+
+def worst_case(found: Sequence[Expectation], acts: Sequence[np.ndarray]) -> Expectation:
+    """Of every unknown what is expected in the load case where σ, relative to its amplitude there, is largest; without a gauge
+    the largest of any case. Only cases count in which the unknown acts; acts (u,) bool of each."""
+    if len(found) == 1:
+        return found[0]
+    std, without, budget = {}, {}, {}
+    for i, name in enumerate(found[0].std):
+        there = [own for own, act in zip(found, acts, strict=True) if act[i]]
+        worst = there[first_of_largest(np.array([own.std[name] for own in there]))]
+        std[name] = worst.std[name]
+        without[name] = np.max([own.without[name] for own in there], axis=0)
+        budget[name] = worst.budget[name]
+    return Expectation(std, without, budget)
+
+
+def cases_of(found: Placed, expected: Sequence[Expectation]) -> ByCase:
+    """The load cases of a layout: weight, metric, expected σ; expected: one a case, of the layout."""
+    task, cases = found.task, found.task.cases
+    assert cases is not None
+    names, every = task.unknowns.names, range(len(cases.names))
+    metric = task.metrics[task.criterion.name]
+    cost = [
+        score(
+            [task.pools[i].under(metric[case]) for i in np.flatnonzero(cases.of == case)], found.final, task.aggregate
+        )
+        for case in every
+    ]
+    std = np.array([[own.std[name] for name in names] for own in expected])
+    return ByCase(
+        name=cases.names,
+        weight=cases.weight,
+        scenario=cases.of,
+        metric=np.array(cost),
+        std={name: std[:, i] for i, name in enumerate(names)},
+        acts={name: cases.acts[:, i] for i, name in enumerate(names)},
+        scale={name: cases.scale[:, i] for i, name in enumerate(names)},
+        worst={
+            name: cases.names[first_of_largest(np.where(cases.acts[:, i], std[:, i], -np.inf))]
+            for i, name in enumerate(names)
+        },
+    )
+
+
+def case_table(own: ByCase, symbol: str) -> Table:
+    """Every load case with its weight, what the criterion is in it and what is expected of every unknown."""
+    rows = tuple(
+        (
+            name,
+            f"{own.weight[i]:g}",
+            f"{own.metric[i]:.4g}",
+            *(f"{100 * std[i]:.3g} %" if own.acts[unknown][i] else "silent" for unknown, std in own.std.items()),
+        )
+        for i, name in enumerate(own.name)
+    )
+    columns = ("load case", "weight", symbol, *(f"expected σ({name})" for name in own.std))
+    return Table("load cases: σ relative to the amplitude in each", columns, rows)
+
+
+def cases_in_words(own: ByCase, aggregate: str) -> Iterator[str]:
+    """In which load case every unknown is known least, and which one a worst-case layout is ruled by."""
+    if len(own.name) == 1:
+        return
+    least: dict[str, list[str]] = {}
+    for unknown, case in own.worst.items():
+        least.setdefault(case, []).append(unknown)
+    for case, unknowns in least.items():
+        yield f"Of the load cases {case} is where {' and '.join(unknowns)} {'is' if len(unknowns) == 1 else 'are'} known least."
+    if aggregate == "worst":
+        yield f"The layout is ruled by the load case {own.name[first_of_largest(own.weight * own.metric)]}."
+
+
+RESOLVED = 1e-7
+"""[strain] What an amplifier resolves, 0.1 µm/m: a rule of ours, for a bandwidth of some Hz to kHz."""
+QUIETEST = 5e-8
+"""[strain] Noise of one sample that hardly any channel stays below, 0.05 µm/m: half of that."""
+LOUDER = "load the part harder, or check the unit of the load and the moduli"
+
+
+def unresolved_candidates(training: Training) -> str:
+    """Says that the largest training reading of every strain gauge is below `RESOLVED`; empty where some is not."""
+    straining = training.candidates.quantity == STRAIN
+    if not straining.any() or (largest := float(training.peak[straining].max())) >= RESOLVED:
+        return ""
+    return (
+        f"The largest training reading of all gauges is {_size(largest)}: an amplifier resolves {_size(RESOLVED)}. "
+        f"{LOUDER.capitalize()} (loads.*.signal, mesh.length_unit, mesh.mass_unit)."
+    )
+
+
+def quiet_noise(training: Training, screened: Screened) -> str:
+    """Says that the noise of the strain gauges is below `QUIETEST`; empty where it is not."""
+    straining = training.candidates.quantity == STRAIN
+    if not straining.any() or (noise := float(screened.noise_std[straining].min())) >= QUIETEST:
+        return ""
+    return (
+        f"The noise of the strain gauges is {_size(noise)} a sample, less than the {_size(QUIETEST)} that an amplifier has: σ is "
+        "too small where it comes from noise. State that of yours, gauges.noise_std: {value: …} [strain]."
+    )
+
+
+def loud_noise(training: Training, screened: Screened) -> str:
+    """Says that the noise of every sensor of a kind exceeds its largest training reading; empty where it does not."""
+    loud = []
+    for quantity in np.unique(training.candidates.quantity):
+        alike = training.candidates.quantity == quantity
+        noise, largest = float(screened.noise_std[alike].min()), float(training.peak[alike].max())
+        if noise > largest:
+            loud.append(f"{noise:.3g} {UNITS[quantity]}, with readings of at most {largest:.3g}")
+    if not loud:
+        return ""
+    return (
+        f"The noise of a sample exceeds every training reading: {'; '.join(loud)}. Check noise_std, which is in the unit of the "
+        "reading (1 µm/m is 1e-6), and the loads."
+    )
+
+
+def unresolved_gauges(listed: GaugeList) -> Iterator[str]:
+    """A sentence on the gauges of a layout whose largest training reading is below `RESOLVED`: that of their largest channel."""
+    weak = [i for i in range(len(listed.labels)) if listed.unit[i] == UNITS[STRAIN] and listed.peak[i] < RESOLVED]
+    if not weak:
+        return
+    those = ", ".join(f"{listed.labels[i]} ({_size(float(listed.peak[i]))})" for i in weak)
+    others = "" if len(weak) == len(listed.labels) else ", or move them (gauges.include, gauges.exclude)"
+    yield (
+        f"Below the {_size(RESOLVED)} that an amplifier resolves is all that is read by {those} in training: {LOUDER}{others}."
+    )
+
+
+def _size(strain: float) -> str:
+    return f"{1e6 * strain:.2g} µm/m" if np.isfinite(strain) else "nothing finite"

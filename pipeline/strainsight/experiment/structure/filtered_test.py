@@ -12,21 +12,17 @@ from strainsight.errors import blame
 from strainsight.estimation.bank import BankRun, filter_records
 from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.bank_smoother import smooth_bank
-from strainsight.estimation.biased import driven_with_offsets
 from strainsight.estimation.conditional import Nuisances, each_its_own
+from strainsight.estimation.consistency import Tuning, scale_noise, tune
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import Settled, driven_with_offsets
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.settled import Settled
-from strainsight.estimation.smoothed import Smoothed, Wanted
-from strainsight.estimation.smoother import smooth
-from strainsight.estimation.tuning import Tuning, scale_noise, tune
-from strainsight.experiment.structure.compared import compared
-from strainsight.experiment.structure.filtering import by_moments
+from strainsight.estimation.smoother import Smoothed, Wanted, smooth
+from strainsight.experiment.structure.filtering import by_moments, compared
 from strainsight.experiment.structure.measured import Measured
-from strainsight.experiment.structure.nuisances import RENEWED, Tolerated, nuisances_of
+from strainsight.experiment.structure.nuisances import RENEWED, Shares, Tolerated, budget_of, nuisances_of
 from strainsight.experiment.structure.problem import Problem, filter_model
 from strainsight.experiment.structure.tolerated_loads import with_interpolation_errors
-from strainsight.experiment.structure.variance import Shares, budget_of
 from strainsight.memory import require_memory
 from strainsight.records.estimated import Compared
 

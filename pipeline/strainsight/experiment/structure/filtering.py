@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,16 +10,17 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.decision import expected_ratio
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.model import FilterModel
-from strainsight.estimation.posterior import Posterior, marginal
+from strainsight.estimation.mixture import Posterior, marginal
+from strainsight.estimation.model import FilterModel, physical
+from strainsight.estimation.reduced import Settled
 from strainsight.estimation.run import FilterRun, Keep
-from strainsight.estimation.settled import Settled
 from strainsight.estimation.sigma_point import run_sigma_points
-from strainsight.estimation.smoothed import Smoothed
-from strainsight.estimation.smoother import smooth
+from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, on_average
-from strainsight.experiment.structure.problem import Problem
+from strainsight.experiment.structure.problem import Problem, exactly_damped
+from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
 
 IDENTIFIED = 0.5
 """Share of its initial σ that the samples may leave of a parameter that they identify."""
@@ -209,3 +210,58 @@ def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str
             )
             words.append(f"the measurements allow {len(own.peak)} values of {name}: {places}; its σ spans them all")
     return words
+
+
+def compared(
+    problem: Problem,
+    model: FilterModel,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    measured: np.ndarray,
+    biased: np.ndarray | None = None,
+) -> Compared | None:
+    """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
+    without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
+
+    Arguments as of `filter_bank`, from a start at zero. A filter that diverges is NaN, and so is a bank where readings that are
+    taken for exact have no posterior. None without a parameter.
+    """
+    if not model.unknowns.parameters:
+        return None
+    start, form, at = np.zeros(len(covariance)), problem.form, model.parameter_states
+    model = exactly_damped(problem, model)
+
+    def by_bank() -> FilterRun:
+        return filter_bank(model, start, covariance, known, measured, biased=biased, keep="parameters").run
+
+    def by_extended() -> FilterRun:
+        turns = problem.iterations
+        return run_filter(model, start, covariance, known, measured, form=form, iterations=turns, biased=biased)
+
+    def by_sigma_points() -> FilterRun:
+        return run_sigma_points(model, start, covariance, known, measured, form=form, biased=biased)
+
+    exact = _at_end(by_bank, at)
+    found = np.array([exact, *(_at_end(run, at) for run in (by_sigma_points, by_extended))])
+    mean, std = np.zeros((2, len(found), model.size))
+    mean[:, at], std[:, at] = found[:, 0], found[:, 1]
+    values, names = physical(model, mean, std), model.unknowns.parameters
+    ratio = {
+        name: np.array([expected_ratio(*own, *found[0, :, i]) for own in found[:, :, i]])
+        for i, name in enumerate(names)
+    }
+    return Compared(
+        filter=(BANK, SIGMA_POINT, EXTENDED),
+        estimate={name: values[name][0] for name in names},
+        std={name: values[name][1] for name in names},
+        ratio=ratio,
+    )
+
+
+def _at_end(run: Callable[[], FilterRun], at: slice) -> np.ndarray:
+    """Mean and σ (2, k) of p at the end, NaN of a filter that diverges."""
+    try:
+        own = run()
+    except NumericalError:
+        return np.full((2, at.stop - at.start), np.nan)
+    return np.stack([own.mean[-1, 0, at], own.std[-1, 0, at]])

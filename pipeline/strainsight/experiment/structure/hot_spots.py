@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
-from strainsight.experiment.material import named_regions
+from strainsight.experiment.recorded import named_regions
 from strainsight.experiment.structure.clearance import loaded_nodes
 from strainsight.fem.affine import of_stiffness
 from strainsight.mesh.additions import region_ids

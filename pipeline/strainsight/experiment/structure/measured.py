@@ -10,15 +10,14 @@ import numpy as np
 
 from strainsight.config.estimate import Channel, GaugeChannel
 from strainsight.errors import ConfigError
-from strainsight.estimation.settled import Settled
-from strainsight.experiment.recorded_channels import signals_of
+from strainsight.estimation.reduced import Settled
+from strainsight.experiment.recorded import signals_of
 from strainsight.experiment.structure.problem import Problem, settled_at
 from strainsight.experiment.structure.records_of_test import RecordSettings
 from strainsight.experiment.structure.start import tones_in
-from strainsight.loads.histories import quadratic_hold, tones_of
-from strainsight.loads.interpolation import fill_gaps, interpolate, join_by_lines, share_above
+from strainsight.loads.histories import fill_gaps, interpolate, join_by_lines, quadratic_hold, share_above, tones_of
 from strainsight.measurements.assemble import Signals
-from strainsight.measurements.bridges import SUM
+from strainsight.measurements.calibration import SUM
 from strainsight.measurements.units import SI
 
 MISSED = 0.05

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import replace
 from itertools import product
 from pathlib import Path
@@ -11,23 +11,25 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.mesh import ElementSection, Face, Material, MaterialAxes, MeshFile, Support
-from strainsight.decks.effects import LINEAR, PRELOAD, short, spelt
-from strainsight.decks.numbers import LARGEST_ID
+from strainsight.config.placement import PlacementConfig
+from strainsight.decks.faults import LINEAR, PRELOAD, short, spelt
 from strainsight.decks.reader import read_mesh
-from strainsight.errors import ConfigError, DeckError, UserError, blame
-from strainsight.experiment.structure.grounds import grounding_warnings, heavy_points, loose_warnings
-from strainsight.fem.body_forces import odd_gravity, with_body_forces
-from strainsight.fem.checks import check_geometry, check_mesh
+from strainsight.decks.text import LARGEST_ID
+from strainsight.errors import ConfigError, DeckError, InfeasibleError, StrainsightError, UserError, blame
+from strainsight.experiment.layout.gauge_list import zone_of
+from strainsight.fem.checks import Quality, check_geometry, check_inverted, check_mesh, element_quality
 from strainsight.fem.constraints import constraint_transform
-from strainsight.fem.hinges import hinge_warnings
-from strainsight.fem.mass import mass_properties
-from strainsight.fem.mass_product import has_mass
-from strainsight.fem.quality import Quality, check_inverted, element_quality
+from strainsight.fem.equations import turning_nodes
+from strainsight.fem.mass import has_mass, mass_properties
+from strainsight.fem.nodal_forces import odd_gravity, with_body_forces
+from strainsight.fem.pieces import hinge_warnings
 from strainsight.fem.springs import spring_rows
-from strainsight.fem.turning import turning_nodes
+from strainsight.fem.support import grounded, rigid_body_motions
 from strainsight.mesh.additions import (
+    face_springs,
     node_index,
     node_indices,
+    node_springs,
     with_anisotropic,
     with_averaging_element,
     with_face,
@@ -37,20 +39,81 @@ from strainsight.mesh.additions import (
     with_support,
 )
 from strainsight.mesh.anisotropic import Orientation, constants_fault, orthotropic
-from strainsight.mesh.beam_sides import with_sides
 from strainsight.mesh.connectivity import check_doubled, connectivity_warnings
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem
-from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.facets import Facets, exterior_facets, facet_key
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.joins import Springs
 from strainsight.mesh.merging import merged
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import leading_warnings, sanity_warnings, without_loose_masses
-from strainsight.mesh.shell_faces import with_faces
 from strainsight.mesh.surface_ties import with_surface_tie, without_held
-from strainsight.mesh.suspension import face_springs, node_springs
 from strainsight.mesh.thin import BeamSection, ShellSection
-from strainsight.sensors.faces import Pick, faces_of, picked
+from strainsight.mesh.thin_faces import with_faces, with_sides
+from strainsight.sensors.access import contact_faces
+from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.faces import Faces, Pick, faces_of, picked, pointed_at
+from strainsight.sensors.zones import admissible
+
+HEAVY = 100.0
+"""Times the mass of the elements that point masses may have together without a question."""
+STEEL = 7850.0
+"""[kg/m³] A mass that is no larger than the structure where it is a ball of steel may well hang on it."""
+SHOWN = 3
+"""Springs and relations that are named."""
+
+
+def free_motions(mesh: Mesh) -> tuple[str, ...]:
+    """Rigid motions that supports and ties leave, in words; raises the errors of `rigid_body_motions`."""
+    return rigid_body_motions(mesh, constraint_transform(mesh, rotations=turning_nodes(mesh)))
+
+
+def loose_warnings(mesh: Mesh) -> tuple[str, ...]:
+    """A sentence where a structure that is held somewhere can move all the same, as `modes` would refuse it."""
+    if not mesh.elements or not (mesh.held.size or mesh.springs or mesh.relations):
+        return ()
+    try:
+        motions = free_motions(mesh)
+    except StrainsightError as error:
+        return (f"{error.what}: {error.remedy}" if error.remedy else error.what,)
+    if not motions:
+        return ()
+    more = f" and {len(motions) - 8} more" if len(motions) > 8 else ""
+    return (
+        f"the structure can move freely: {', '.join(motions[:8])}{more}; add supports or ties that hold these motions "
+        "(mesh.supports, mesh.ties), or let it be free (mesh.free)",
+    )
+
+
+def grounding_warnings(mesh: Mesh) -> tuple[str, ...]:
+    """A sentence on springs and relations that a rigid motion of the whole stretches."""
+    found = grounded(mesh)
+    if not found:
+        return ()
+    named = "; ".join(f"{own.name} ({own.motion}, nodes {own.apart:.3g} m apart)" for own in found[:SHOWN])
+    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    return (
+        f"springs or relations between nodes resist a rigid motion of the whole, as a support would: {named}{more}; let "
+        "their ends coincide, or let them act along the line between these",
+    )
+
+
+def heavy_points(mesh: Mesh) -> tuple[str, ...]:
+    """A sentence where point masses outweigh the elements, and as steel would be larger than the whole structure, as by another
+    unit of mass: a ball of mass m is 2 (3m/4πρ)^⅓ across."""
+    points = sum(point.mass for point in mesh.point_masses)
+    if points <= 0 or any(mesh.density_of(number) is None for number in mesh.regions):
+        return ()
+    own = mass_properties(mesh)[0] - points
+    ball = 2 * float(np.cbrt(3 * points / (4 * np.pi * STEEL)))
+    long = float(np.linalg.norm(np.ptp(mesh.position[mesh.nodes_of_elements], axis=0)))
+    if own <= 0 or points <= HEAVY * own or ball <= long:
+        return ()
+    return (
+        f"point masses of {points:.4g} kg outweigh the elements, {own:.4g} kg, {points / own:.3g} times, and as "
+        f"a ball of steel they would be {ball:.3g} m across beside a structure of {long:.3g} m: their unit is that of the deck, "
+        "mesh.mass_unit; a base that is moved by way of a large mass may stand",
+    )
 
 
 def mesh_of(
@@ -310,3 +373,47 @@ def _given(own: ElementSection) -> GivenSection:
         points=np.array(list(product(*half)) if half else np.zeros((0, 2))),
     )
     return GivenSection(regions, section, direction=own.direction)
+
+
+def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces: Faces) -> Iterator[str]:
+    """A sentence for each face that probably lies on something though gauges may sit on it, with what leaves it out."""
+    own = config.gauges
+    if own.given is not None:
+        return
+    include, exclude = ([zone_of(entry) for entry in zones] for zones in (own.include, own.exclude))
+    free = np.zeros(0, dtype=int)
+    with suppress(InfeasibleError):  # no facet at all: `train` names that
+        free, _, _ = admissible(mesh, facets, surface=own.surface, include=include, exclude=exclude)
+    found = contact_faces(mesh, facets, faces)
+    named = {name: {*facet_key(*own.T).tolist()} for name, own in mesh.faces.items()}
+    for i, face in enumerate(found.face):
+        if not (faces.of[free] == face).any():
+            continue
+        keys = {*facets.key[faces.of == face].tolist()}
+        name = next((name for name, its in named.items() if its == keys), "")
+        lines = f"gauges.exclude: [{name or 'seat'}]"
+        if not name:
+            lines = f"mesh.faces: {{seat: {{{pointed_at(int(face), faces, mesh.position, facets)}}}}} and {lines}"
+        yield (
+            f"the flat face of {faces.area[face]:.3g} m² about {_point(faces.centre[face])} is {found.in_words(i)}: if it "
+            f"lies on something, no gauge can sit there; leave it out with {lines}"
+        )
+
+
+def held_below(mesh: Mesh, facets: Facets, grids: Candidates) -> tuple[str, ...]:
+    """For every grid (g,) on a face that probably lies on something, where that is and what holds it; "" for the others.
+
+    facets: the exterior ones.
+    """
+    faces = faces_of(mesh.position, facets)
+    found = contact_faces(mesh, facets, faces)
+    of = dict(zip(facets.key.tolist(), faces.of.tolist(), strict=True))
+    words = {
+        int(face): f"the face about {_point(faces.centre[face])} is {found.in_words(i)}"
+        for i, face in enumerate(found.face)
+    }
+    return tuple(words.get(of.get(key, -1), "") for key in facet_key(grids.element, grids.facet).tolist())
+
+
+def _point(x: np.ndarray) -> str:
+    return "({:.3g}, {:.3g}, {:.3g}) m".format(*(x.round(6) + 0.0))

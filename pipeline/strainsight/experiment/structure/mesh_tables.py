@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from strainsight.errors import StrainsightError
-from strainsight.experiment.structure.grounds import free_motions
-from strainsight.fem.grounded import EXACT, links
+from strainsight.experiment.structure.mesh import free_motions
+from strainsight.fem.checks import POOR, Quality
 from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.pieces import parts
-from strainsight.fem.quality import POOR, Quality
+from strainsight.fem.support import EXACT, links
 from strainsight.fem.thin import thin_mass
 from strainsight.mesh.composite_solids import CompositeSolid
 from strainsight.mesh.joins import PointMass, Springs

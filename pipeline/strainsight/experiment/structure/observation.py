@@ -13,17 +13,16 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import InfeasibleError, blame
-from strainsight.experiment.histories import signal_of
+from strainsight.experiment.recorded import signal_of
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.channels import channels_of, largest_of_quantity, readings
+from strainsight.experiment.structure.candidates import channels_of, largest_of_quantity, readings
 from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.settings import characteristic
 from strainsight.experiment.structure.start import loading_of, motion_of
 from strainsight.fem.affine import DAMPING, of_stiffness
-from strainsight.loads.cases import cases
 from strainsight.loads.histories import Sine, instant_values
 from strainsight.loads.linearisation import linearisation_instants, linearise
-from strainsight.loads.observability import undetectable_directions, undetectable_in_words, unseen_along
+from strainsight.loads.observability import cases, undetectable_directions, undetectable_in_words, unseen_along
 from strainsight.records.placed import Observed, Placed
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training

@@ -4,16 +4,15 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from strainsight.experiment.layout.budget import budget_table
+from strainsight.experiment.layout.advice import budget_table
 from strainsight.experiment.layout.output import layout_output, layout_record
-from strainsight.experiment.structure.by_case import case_table
-from strainsight.experiment.structure.channels import units_in_words
+from strainsight.experiment.structure.candidates import units_in_words
+from strainsight.experiment.structure.expectation import case_table
 from strainsight.experiment.structure.hot_spots import hot_spot_table
 from strainsight.experiment.structure.placement import Placement
 from strainsight.experiment.structure.problem import rests_on_loads_in_words
 from strainsight.mesh.model import Mesh
-from strainsight.records.budget import budget_of_shares
-from strainsight.records.placed import PbhNumbers, Placed
+from strainsight.records.placed import PbhNumbers, Placed, budget_of_shares
 from strainsight.records.record import record_from
 from strainsight.runner.output import Output, Scalar, Table
 

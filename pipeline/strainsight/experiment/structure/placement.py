@@ -10,29 +10,31 @@ import numpy as np
 
 from strainsight.config.placement import Place, PlacementConfig, Symmetry
 from strainsight.errors import ConfigError, InfeasibleError, blame
-from strainsight.experiment.layout.expectation import Expectation
+from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.load_cases import LoadCases
 from strainsight.experiment.layout.placement import Placed, placed
-from strainsight.experiment.layout.pool import PoolRows, layout_limits
-from strainsight.experiment.layout.task import Readings, Task, Unknowns
+from strainsight.experiment.layout.task import PoolRows, Readings, Task, Unknowns, layout_limits
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.at_gauges import advice_at_gauges, at_gauges, notes_at_gauges
-from strainsight.experiment.structure.by_case import cases_in_words, cases_of, worst_case
-from strainsight.experiment.structure.channels import Channels, largest_of_quantity, listed_gauges
-from strainsight.experiment.structure.cost_of_place import of_pool_in_words
-from strainsight.experiment.structure.expectation import alike_gauges, expectation
+from strainsight.experiment.structure.candidates import Channels, largest_of_quantity, listed_gauges
+from strainsight.experiment.structure.clearance import advice_at_gauges, at_gauges, notes_at_gauges
+from strainsight.experiment.structure.cost import of_pool_in_words
+from strainsight.experiment.structure.expectation import (
+    alike_gauges,
+    cases_in_words,
+    cases_of,
+    expectation,
+    unresolved_gauges,
+    worst_case,
+)
 from strainsight.experiment.structure.hot_spots import hot_spot_advice, tested_hot_spots
-from strainsight.experiment.structure.installation_noise import COHERENCE, avoids_errors
-from strainsight.experiment.structure.load_cases import Run, run_as_stated, runs_of
 from strainsight.experiment.structure.nuisances import not_held_in_words, tolerated
-from strainsight.experiment.structure.problem import Problem, problem_in
-from strainsight.experiment.structure.resolution import unresolved_gauges
-from strainsight.experiment.structure.scenarios import placed_instants, scenarios_of
+from strainsight.experiment.structure.problem import Problem, placed_instants, problem_in, scenarios_of
+from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
 from strainsight.experiment.structure.settings import families
 from strainsight.experiment.structure.start import ringing_in_words
+from strainsight.experiment.structure.training import Run, run_as_stated, runs_of
 from strainsight.loads.histories import instant_values
-from strainsight.loads.linearisation import linearise
-from strainsight.loads.measurement import measurement_rows
+from strainsight.loads.linearisation import linearise, measurement_rows
 from strainsight.loads.observability import Observability, observability
 from strainsight.mesh.model import Mesh
 from strainsight.placement.scenario import Scenario, solve_pool, solved

@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.config.estimate import Channel, Estimate
 from strainsight.errors import StrainsightError
-from strainsight.experiment.recorded_channels import delay_in_seconds
+from strainsight.experiment.recorded import delay_in_seconds
 from strainsight.measurements.reader import format_of
 from strainsight.records.estimated import Source
 from strainsight.runner.artefact import sha256_of

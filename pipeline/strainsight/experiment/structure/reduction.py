@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError, blame
-from strainsight.experiment.material import damping_of
+from strainsight.experiment.recorded import damping_of
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.full_model import full_model
 from strainsight.experiment.structure.settings import (
@@ -22,7 +22,7 @@ from strainsight.experiment.structure.settings import (
 from strainsight.experiment.structure.solver import solver_of, sweep_of
 from strainsight.experiment.structure.training import refuse_damping
 from strainsight.fem.affine import DAMPING, Parameter, at_their_references
-from strainsight.fem.misaligned import misalignment_shapes
+from strainsight.fem.loads import misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, nodal
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.relief import relief_of
@@ -31,9 +31,7 @@ from strainsight.mesh.properties import shapes
 from strainsight.parallel.sweep import watched
 from strainsight.records.reduced import FromResults, HeldOut, Misaligned, Modes, ReadyBasis, Reduced
 from strainsight.rom.quasi_static import quasi_static
-from strainsight.rom.reduction import held_out_errors, reduce_model
-from strainsight.rom.samples import held_out_samples
-from strainsight.rom.snapshots import only_scales
+from strainsight.rom.reduction import held_out_errors, held_out_samples, only_scales, reduce_model
 
 HELD_OUT = 3
 """Parameter values, between those the basis was built from, at which the reduced model is checked."""

@@ -10,8 +10,8 @@ import numpy as np
 from strainsight.config.loads import Load
 from strainsight.config.placement import GuessFrom, PlacementConfig
 from strainsight.errors import InfeasibleError, UserError, blame
-from strainsight.experiment.layout.zones import zone_of
-from strainsight.experiment.material import named_regions
+from strainsight.experiment.layout.gauge_list import zone_of
+from strainsight.experiment.recorded import named_regions
 from strainsight.experiment.structure.settings import (
     WHAT_IS_FREE,
     WHERE_LOADS_ACT,
@@ -24,12 +24,12 @@ from strainsight.fem.loads import loaded_nodes, nodal_forces
 from strainsight.fem.springs import spring_owners
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.forces import NodalForces
+from strainsight.mesh.joins import NodalForces
 from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.properties import OF_MASS, value_of
 from strainsight.mesh.sanity import attached
 from strainsight.mesh.thin import BeamBlock, ShellBlock
-from strainsight.sensors.admissible import admissible
+from strainsight.sensors.zones import admissible
 
 READS = (
     *WHAT_IS_FREE,

@@ -18,13 +18,11 @@ from strainsight.fem.affine import Parameter, of_stiffness
 from strainsight.fem.by_region import density_of, modulus_of, regions_of
 from strainsight.fem.model import FullModel
 from strainsight.foreign.given_motion import GivenMotion, given_motion
-from strainsight.foreign.of_results import Results, results_model
+from strainsight.foreign.of_results import Results, check_positions, results_model
 from strainsight.foreign.results.reader import read_responses
 from strainsight.foreign.results.response import Response
-from strainsight.foreign.results_checks import check_positions
-from strainsight.foreign.second_results import model_of_two
-from strainsight.foreign.two_sets import KEY as SECOND
-from strainsight.foreign.two_sets import Change
+from strainsight.foreign.second_results import KEY as SECOND
+from strainsight.foreign.second_results import Change, model_of_two
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor, mass_factor
 

@@ -13,14 +13,13 @@ from strainsight.config.loads import InputNoise, Load
 from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, UserError, blame
-from strainsight.experiment.material import named_regions
+from strainsight.experiment.recorded import named_regions
 from strainsight.fem.affine import DAMPING, Parameter
 from strainsight.fem.by_region import regions_of
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import FiniteElementModel
 from strainsight.loads.histories import MultiSine, Signal, Sine, Sweep, evaluate
-from strainsight.loads.input_models import InputModel, input_model
-from strainsight.loads.unknowns import Unknowns
+from strainsight.loads.input_models import InputModel, Unknowns, input_model
 from strainsight.mesh.additions import region_ids, spring_names
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import OF_MASS, PLY_MODULI, SECTION_FACTORS, THICKNESS, value_of, with_value

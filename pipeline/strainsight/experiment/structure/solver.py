@@ -7,8 +7,7 @@ from strainsight.contrib.mpi.session import OverMpi
 from strainsight.experiment.resources import Resources
 from strainsight.fem.factorisation import Factorise, factorise
 from strainsight.memory import available_memory
-from strainsight.parallel.sweep import Sweep, serial
-from strainsight.parallel.threads import in_threads, threads
+from strainsight.parallel.sweep import Sweep, in_threads, serial, threads
 from strainsight.processes import peak_memory
 
 

@@ -11,9 +11,8 @@ import numpy as np
 from strainsight.config.loads import Settle
 from strainsight.errors import ConfigError, UserError, blame
 from strainsight.loads.histories import Signal, Sweep, Tones, hold_coefficients, tones_of
-from strainsight.rom.modal_step import simulate
+from strainsight.rom.modal_step import HOLD, simulate
 from strainsight.rom.model import ReducedModel, modal_basis
-from strainsight.rom.oscillator import HOLD
 from strainsight.rom.steady import steady_start
 
 DECAYS = 3.0

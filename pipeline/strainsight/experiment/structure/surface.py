@@ -4,17 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.estimate import Field3D
+from strainsight.config.estimate import Estimate, Field3D
 from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.config.loads import Load
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import ConfigError, DeckError
 from strainsight.estimation.model import FilterModel, theta_of
 from strainsight.estimation.motion import surface_reading
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoothed import Smoothed
-from strainsight.experiment.structure.thick_rows import rows_along
+from strainsight.estimation.smoother import Smoothed, Wanted
+from strainsight.experiment.structure.candidates import rows_along
+from strainsight.experiment.structure.filtered_test import Filtering
+from strainsight.experiment.structure.nuisances import Tolerated
+from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.recovery import facet_strain, strain_matrix
 from strainsight.fem.stress import SurfaceModel, SurfaceState, principal, surface_model, surface_state
@@ -24,8 +31,9 @@ from strainsight.mesh.properties import THICKNESS
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.records.damage import DamageAt
 from strainsight.records.estimated import Moment, Resultant, VirtualStrain
+from strainsight.records.reduced import Reduced
 from strainsight.sensors.bonded import BondedEntry, bonded
-from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.rows import channel_rows
 
 
@@ -280,3 +288,84 @@ def places_of(loads: Mapping[str, Load], inputs: Sequence[str]) -> list[tuple[st
         if load.direction is not None:
             places.setdefault(f"node {load.node}" if load.node is not None else f"set {load.set}", []).append(i)
     return [(where, np.array(index)) for where, index in places.items() if len(index) > 1]
+
+
+def displaced(reduced: Reduced, tolerances: Tolerated, given: Filtering) -> Displaced:
+    """By the coordinates of a filter, and by what misaligned loads add where it is a bank, which has z behind its states."""
+    basis, n = reduced.basis, reduced.basis.shape[1]
+    if given.problem.method == "bank":
+        basis = np.hstack([basis, field_beyond(tolerances.loads, given.model, reduced)])
+    return Displaced(basis, n)
+
+
+def skin_in_test(
+    config: PlacementConfig, settings: Estimate, mesh: Mesh, field: Displaced, files: Mapping[str, Path]
+) -> tuple[Skin | None, tuple[str, ...]]:
+    """The surface, or None where nothing is solid or no stress known, with the reason.
+
+    Raises ConfigError where something of the surface is asked for and the mesh has no solids, DeckError
+    where they have no material.
+    """
+    keys = {"estimate.field": settings.field, "estimate.damage": settings.damage}
+    asked = [key for key, stated in keys.items() if stated is not None]
+    if not mesh.has_surface:
+        if asked:
+            raise ConfigError(
+                "the mesh has no solids, shells or sides of beams, and so no surface",
+                key=asked[0],
+                remedy="remove the key",
+            )
+        return None, ()
+    try:
+        return skin_of(mesh, field, parameters_of(config.parameters, mesh, files, config.mesh)), ()
+    except DeckError as error:
+        # A model that came as matrices needs no materials, but for this.
+        if asked:
+            raise
+        return None, (f"no strain and stress of the surface: {error.what}",)
+
+
+def grid_of(
+    settings: Estimate, skin: Skin | None, given: Filtering, smoothed: Smoothed, damage: DamageAt | None
+) -> VtkHdf | None:
+    """The surface as a grid, with steps where it is asked for in time; None where neither that nor damage is."""
+    if skin is None or (settings.field is None and damage is None):
+        return None
+    if settings.field is not None:
+        return surface_in_time(skin, given.model, smoothed, settings.field, damage)
+    assert damage is not None
+    return damage_on_surface(skin, damage)
+
+
+def moment_of(skin: Skin, given: Filtering, run: FilterRun, smoothed: Smoothed) -> Moment:
+    """The surface when a channel reads most, by the offsets of the filter: the instant whose covariance `wanted_of` has kept."""
+    k, channel = largest(given, run.mean[-1, 0])
+    then, test = (k + 1) * given.test.every, given.test
+    return surface_then(skin, given.model, smoothed, then, float(test.time[k + 1]), test.labels[channel])
+
+
+def largest(given: Filtering, last: np.ndarray) -> tuple[int, int]:
+    """Sample and channel of the largest reading: strains are looked at alone where there are any, else each channel beside its
+    noise. last (n,): the states at the end, offsets of channels among them."""
+    test, model = given.test, given.model
+    offset = np.zeros(len(test.labels))
+    offset[given.biased] = last[model.size :]
+    kinds = STRAIN if model.quantity is None else np.asarray(model.quantity)
+    noise = np.sqrt(model.noise.reshape(-1, len(test.labels)).mean(axis=0))
+    scale = np.where(kinds == STRAIN, 1.0, np.inf) if np.any(kinds == STRAIN) else noise
+    return largest_reading(test.values, offset, np.broadcast_to(scale, noise.shape))
+
+
+def wanted_of(
+    settings: Estimate, loads: Mapping[str, Load], given: Filtering, virtual: Virtual | None, run: FilterRun
+) -> Wanted:
+    """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
+    its pictures. run: what the filter found."""
+    field = np.zeros(0) if settings.field is None else frames_of(settings.field, run.time)
+    most = (largest(given, run.mean[-1, 0])[0] + 1) * given.test.every
+    together = [at for _, at in places_of(loads, given.problem.unknowns.inputs)]
+    return Wanted(
+        np.zeros((0, given.smoothed_states)) if virtual is None else virtual.read(given.model, run.mean[:, 0])[1],
+        given.model.position[np.unique(np.concatenate([np.zeros(0, int), *together]))],
+        np.unique([*field, most]).astype(int),
+    )

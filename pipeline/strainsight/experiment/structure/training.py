@@ -4,34 +4,132 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
 from scipy import sparse
 
+from strainsight.config.loads import CaseLoad, Settle, TrainingCase, silent_in
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, InfeasibleError, at_least, at_most, blame
-from strainsight.experiment.layout.zones import zone_of
+from strainsight.experiment.layout.gauge_list import zone_of
+from strainsight.experiment.recorded import signal_of
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.candidates import OnSurface, candidates_on_surface
-from strainsight.experiment.structure.channels import readings
-from strainsight.experiment.structure.given_gauges import read_given
-from strainsight.experiment.structure.load_cases import Run, run_as_stated, runs_of
-from strainsight.experiment.structure.start import motion_of
-from strainsight.experiment.structure.thick_rows import free_thicknesses, rows_along, thickness_of_guess
+from strainsight.experiment.structure.bonded_gauges import read_given
+from strainsight.experiment.structure.candidates import (
+    OnSurface,
+    candidates_on_surface,
+    free_thicknesses,
+    readings,
+    rows_along,
+    thickness_of_guess,
+)
+from strainsight.experiment.structure.settings import characteristic
+from strainsight.experiment.structure.start import Loading, loading_of, motion_of
 from strainsight.fem.affine import NO_CHANGE
 from strainsight.foreign.matrices.files import read_numbering
-from strainsight.loads.histories import instant_values
+from strainsight.loads.histories import Constant, Signal, instant_values
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.thickness import Thickness
+from strainsight.mesh.properties import Thickness
 from strainsight.mesh.units import length_factor
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import CaseMotion, Training, with_missed
 from strainsight.rom.model import Damping, accelerations
+from strainsight.sensors.bonded import without
 from strainsight.sensors.candidates import Candidates
-from strainsight.sensors.given import without
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.walk import skin_of
+
+
+@dataclass(frozen=True)
+class Run:
+    """One training run.
+
+    name of its load case, "" of the loads as stated; key of the config that it stands under; weight [-] of the case; duration,
+    time_step [s]; settle: how the motion begins; signals by load; silent: the loads that do not act.
+    """
+
+    name: str
+    key: str
+    weight: float
+    duration: float
+    time_step: float
+    settle: Settle
+    signals: Mapping[str, Signal]
+    silent: frozenset[str]
+
+    def loading(self) -> Loading:
+        """The loads from t = 0 on, and before."""
+        steps = round(self.duration / self.time_step)
+        return loading_of(self.settle, list(self.signals.values()), self.time_step, steps)
+
+
+def run_as_stated(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> Run:
+    """The run under the loads as stated; inputs: of the model, in its order, which may not be that of the config."""
+    train = config.train
+    with blame("train"):
+        signals = {name: signal_of(name, config.loads[name].signal, files) for name in inputs}
+    return Run("", "train", 1.0, train.duration, train.time_step, train.settle, signals, frozenset())
+
+
+def runs_of(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> tuple[Run, ...]:
+    """Those of the load cases in the order of their names, none where the config has none."""
+    cases = config.place.load_cases or {}
+    return tuple(_run(config, name, cases[name], inputs, files) for name in sorted(cases))
+
+
+def _run(
+    config: PlacementConfig, name: str, case: TrainingCase, inputs: Sequence[str], files: Mapping[str, Path]
+) -> Run:
+    train, key, silent = config.train, f"place.load_cases.{name}", silent_in(case)
+    signals: dict[str, Signal] = {}
+    with blame(key):
+        for own in inputs:
+            entry = case.loads.get(own)
+            if own in silent:
+                signals[own] = Constant(0.0)
+            elif isinstance(entry, CaseLoad):
+                signals[own] = signal_of(own, entry.signal, files, f"{key}.loads")
+            else:
+                signals[own] = signal_of(own, config.loads[own].signal, files)
+    return Run(
+        name,
+        key,
+        case.weight,
+        train.duration if case.duration is None else case.duration,
+        train.time_step if case.time_step is None else case.time_step,
+        train.settle if case.settle is None else case.settle,
+        signals,
+        silent,
+    )
+
+
+def typical_of(
+    config: PlacementConfig, run: Run, names: Sequence[str], files: Mapping[str, Path]
+) -> dict[str, tuple[float, float]]:
+    """Frequency [Hz] and amplitude of some unknown loads in a run: as its case states them, else as process_noise of the load or
+    the signal have them. A silent load has those that it has as stated: its filter does not know that it is silent."""
+    stated = config.place.load_cases[run.name].loads if run.name and config.place.load_cases else {}
+    found = {}
+    for name in names:
+        load, entry = config.loads[name], stated.get(name)
+        if name in run.silent:
+            found[name] = characteristic(load, signal_of(name, load.signal, files), config.train.duration)
+            continue
+        frequency, amplitude = characteristic(load, run.signals[name], run.duration)
+        if isinstance(entry, CaseLoad):
+            frequency = frequency if entry.frequency is None else entry.frequency
+            amplitude = amplitude if entry.amplitude is None else entry.amplitude
+        if run.name and amplitude == 0:
+            raise ConfigError(
+                f"load '{name}' is zero throughout this case",
+                key=f"{run.key}.loads.{name}",
+                remedy=f"state {name}: none",
+            )
+        found[name] = frequency, amplitude
+    return found
+
 
 AT_A_TIME = 1000
 """Arms of bridges whose readings in time are held in memory."""

@@ -9,11 +9,11 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
-from strainsight.estimation.metrics import input_error, load_scale
+from strainsight.estimation.consistency import input_error, load_scale
 from strainsight.estimation.model import FilterModel, physical
+from strainsight.estimation.reduced import Settled
 from strainsight.estimation.run import Keep
-from strainsight.estimation.settled import Settled
-from strainsight.estimation.smoothed import Smoothed
+from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.filtering import Filtered, filtered, smoothed
 from strainsight.experiment.structure.nuisances import Tolerated
 from strainsight.experiment.structure.problem import Problem, initial_covariance, sample_std, settled_under

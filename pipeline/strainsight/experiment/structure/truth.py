@@ -12,8 +12,9 @@ from scipy import sparse
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
-from strainsight.experiment.material import damping_of
+from strainsight.experiment.recorded import damping_of
 from strainsight.experiment.resources import Resources
+from strainsight.experiment.structure.candidates import thickness_at
 from strainsight.experiment.structure.drawn import (
     in_words,
     installation_of,
@@ -28,21 +29,17 @@ from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.settings import load_shapes, parameters_of, point_loads
 from strainsight.experiment.structure.solver import solver_of
 from strainsight.experiment.structure.start import Loading, motion_of
-from strainsight.experiment.structure.thick_rows import thickness_at
 from strainsight.fem.affine import Parameter, at_their_references
-from strainsight.fem.loads import PointLoad
-from strainsight.fem.misaligned import misaligned_shape, misalignment_shapes
+from strainsight.fem.loads import PointLoad, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, FullModel, nodal
 from strainsight.loads.histories import instant_values
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.properties import THICKNESS
-from strainsight.mesh.thickness import Thickness
+from strainsight.mesh.properties import THICKNESS, Thickness
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Training
 from strainsight.rom.model import Damping, ReducedModel, accelerations
-from strainsight.rom.reduction import modal_model
-from strainsight.rom.snapshots import Snapshots
+from strainsight.rom.reduction import Snapshots, modal_model
 from strainsight.sensors.candidates import ACCELERATION, Candidates
 from strainsight.sensors.installation import Installation, installed_rows
 from strainsight.sensors.rows import channel_matrix, channel_rows
@@ -249,9 +246,7 @@ def _full(
     """stated: the damping; modes: how many have its ratio."""
     # with solvers that no other truth needs
     from strainsight.fem.relief import relief_of
-    from strainsight.fem.steady import steady_state
-    from strainsight.fem.transient import free_rows, transient
-    from strainsight.fem.viscous import ViscousDamping, modal_damping
+    from strainsight.fem.transient import ViscousDamping, free_rows, modal_damping, steady_state, transient
 
     K, M = built.model.stiffness.at(theta), built.model.mass.at(theta)
     if built.model.rigid is not None:

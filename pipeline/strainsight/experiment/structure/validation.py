@@ -10,20 +10,18 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.csv_cells import csv_bytes
-from strainsight.estimation.consistency import nees, nis, verdict, whiteness
+from strainsight.estimation.consistency import after_start, nees, nis, settling_time, verdict, whiteness
 from strainsight.estimation.decision import Benefit, Claim, Decision, band_of, benefit_of, samples_alike, without_sigma
-from strainsight.estimation.metrics import after_start, settling_time
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.motion import surface_reading
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoothed import Smoothed
+from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import disagreements_in_words, ratios
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.channels import units_in_words
-from strainsight.experiment.structure.compared import compared
-from strainsight.experiment.structure.filtering import posterior_doubts, posterior_numbers, posteriors_of
-from strainsight.experiment.structure.nuisances import tolerated
+from strainsight.experiment.structure.candidates import units_in_words
+from strainsight.experiment.structure.filtering import compared, posterior_doubts, posterior_numbers, posteriors_of
+from strainsight.experiment.structure.nuisances import budget_of, tolerated
 from strainsight.experiment.structure.problem import (
     filter_model,
     judged_as_stated_in_words,
@@ -39,18 +37,16 @@ from strainsight.experiment.structure.studies import (
     rank_of,
     repeated,
     studies_of,
+    sweeps_of,
 )
-from strainsight.experiment.structure.sweeps import sweeps_of
+from strainsight.experiment.structure.suspected import beyond_ranges, by_bank, excluded, excluded_in_words, widen
 from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.experiment.structure.truth import truth_of
-from strainsight.experiment.structure.variance import budget_of
-from strainsight.experiment.structure.withheld import beyond_ranges, by_bank, excluded, excluded_in_words, widen
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.pages.text import number
-from strainsight.parallel.sweep import Sweep, watched
-from strainsight.parallel.threads import side_by_side
-from strainsight.records.budget import budget_of_shares
+from strainsight.parallel.sweep import Sweep, side_by_side, watched
+from strainsight.records.placed import budget_of_shares
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated

@@ -3,6 +3,6 @@
 from __future__ import annotations
 
 from strainsight.fem.shells.matrices import shell_masses, shell_stiffnesses, shell_strain_rows
-from strainsight.fem.shells.plane import shell_axes
+from strainsight.fem.shells.tria import shell_axes
 
 __all__ = ["shell_axes", "shell_masses", "shell_stiffnesses", "shell_strain_rows"]

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.fem.shells.curved import curved_strains, points_of, rows_to_nodes, surface_of, to_nodes
+from strainsight.fem.shells.curved import TIES, curved_strains, points_of, rows_to_nodes, surface_of, to_nodes
 from strainsight.fem.shells.laminate import in_shear
-from strainsight.fem.shells.plane import plane_of, rows_to_basic, to_basic
-from strainsight.fem.shells.tria import POINTS, WEIGHTS, linear_turn, tria_strains
-from strainsight.fem.shells.tying import TIES
+from strainsight.fem.shells.tria import POINTS, WEIGHTS, linear_turn, plane_of, rows_to_basic, to_basic, tria_strains
 
 DRILLING = 6.0
 """What holds the rotation about the normal of a quad is this times D₃₃/area: at an edge between two planes it takes up the

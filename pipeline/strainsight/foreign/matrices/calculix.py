@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from strainsight.decks.numbers import parse_real
-from strainsight.decks.text import check_plain, text_lines
+from strainsight.decks.text import check_plain, parse_real, text_lines
 from strainsight.errors import DeckError
-from strainsight.foreign.matrices.op4_parts import LARGEST
+from strainsight.foreign.matrices.op4 import LARGEST
 
 AGAIN = "write it again, with SOLVER=MATRIXSTORAGE"
 

@@ -18,14 +18,11 @@ from numpy.lib import format as npy
 from scipy import sparse
 
 from strainsight.csv_cells import plain_cell
-from strainsight.decks.numbers import no_integer, parse_integer
-from strainsight.decks.text import read_text
+from strainsight.decks.text import no_integer, parse_integer, read_text
 from strainsight.errors import DeckError
 from strainsight.foreign.matrices.calculix import read_calculix, read_dofs
 from strainsight.foreign.matrices.market import read_market
-from strainsight.foreign.matrices.op4_binary import MARKERS, binary_matrices
-from strainsight.foreign.matrices.op4_parts import LARGEST, Column
-from strainsight.foreign.matrices.op4_text import text_matrices
+from strainsight.foreign.matrices.op4 import LARGEST, MARKERS, Column, binary_matrices, text_matrices
 from strainsight.memory import require_memory
 
 SUFFIXES = ".op4, .mtx, .mtx.gz, .npz, .sti, .mas"

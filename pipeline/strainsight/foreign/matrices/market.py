@@ -12,10 +12,9 @@ from typing import TextIO
 import numpy as np
 from scipy import sparse
 
-from strainsight.decks.numbers import parse_integer
-from strainsight.decks.text import PACKING, SMALL, opened
+from strainsight.decks.text import PACKING, SMALL, opened, parse_integer
 from strainsight.errors import DeckError
-from strainsight.foreign.matrices.op4_parts import LARGEST
+from strainsight.foreign.matrices.op4 import LARGEST
 
 REAL = ("real", "integer", "double", "unsigned-integer")
 LONGEST = 10_000

@@ -13,11 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.numbers import parse_real
-from strainsight.decks.text import opened
+from strainsight.decks.text import opened, parse_real
 from strainsight.errors import DeckError
-from strainsight.foreign.results.checks import AGAIN, check_motion, natural_frequency, unsupported
-from strainsight.foreign.results.response import Response
+from strainsight.foreign.results.response import AGAIN, Response, check_motion, natural_frequency, unsupported
 
 ROUNDING = 5e-7
 """Of a number with seven digits."""

@@ -14,12 +14,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.numbers import parse_integer, parse_real
-from strainsight.decks.text import opened
+from strainsight.decks.text import opened, parse_integer, parse_real
 from strainsight.errors import DeckError
-from strainsight.foreign.results.checks import AGAIN, check_motion, natural_frequency, unsupported
-from strainsight.foreign.results.columns import integers, padded, reals
-from strainsight.foreign.results.response import Response
+from strainsight.foreign.results.response import (
+    AGAIN,
+    Response,
+    check_motion,
+    integers,
+    natural_frequency,
+    padded,
+    reals,
+    unsupported,
+)
 
 _WIDTH, _ID, _FIRST, _NUMBER = 72, 10, 18, 18
 """Columns of a line, of an id, in front of the first component, and of each."""

@@ -2,9 +2,16 @@
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
+import numpy as np
+
+from strainsight.decks.faults import repeated
+from strainsight.decks.text import parse_integer, parse_real
+from strainsight.errors import DeckError
 from strainsight.mesh.thin import FloatArray, IntArray
 
 
@@ -36,3 +43,81 @@ class Response:
     scalar_points: int = 0
     where: str = ""
     position: FloatArray | None = None
+
+
+AGAIN = "write the file again: it was cut short or altered"
+
+
+def natural_frequency(eigenvalue: float) -> float:
+    """f = √λ/2π [Hz] of an eigenvalue λ = ω² [1/s²]; −√|λ|/2π where it is negative."""
+    return math.copysign(math.sqrt(abs(eigenvalue)) / math.tau, eigenvalue)
+
+
+def check_motion(ids: IntArray, motion: FloatArray, where: str) -> None:
+    """Raise DeckError unless ids (n,) are each there once and motion (n, k) is finite."""
+    if (pair := repeated(ids)) is not None:
+        raise DeckError(f"node {ids[pair[1]]} stands twice", where=where, remedy=AGAIN)
+    finite = np.isfinite(motion).all(axis=1)
+    if not finite.all():
+        row = int(np.argmin(finite))
+        said = ", ".join(f"{value:g}" for value in motion[row])
+        raise DeckError(
+            f"node {ids[row]} moves by {said}",
+            where=where,
+            remedy="look for errors in the output of that program, and write the file again",
+        )
+
+
+def check_frequency(frequency: float, where: str) -> None:
+    """Raise DeckError unless a mode's frequency is a finite number."""
+    if not math.isfinite(frequency):
+        raise DeckError(f"the frequency of the mode is {frequency:g}", where=where, remedy=AGAIN)
+
+
+def unsupported(what: str, where: str) -> DeckError:
+    """A kind of result that is none of the two that are read."""
+    return DeckError(
+        f"{what}, no real mode or static response",
+        where=where,
+        remedy="write real normal modes or static displacements, in a file of their own",
+    )
+
+
+T = TypeVar("T")
+
+
+def padded(line: bytes, width: int) -> bytes:
+    """A line without its end, cut or filled with blanks to so many columns."""
+    return line.rstrip(b"\r\n")[:width].ljust(width)
+
+
+def reals(text: np.ndarray, width: int, place: Callable[[int], str]) -> FloatArray:
+    """(n, k) numbers, also in Fortran's short form 1.0-100, of the characters (n, k width) of n rows; place: row → its place.
+
+    Raises DeckError where there is none.
+    """
+    words = np.ascontiguousarray(text).view(f"S{width}")
+    try:
+        return words.astype(float)
+    except (ValueError, OverflowError):
+        rows = [[_checked(parse_real, word, place, row) for word in line] for row, line in enumerate(words.tolist())]
+        return np.array(rows)
+
+
+def integers(text: np.ndarray, place: Callable[[int], str]) -> IntArray:
+    """(n,) integers of the characters (n, width) of n rows, as `reals`."""
+    words = np.ascontiguousarray(text).view(f"S{text.shape[1]}")[:, 0]
+    try:
+        return words.astype(np.int64)
+    except (ValueError, OverflowError):
+        return np.array(
+            [_checked(parse_integer, word, place, row) for row, word in enumerate(words.tolist())], np.int64
+        )
+
+
+def _checked(parse: Callable[[str], T | None], word: bytes, place: Callable[[int], str], row: int) -> T:
+    value = parse(word.decode("latin-1").strip())
+    if value is None:
+        said = " ".join(word.decode("latin-1").split())
+        raise DeckError(f"{said!r} is no finite number", where=place(row), remedy=AGAIN)
+    return value

@@ -13,12 +13,18 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.numbers import parse_integer, parse_real
-from strainsight.decks.text import opened
+from strainsight.decks.text import opened, parse_integer, parse_real
 from strainsight.errors import DeckError
-from strainsight.foreign.results.checks import AGAIN, check_frequency, check_motion, unsupported
-from strainsight.foreign.results.columns import integers, padded, reals
-from strainsight.foreign.results.response import Response
+from strainsight.foreign.results.response import (
+    AGAIN,
+    Response,
+    check_frequency,
+    check_motion,
+    integers,
+    padded,
+    reals,
+    unsupported,
+)
 
 _LONGEST = 4096
 """[bytes] read as one line: those of a text have 80."""

@@ -7,10 +7,18 @@ from functools import partial
 import numpy as np
 
 from strainsight.mesh.kinds import quadrangles
-from strainsight.mesh.kinds.functions import multilinear, serendipity
-from strainsight.mesh.kinds.kind import HYBRID, ElementKind, alike, halves, mirrored, with_midsides
+from strainsight.mesh.kinds.kind import (
+    HYBRID,
+    ElementKind,
+    alike,
+    gauss,
+    halves,
+    mirrored,
+    multilinear,
+    serendipity,
+    with_midsides,
+)
 from strainsight.mesh.kinds.quadrangles import QUAD4, QUAD8
-from strainsight.mesh.kinds.rules import gauss
 from strainsight.mesh.model import FloatArray
 
 CORNERS = np.vstack([np.column_stack([quadrangles.CORNERS, np.full(4, level)]) for level in (-1.0, 1.0)])

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
+from functools import reduce
+from itertools import permutations
 
 import numpy as np
 
@@ -128,3 +130,82 @@ def mirrored(corners: Order, edges: Edges) -> Order:
 def in_order(nodes: IntArray, order: Order) -> IntArray:
     """Nodes (n, k) of elements, their columns in an order."""
     return nodes[:, list(order)] if order else nodes
+
+
+def barycentric(xi: FloatArray) -> Values:
+    """L₀ = 1 − Σξᵢ, Lᵢ = ξᵢ."""
+    q, d = xi.shape
+    L = np.column_stack([1.0 - xi.sum(axis=1), xi])
+    return L, np.broadcast_to(np.vstack([-np.ones(d), np.eye(d)]), (q, d + 1, d)).copy()
+
+
+def quadratic_simplex(xi: FloatArray, edges: Edges) -> Values:
+    """Corners L(2L − 1), mid-sides 4 L_a L_b."""
+    L, dL = barycentric(xi)
+    a, b = np.transpose(edges)
+    N = np.concatenate([L * (2 * L - 1), 4 * L[:, a] * L[:, b]], axis=1)
+    dN = np.concatenate(
+        [(4 * L - 1)[..., None] * dL, 4 * (L[:, a, None] * dL[:, b] + L[:, b, None] * dL[:, a])], axis=1
+    )
+    return N, dN
+
+
+def multilinear(xi: FloatArray, nodes: FloatArray) -> Values:
+    """Π ½(1 + ξ_d ξ_ad)."""
+    return _product(*_linear_factors(xi, nodes))
+
+
+def serendipity(xi: FloatArray, nodes: FloatArray) -> Values:
+    """Corners Π ½(1 + ξ_d ξ_ad) (Σ ξ_d ξ_ad − (d − 1)); mid-sides (1 − ξ_m²) Π_{d≠m} ½(1 + ξ_d ξ_ad)."""
+    d = nodes.shape[1]
+    factor, slope = _linear_factors(xi, nodes)
+    along = nodes == 0.0
+    bubble = np.broadcast_to(1 - xi[:, None, :] ** 2, factor.shape)
+    bubble_slope = np.broadcast_to(-2 * xi[:, None, :], factor.shape)
+    N, dN = _product(np.where(along, bubble, factor), np.where(along, bubble_slope, slope))
+    corner = ~along.any(axis=1)
+    tail = (xi @ nodes[corner].T) - (d - 1)
+    dN[:, corner] = dN[:, corner] * tail[..., None] + N[:, corner, None] * nodes[corner]
+    N[:, corner] *= tail
+    return N, dN
+
+
+def _linear_factors(xi: FloatArray, nodes: FloatArray) -> Values:
+    """½(1 + ξ_d ξ_ad) and its slope, (q, k, d) each."""
+    return 0.5 * (1 + xi[:, None, :] * nodes), np.broadcast_to(0.5 * nodes, (len(xi), *nodes.shape))
+
+
+def _product(factor: FloatArray, slope: FloatArray) -> Values:
+    """Π_d f_d and its gradient, f and f′ (q, k, d)."""
+    f, df = np.moveaxis(factor, 2, 0), np.moveaxis(slope, 2, 0)
+    gradient = [reduce(np.multiply, [df[j] if j == i else f[j] for j in range(len(f))]) for i in range(len(f))]
+    return reduce(np.multiply, f), np.stack(gradient, axis=2)
+
+
+def gauss(points: int, d: int) -> Rule:
+    """Gauss-Legendre product rule on [−1, 1]ᵈ, exact for degree 2·points − 1 in each direction."""
+    x, w = np.polynomial.legendre.leggauss(points)
+    grid = np.stack(np.meshgrid(*[x] * d, indexing="ij"), axis=-1).reshape(-1, d)
+    weights = np.prod(np.stack(np.meshgrid(*[w] * d, indexing="ij"), axis=-1), axis=-1).ravel()
+    return grid, weights
+
+
+def orbits(size: int, orbits: list[tuple[tuple[float, ...], float]]) -> Rule:
+    """All distinct permutations of barycentric points (one coordinate dropped) with their weights."""
+    points, weights = [], []
+    for point, weight in orbits:
+        for permuted in sorted(set(permutations(point))):
+            points.append(permuted[1:])
+            weights.append(weight)
+    return np.array(points).reshape(-1, size), np.array(weights)
+
+
+def triangle(degree: int) -> Rule:
+    """Symmetric rules of Dunavant (1985) of degree 2 and 4 on the unit triangle, in closed form."""
+    if degree == 2:
+        return orbits(2, [((1 / 6, 1 / 6, 2 / 3), 1 / 6)])
+    root = np.sqrt(38 - 44 * np.sqrt(2 / 5))
+    spread = np.sqrt(213125 - 53320 * np.sqrt(10))
+    a, wa = (8 - np.sqrt(10) + root) / 18, (620 + spread) / 3720
+    b, wb = (8 - np.sqrt(10) - root) / 18, (620 - spread) / 3720
+    return orbits(2, [((a, a, 1 - 2 * a), wa / 2), ((b, b, 1 - 2 * b), wb / 2)])

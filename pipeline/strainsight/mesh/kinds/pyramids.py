@@ -6,9 +6,8 @@ import numpy as np
 from scipy.special import roots_jacobi
 
 from strainsight.mesh.kinds import quadrangles
-from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, Split, Values, alike, halves
+from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, Split, Values, alike, gauss, halves
 from strainsight.mesh.kinds.quadrangles import QUAD4
-from strainsight.mesh.kinds.rules import gauss
 from strainsight.mesh.kinds.triangles import TRI3
 from strainsight.mesh.model import FloatArray
 

@@ -7,9 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from strainsight.mesh.kinds.functions import multilinear, serendipity
-from strainsight.mesh.kinds.kind import Kind, alike, halves, with_midsides
-from strainsight.mesh.kinds.rules import gauss
+from strainsight.mesh.kinds.kind import Kind, alike, gauss, halves, multilinear, serendipity, with_midsides
 
 CORNERS = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]], dtype=float)
 EDGES = ((0, 1), (1, 2), (2, 3), (3, 0))

@@ -7,9 +7,18 @@ from functools import partial
 import numpy as np
 
 from strainsight.mesh.kinds import triangles
-from strainsight.mesh.kinds.functions import barycentric, quadratic_simplex
-from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, alike, halves, mirrored, with_midsides
-from strainsight.mesh.kinds.rules import orbits
+from strainsight.mesh.kinds.kind import (
+    HYBRID,
+    ElementKind,
+    Rule,
+    alike,
+    barycentric,
+    halves,
+    mirrored,
+    orbits,
+    quadratic_simplex,
+    with_midsides,
+)
 from strainsight.mesh.kinds.triangles import TRI3, TRI6
 from strainsight.mesh.model import FloatArray
 

@@ -7,9 +7,7 @@ from functools import partial
 
 import numpy as np
 
-from strainsight.mesh.kinds.functions import barycentric, quadratic_simplex
-from strainsight.mesh.kinds.kind import Kind, alike, halves, with_midsides
-from strainsight.mesh.kinds.rules import triangle
+from strainsight.mesh.kinds.kind import Kind, alike, barycentric, halves, quadratic_simplex, triangle, with_midsides
 
 CORNERS = np.vstack([np.zeros(2), np.eye(2)])
 EDGES = ((0, 1), (1, 2), (2, 0))

@@ -5,10 +5,19 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.mesh.kinds import triangles
-from strainsight.mesh.kinds.functions import barycentric
-from strainsight.mesh.kinds.kind import HYBRID, ElementKind, Rule, Values, alike, mirrored, with_midsides
+from strainsight.mesh.kinds.kind import (
+    HYBRID,
+    ElementKind,
+    Rule,
+    Values,
+    alike,
+    barycentric,
+    gauss,
+    mirrored,
+    triangle,
+    with_midsides,
+)
 from strainsight.mesh.kinds.quadrangles import QUAD4, QUAD8
-from strainsight.mesh.kinds.rules import gauss, triangle
 from strainsight.mesh.kinds.triangles import TRI3, TRI6
 from strainsight.mesh.model import FloatArray
 

@@ -8,8 +8,15 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.multibody.bearing.geometry import AXIAL, PARAMETERS, RADIAL, Bearing
-from strainsight.multibody.bearing.hertz import contact_ellipse, groove_curvatures, peak_pressure
+from strainsight.multibody.bearing.geometry import (
+    AXIAL,
+    PARAMETERS,
+    RADIAL,
+    Bearing,
+    contact_ellipse,
+    groove_curvatures,
+    peak_pressure,
+)
 from strainsight.multibody.bearing.ring import each_ball, ring_load
 
 

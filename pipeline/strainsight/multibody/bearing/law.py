@@ -10,11 +10,11 @@ import numpy as np
 from strainsight.multibody.bearing.element import bearing_load
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
 from strainsight.multibody.bearing.ring import KEPT, ring_law
+from strainsight.multibody.bodies import Frame
 from strainsight.multibody.compiled.law import compiled_law
 from strainsight.multibody.forces import Load
-from strainsight.multibody.frames import Frame
-from strainsight.multibody.laws.friction import regular_friction
-from strainsight.multibody.laws.torsion import turned_by
+from strainsight.multibody.laws.actuators import regular_friction
+from strainsight.multibody.laws.springs import turned_by
 from strainsight.multibody.relations import Relation, bearing_displacements, dot
 
 TILTED, RADIAL = 4.4, 2.2 * 1.73
@@ -102,7 +102,7 @@ class BearingLaw:
         """0, which is in Python, where the bearing takes from motion."""
         drag = self._drag
         return (
-            0 if drag.turns or drag.damping.any() else int(compiled_law(ring_law, "multibody/bearing/ball.py").address)
+            0 if drag.turns or drag.damping.any() else int(compiled_law(ring_law, "multibody/bearing/ring.py").address)
         )
 
     @property

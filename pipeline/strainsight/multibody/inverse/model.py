@@ -10,15 +10,12 @@ import numpy as np
 
 from strainsight.errors import NumericalError, UserError
 from strainsight.multibody.accelerations import measured
-from strainsight.multibody.advance import Advance, Method, advance, slopes
-from strainsight.multibody.initial import constraints_at, nearest_state
+from strainsight.multibody.initial import constraints_at, nearest_state, static_equilibrium
 from strainsight.multibody.inverse.left_out import Begun, Start, begun
 from strainsight.multibody.inverse.loads import LoadProcess
-from strainsight.multibody.inverse.parameters import ParameterCoordinates
-from strainsight.multibody.inverse.start import static_response
-from strainsight.multibody.inverse.zeroed import Zero
+from strainsight.multibody.inverse.parameters import ParameterCoordinates, Zero, static_response
 from strainsight.multibody.sensors import Readings
-from strainsight.multibody.static import static_equilibrium
+from strainsight.multibody.step import Advance, Method, advance, slopes
 from strainsight.multibody.system import System
 
 

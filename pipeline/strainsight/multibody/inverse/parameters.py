@@ -2,13 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections import OrderedDict
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from strainsight.errors import InfeasibleError, did_you_mean
+from strainsight.errors import InfeasibleError, NumericalError, did_you_mean
+from strainsight.multibody.accelerations import at_rest
 from strainsight.multibody.bearing.geometry import PARAMETERS
+from strainsight.multibody.bodies import RigidBody
+from strainsight.multibody.coupled import tangent_space
+from strainsight.multibody.equations import balance, input_slopes, parameter_slopes
+from strainsight.multibody.initial import CONVERGED, FREE, ROUNDING, in_the_metric, refuse_free, static_equilibrium
+from strainsight.multibody.sensors import Readings
+from strainsight.multibody.system import System
 
 MICROMETRE = 1e-6
 RADII = range(1, 5)
@@ -166,3 +175,168 @@ def _of_bearing(
         return _Unknown(name, at, "diameter", smallest=min(known) - oversize) if known else _Unknown(name, at, "log")
     ball = list(free).index(own[0]) if own[0] in free else -1
     return _Unknown(name, at, "radius", ball=ball, diameter=float(values[0]), oversize=oversize)
+
+
+def start_covariance(
+    system: System,
+    q: np.ndarray,
+    u: np.ndarray,
+    theta: np.ndarray,
+    coordinates: ParameterCoordinates,
+    inputs: np.ndarray,
+    std_u: np.ndarray,
+    std_xi: np.ndarray,
+    spread: float | tuple[float, float] = 0.0,
+) -> np.ndarray:
+    """P (2n + nu + p square) of (q, v, u, ξ) for a start in equilibrium under loads and parameters badly known:
+
+        P = J diag(std²) Jᵀ + T_q σ_q² T_qᵀ + T_v σ_v² T_vᵀ,     J = ∂(q, 0, u, ξ)/∂(u, ξ),     K ∂q = −∂f on B ∂q = 0
+
+    q (n,) in equilibrium under all inputs u and θ (nθ,); inputs (nu,): places of the unknown ones; std_u (nu,) [N, N m];
+    std_xi (p,) [-], or the covariance (p, p) of ξ; spread: σ_q [m √kg], σ_v [m √kg/s] of further motions (one number: both)
+    in the metric of the mass, along all that the constraints leave (T). P has its range in the tangent space.
+    Raises InfeasibleError for deviations of the wrong number, and where nothing holds a motion of the system.
+    """
+    n, inputs = system.size, np.asarray(inputs, dtype=int)
+    std_u, std_xi = np.atleast_1d(np.asarray(std_u, dtype=float)), np.asarray(std_xi, dtype=float)
+    if std_u.shape != inputs.shape or std_xi.shape[:1] != (coordinates.size,):
+        raise InfeasibleError(
+            f"{std_u.size} deviations for {inputs.size} inputs, {len(np.atleast_1d(std_xi))} for {coordinates.size} parameters"
+        )
+    by_u, by_theta = static_response(system, q, u, theta)
+    response = np.concatenate([by_u[:, inputs], by_theta @ coordinates.theta(coordinates.xi(theta))[1]], axis=1)
+    J = np.concatenate([response, np.zeros((n, response.shape[1])), np.eye(response.shape[1])])
+    known = block_diag(np.diag(std_u**2), np.diag(std_xi**2) if std_xi.ndim == 1 else std_xi)
+    P = J @ known @ J.T
+    along_q, along_v = spread if isinstance(spread, tuple) else (spread, spread)
+    T = tangent_space(system, q, np.zeros(n), u, theta).T
+    TT = T @ T.T
+    P[:n, :n] += along_q**2 * TT
+    P[n : 2 * n, n : 2 * n] += along_v**2 * TT
+    return 0.5 * (P + P.T)
+
+
+def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """∂q/∂u (n, all inputs) and ∂q/∂θ (n, nθ) of an equilibrium q (n,):  K ∂q = −∂f  on  B ∂q = 0.
+
+    Raises InfeasibleError where nothing holds a motion of the system.
+    """
+    found = tangent_space(system, q, np.zeros(system.size), u, theta)
+    by_u = input_slopes(system, found.at, np.asarray(q, dtype=float))
+    by_theta = parameter_slopes(system, found.at, q, np.zeros(system.size))
+    pulls = np.concatenate([by_u, by_theta], axis=1)
+    K = found.project(found.at.stiffness)
+    if len(K) and not np.linalg.cond(K) < 1 / FREE:
+        raise InfeasibleError(
+            "nothing holds a motion of the system at the start", remedy="hold it with a joint or a spring"
+        )
+    response = -found.T @ np.linalg.solve(K, found.T.T @ pulls)
+    return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]
+
+
+def white_force(system: System, acceleration: float) -> np.ndarray:
+    """Variances Q_w (n,) of the white generalised force that stands for a white acceleration a [m/s²] of every body:
+
+    (d √m a)², m the mass of the body [kg], d the metric of its coordinates: √kg for r, m √kg for R, √M_kk for η.
+    """
+    variance = np.empty(system.size)
+    for body in system.bodies:
+        mass = body.mass if isinstance(body, RigidBody) else body.invariants.mass
+        own = system.of[body.name]
+        variance[own] = (system.metric[own] * acceleration) ** 2 * mass
+    return variance
+
+
+Zero = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+REMEMBERED = 64
+STEPS = 8
+"""Of Newton's iteration; one that has not ended by then began too far away."""
+
+
+def zero_at_rest(
+    system: System,
+    sensors: Readings,
+    zeroed: np.ndarray,
+    q: np.ndarray,
+    u: np.ndarray,
+    coordinates: ParameterCoordinates,
+) -> Zero:
+    """ξ (p,) → offset (m,) and ∂offset/∂ξ (m, p): the readings h(q₀(ξ)) of the zeroed channels (m,) of bool, 0 of the others,
+
+        f(q₀, 0, u, θ(ξ)) = Bᵀλ,   φ(q₀) = 0,   from q (n,), under the loads u (all inputs,) at which they were zeroed.
+
+    A sensor that was zeroed at rest tells nothing of what deformed the bench then, whatever its stiffness. The last answers
+    are remembered, and every equilibrium is followed from the nearest.
+    """
+    still = np.zeros(system.size)
+    answers: OrderedDict[bytes, tuple[Rest, np.ndarray, np.ndarray]] = OrderedDict()
+
+    def at(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        key = xi.tobytes()
+        if key not in answers:
+            theta, by_xi = coordinates.theta(xi)
+            if answers:
+                near = min(answers, key=lambda known: float(np.abs(np.frombuffer(known) - xi).max(initial=0.0)))
+                rest = followed(system, answers[near][0], u, theta)
+            else:
+                rest = rest_at(system, q, u, theta)
+            y, H, _ = sensors.read(rest.q, still, at_rest(system, u))
+            answers[key] = rest, np.where(zeroed, y, 0.0), np.where(zeroed[:, None], H @ rest.by_theta @ by_xi, 0.0)
+            if len(answers) > REMEMBERED:
+                answers.popitem(last=False)
+        return answers[key][1:]
+
+    return at
+
+
+@dataclass(frozen=True, eq=False)
+class Rest:
+    """q (n,), λ (m,) in equilibrium at θ (nθ,), and by_theta (n, nθ) = ∂q/∂θ."""
+
+    theta: np.ndarray
+    q: np.ndarray
+    lam: np.ndarray
+    by_theta: np.ndarray
+
+
+def rest_at(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> Rest:
+    """The equilibrium under u near q (n,). Raises what `static_equilibrium` and `static_response` raise."""
+    q, lam = static_equilibrium(system, q, u, theta, near=True)
+    return Rest(theta, q, lam, static_response(system, q, u, theta)[1])
+
+
+def followed(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> Rest:
+    """The equilibrium at θ (nθ,), from one that is known under the same loads u, by
+
+        [K  −Bᵀ] [Δq  ∂q]     [f  ∂f/∂θ]
+        [B   0 ] [λ'  ∂λ] = − [φ  0    ]
+
+    from q + ∂q Δθ; where that does not end it is sought as by `rest_at`. Raises InfeasibleError, as
+    that does, where nothing holds some motion at θ.
+    """
+    return _newton(system, known, u, theta) or rest_at(system, known.q, u, theta)
+
+
+def _newton(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> Rest | None:
+    d, n, m = system.metric, system.size, system.constrained
+    q, lam = known.q + known.by_theta @ (theta - known.theta), known.lam
+    still, none, before = np.zeros(n), np.zeros(m), np.inf
+    right = np.zeros((n + m, 1 + len(theta)))
+    for _ in range(STEPS):
+        try:
+            at = balance(system, q, still, still, none, lam, u, theta)
+            K, B, s = in_the_metric(at, d)
+            right[:n, 0], right[n:, 0] = -at.load / d, -s * at.phi
+            right[:n, 1:] = -parameter_slopes(system, at, q, still) / d[:, None]
+            z = np.linalg.solve(np.block([[K, -B.T], [B, np.zeros((m, m))]]), right)
+        except (NumericalError, np.linalg.LinAlgError):
+            return None
+        size, whole = float(np.linalg.norm(z[:n, 0])), float(np.linalg.norm(d * q)) or 1.0
+        q, lam = q + z[:n, 0] / d, z[n:, 0] * s
+        if size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before):
+            refuse_free(system, K, B)
+            return Rest(theta, q, lam, z[:n, 1:] / d[:, None])
+        if not size < before:
+            return None
+        before = size
+    return None

@@ -5,11 +5,8 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 
 from strainsight.multibody.forces import RelativeElement
-from strainsight.multibody.laws.actuators import actuator, torque
-from strainsight.multibody.laws.friction import friction
-from strainsight.multibody.laws.linear import bushing
-from strainsight.multibody.laws.spring import spring
-from strainsight.multibody.laws.torsion import torsion
+from strainsight.multibody.laws.actuators import actuator, friction, torque
+from strainsight.multibody.laws.springs import bushing, spring, torsion
 
 LAWS: Mapping[str, Callable[..., RelativeElement]] = {
     "spring": spring,

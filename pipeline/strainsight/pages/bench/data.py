@@ -14,9 +14,8 @@ import numpy as np
 from strainsight.estimation.decision import BEYOND, CONTRADICTED, DIVERGED, LOST, OVERCONFIDENT, WITHHELD, Claim, judged
 from strainsight.pages.arrays import FloatArray, History, Reading
 from strainsight.pages.placement.data import Criteria, Metric, Trend
-from strainsight.records.bench_estimated import RingEstimate
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.simulated import DriveMotion, RingMotion
+from strainsight.records.bench import DriveMotion, RingMotion
+from strainsight.records.bench_estimated import BenchPlaced, RingEstimate
 from strainsight.runner.output import Scalar
 
 

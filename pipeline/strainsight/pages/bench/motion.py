@@ -12,8 +12,8 @@ from strainsight.pages.bench.figures import line_style
 from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg, visible_instants
 from strainsight.pages.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
 from strainsight.pages.text import number, percent, prefix, quantity, short
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.simulated import DriveMotion, RingMotion
+from strainsight.records.bench import DriveMotion, RingMotion
+from strainsight.records.bench_estimated import BenchPlaced
 
 
 def loads_figure(motion: BenchMotion) -> Drawing:

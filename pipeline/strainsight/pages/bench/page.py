@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from html import escape
 
-from strainsight.pages.bench.answer import bench_answer, too_high
 from strainsight.pages.bench.bearing_page import balls_figures
 from strainsight.pages.bench.data import BenchRun, BenchUnknown
 from strainsight.pages.bench.figures import (
@@ -16,13 +15,13 @@ from strainsight.pages.bench.figures import (
     unknown_figure,
 )
 from strainsight.pages.bench.motion import bearing_figures, drive_figure, loads_figure, random_figure, stress_figure
-from strainsight.pages.bench.tables import mismatch_table, placement_table, runs_table
+from strainsight.pages.bench.tables import bench_answer, mismatch_table, placement_table, runs_table, too_high
 from strainsight.pages.chart.drawing import Drawing
 from strainsight.pages.page.markup import bullets, figure, figures, measure, picture, plain, table
 from strainsight.pages.page.sections import advice_card, document, panel, rests_on, section
 from strainsight.pages.placement.figures import trend_figure
+from strainsight.pages.placement.first import headline
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
-from strainsight.pages.placement.verdicts import headline
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
 
 STYLE = "bench/bench.css"

@@ -10,9 +10,19 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart.drawing import VERMILION, gauge_colour, ink_on, styled
-from strainsight.pages.picture.geometry import mesh_lines, seen_from, triangles, views
+from strainsight.pages.picture.geometry import (
+    EMPTY,
+    arrow_mesh,
+    free_end,
+    line_mesh,
+    marker,
+    mesh_lines,
+    seen_from,
+    surface_mesh,
+    triangles,
+    views,
+)
 from strainsight.pages.picture.layout import Layout
-from strainsight.pages.picture.markers import EMPTY, arrow_mesh, free_end, line_mesh, marker, surface_mesh
 from strainsight.pages.text import short
 
 STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"

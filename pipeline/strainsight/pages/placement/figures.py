@@ -27,14 +27,16 @@ from strainsight.pages.chart.drawing import (
     svg,
     visible_instants,
 )
-from strainsight.pages.chart.histories import closing_figure, estimate_figure, posterior_figure
 from strainsight.pages.chart.panels import (
+    closing_figure,
     dots,
     drawable,
+    estimate_figure,
     focus_on,
     last_periods,
     legend_above,
     plain_ticks,
+    posterior_figure,
     shown_unit,
     time_axis,
 )

@@ -18,7 +18,7 @@ from strainsight.pages.page.sections import (
     warnings_section,
 )
 from strainsight.pages.placement.data import PlacementReport
-from strainsight.pages.placement.first import answer, first_screen
+from strainsight.pages.placement.first import answer, faults, first_screen, headline
 from strainsight.pages.placement.gauge_table import (
     cases_table,
     criteria_meaning,
@@ -26,7 +26,6 @@ from strainsight.pages.placement.gauge_table import (
     gauge_table,
     load_cases_table,
 )
-from strainsight.pages.placement.verdicts import faults, headline
 from strainsight.pages.sheets.sheet import sheets_section
 from strainsight.pages.space.model import Shape
 from strainsight.pages.space.section import space_section

@@ -11,10 +11,20 @@ from numpy.typing import NDArray
 
 from strainsight.pages.arrays import FloatArray, IntArray
 from strainsight.pages.chart.drawing import VERMILION, gauge_colour
-from strainsight.pages.picture.colours import Scale, scale_of
-from strainsight.pages.picture.geometry import areas, at_points, mesh_lines, triangles, views
+from strainsight.pages.picture.geometry import (
+    Scale,
+    areas,
+    arrow_mesh,
+    at_points,
+    foil,
+    marker,
+    mesh_lines,
+    scale_of,
+    surface_mesh,
+    triangles,
+    views,
+)
 from strainsight.pages.picture.layout import Gauge, Layout
-from strainsight.pages.picture.markers import arrow_mesh, foil, marker, surface_mesh
 from strainsight.pages.picture.picture import CLAMP, CREASES, LINES, POOL, STEEL
 from strainsight.pages.picture.scene import thinned
 

@@ -7,11 +7,10 @@ from html import escape
 
 import numpy as np
 
-from strainsight.pages.bench.answer import run_answer
 from strainsight.pages.bench.data import BenchRun
 from strainsight.pages.bench.page import FOOTER as BENCHES
 from strainsight.pages.bench.page import STYLE
-from strainsight.pages.bench.tables import MEANINGS
+from strainsight.pages.bench.tables import MEANINGS, run_answer
 from strainsight.pages.bench.tables import runs_table as benches_table
 from strainsight.pages.chart.drawing import Drawing
 from strainsight.pages.page.markup import (

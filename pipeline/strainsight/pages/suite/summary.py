@@ -15,7 +15,7 @@ from strainsight.pages.arrays import rms
 from strainsight.pages.bench.data import BenchRun
 from strainsight.pages.page.markup import block, cell, count, grouped_table, links, plain, share, verdict_mark
 from strainsight.pages.placement.data import Unknown
-from strainsight.pages.placement.verdicts import faults, no_benefit, why
+from strainsight.pages.placement.first import faults, no_benefit, why
 from strainsight.pages.suite.cases import numbered
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 

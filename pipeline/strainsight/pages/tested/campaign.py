@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from html import escape
 
 from strainsight.pages.chart.drawing import Drawing
-from strainsight.pages.chart.histories import posterior_figure
+from strainsight.pages.chart.panels import posterior_figure
 from strainsight.pages.page.markup import bullets, count, figure, figures, measure, plain, share, table
 from strainsight.pages.page.sections import damage_section, document, rests_on, section, warnings_section
 from strainsight.pages.tested.data import Findings, Unknown

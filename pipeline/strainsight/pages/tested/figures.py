@@ -25,8 +25,18 @@ from strainsight.pages.chart.drawing import (
     svg,
     visible_instants,
 )
-from strainsight.pages.chart.histories import estimate_figure, posterior_figure
-from strainsight.pages.chart.panels import about, band, dots, drawable, legend_above, log_ticks, plain_axis, time_axis
+from strainsight.pages.chart.panels import (
+    about,
+    band,
+    dots,
+    drawable,
+    estimate_figure,
+    legend_above,
+    log_ticks,
+    plain_axis,
+    posterior_figure,
+    time_axis,
+)
 from strainsight.pages.page.markup import data, figures, plain, share, table
 from strainsight.pages.tested.data import Findings, Spectrum, peak_of
 from strainsight.pages.text import READINGS, capital, number, percent, prefix, quantity, reading_unit, short

@@ -23,8 +23,7 @@ from strainsight.pages.page.sections import (
     rests_on,
     warnings_section,
 )
-from strainsight.pages.picture.colours import Scale, scale_bar, scale_of
-from strainsight.pages.picture.geometry import areas
+from strainsight.pages.picture.geometry import Scale, areas, scale_bar, scale_of
 from strainsight.pages.picture.layout import Layout
 from strainsight.pages.space.model import Shape, contour_of
 from strainsight.pages.space.section import space_section
@@ -32,7 +31,7 @@ from strainsight.pages.tested.data import Findings, Map, Moment
 from strainsight.pages.tested.figures import hold_out_section
 from strainsight.pages.tested.first import answer, extremes_section, first_screen
 from strainsight.pages.text import number, quantity
-from strainsight.pages.view.viewed import FACETS, Panel, View
+from strainsight.pages.view.viewing import FACETS, Panel, View
 from strainsight.records.estimated import Source
 
 FOOTER = (

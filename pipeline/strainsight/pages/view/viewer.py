@@ -18,14 +18,24 @@ from numpy.typing import NDArray
 
 from strainsight.pages.arrays import FloatArray, IntArray
 from strainsight.pages.chart.drawing import VERMILION, gauge_colour, ink_on
-from strainsight.pages.picture.colours import scale_of
-from strainsight.pages.picture.geometry import areas, facet_of_triangle, mesh_lines, seen_from, triangles, views
+from strainsight.pages.picture.geometry import (
+    areas,
+    arrow_mesh,
+    facet_of_triangle,
+    free_end,
+    line_mesh,
+    mesh_lines,
+    scale_of,
+    seen_from,
+    surface_mesh,
+    triangles,
+    views,
+)
 from strainsight.pages.picture.layout import Gauge, Layout
-from strainsight.pages.picture.markers import arrow_mesh, free_end, line_mesh, surface_mesh
 from strainsight.pages.picture.picture import CREASES, DRAWN_FACETS, across, aim
 from strainsight.pages.picture.scene import OFF_SCREEN, answer
 from strainsight.pages.text import short
-from strainsight.pages.view.viewed import DOTS, FACETS, NO_DISPLAY, POINTS, Panel, View
+from strainsight.pages.view.viewing import DOTS, FACETS, NO_DISPLAY, POINTS, Panel, View
 
 STEEL, LINES, POOL, CLAMP, INK = "#c3ccd6", "#5d6a79", "#7b8794", "#8a4fb5", "#1c2430"
 LENGTH = 0.07

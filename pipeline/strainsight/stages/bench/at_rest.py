@@ -13,8 +13,8 @@ from strainsight.experiment.bench.at_rest import Rest, at_rest, coupled, modes_i
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.bench.sensors import dataset_units
-from strainsight.records.at_rest import Coupled
-from strainsight.records.grids import vtkhdf_datasets
+from strainsight.records.bench import Coupled
+from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Table, warnings_table
 from strainsight.runner.stage import Context, Stage

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.config.bench.bearing import BearingConfig
 from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.bodies import BearingConfig
 from strainsight.experiment.bench.bearings import bearings_of, beyond_limit, displaced, loaded
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.pages.bench.bearing_page import (
@@ -16,7 +16,7 @@ from strainsight.pages.bench.bearing_page import (
     bearing_page,
     case_rows,
 )
-from strainsight.records.bearing import BearingCases, BearingCurves, BearingsAlone
+from strainsight.records.bench import BearingCases, BearingCurves, BearingsAlone
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table, warnings_table
 from strainsight.runner.stage import Context, Stage

@@ -5,11 +5,11 @@ from __future__ import annotations
 from dataclasses import replace
 
 from strainsight.config.bench.bench import BenchConfig, SurfaceField
-from strainsight.experiment.bench.surface_field import Motion, pictures
+from strainsight.experiment.bench.reduction import Motion, pictures
+from strainsight.records.bench import Simulated
 from strainsight.records.bench_estimated import BenchEstimated
-from strainsight.records.grids import vtkhdf_datasets
+from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import read, written
-from strainsight.records.simulated import Simulated
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench import inputs

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from strainsight.mesh.model import Mesh
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.bench_truth import BenchTruths
-from strainsight.records.bodies import ReducedBodies, ReducedBody
+from strainsight.records.bench import BenchTruths, ReducedBodies, ReducedBody
+from strainsight.records.bench_estimated import BenchPlaced
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.runner.stage import Context

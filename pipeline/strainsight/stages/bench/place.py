@@ -6,8 +6,7 @@ from dataclasses import replace
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import FlexibleBody
-from strainsight.experiment.bench.layout.output import output_of
-from strainsight.experiment.bench.layout.placement import placement_of
+from strainsight.experiment.bench.layout.placement import output_of, placement_of
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench.inputs import HISTORIES, bodies, meshes

@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.experiment.bench.reduction import Reduction, reductions
-from strainsight.records.bodies import ReducedBodies
+from strainsight.records.bench import ReducedBodies
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table
 from strainsight.runner.stage import Context, Stage

@@ -12,13 +12,12 @@ from strainsight.pages.bench.page import bench_figures, bench_page
 from strainsight.pages.picture.scene import drawn_or_why
 from strainsight.pages.space.model import Shape
 from strainsight.pages.space.section import space_section
-from strainsight.pages.view.viewed import View, untitled
-from strainsight.pages.view.viewing import screenshot
+from strainsight.pages.view.viewing import View, screenshot, untitled
 from strainsight.runner.output import Dataset, Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.pages.bench_run import placement_of, run_of, stress_of
-from strainsight.stages.view.bench import bench_view, body_of
 from strainsight.stages.view.surface import field_shape
+from strainsight.stages.view.views import bench_view, body_of
 
 SHOWN = ("import", "reduce", "place", "simulate", "estimate", "field")
 """Stages that the page shows, of those that a bench has."""

@@ -9,8 +9,8 @@ from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.loads import doubtful_drives, load_units
 from strainsight.experiment.bench.sensors import dataset_units
 from strainsight.experiment.bench.simulation import Simulation, simulation
-from strainsight.multibody.advance import GAIN, LAG
-from strainsight.multibody.band import SHARE, followed, missed
+from strainsight.multibody.coupled import SHARE, followed, missed
+from strainsight.multibody.step import GAIN, LAG
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table, warnings_table
 from strainsight.runner.stage import Context, Stage

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.experiment.bench.inverse.other_truth import truths_of
+from strainsight.experiment.bench.inverse.truth import truths_of
 from strainsight.experiment.bench.loads import load_units
 from strainsight.records.record import written
 from strainsight.runner.output import Output

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.config.bench.bench import SurfaceField
-from strainsight.experiment.layout.names import layout_labels
+from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.pages.arrays import History, Reading
 from strainsight.pages.bench.data import (
     BenchEstimate,
@@ -18,10 +18,9 @@ from strainsight.pages.bench.data import (
     BenchStress,
     BenchUnknown,
 )
-from strainsight.records.bench_estimated import BenchEstimated, SensorMatch
-from strainsight.records.bench_placed import BenchPlaced
+from strainsight.records.bench import Simulated, SurfaceInTime
+from strainsight.records.bench_estimated import BenchEstimated, BenchPlaced, SensorMatch
 from strainsight.records.record import read, unit_of
-from strainsight.records.simulated import Simulated, SurfaceInTime
 from strainsight.runner.artefact import Artefact
 from strainsight.stages.pages.page import criteria_of, metrics_of, trend_of
 

@@ -17,11 +17,11 @@ from strainsight.experiment.layout.comparison import RULES
 from strainsight.experiment.layout.gauge_list import channel_labels
 from strainsight.experiment.layout.workshop import Workshop
 from strainsight.experiment.structure.clearance import clearance_warning
+from strainsight.experiment.structure.expectation import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.experiment.structure.filtering import posterior_doubts
 from strainsight.experiment.structure.mesh import model_warnings
 from strainsight.experiment.structure.mesh_tables import ASSUMES
 from strainsight.experiment.structure.references import on_one_node
-from strainsight.experiment.structure.resolution import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.mesh.model import Mesh
 from strainsight.pages.arrays import History, Reading
 from strainsight.pages.placement.data import (
@@ -37,10 +37,8 @@ from strainsight.pages.placement.data import (
     Unknown,
 )
 from strainsight.pages.text import capital, listed, number
-from strainsight.placement.criteria.choices import criterion_of
-from strainsight.placement.criteria.criterion import Criterion
-from strainsight.records.layout import PlacedLayout, metric_key
-from strainsight.records.placed import Observed, Placed
+from strainsight.placement.criteria import Criterion, criterion_of
+from strainsight.records.placed import Observed, Placed, PlacedLayout, metric_key
 from strainsight.records.record import read, unit_of
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training

@@ -9,12 +9,12 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.config.gauge_types import Typed
+from strainsight.config.gauges import Typed
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.workshop import Workshop, foil_at
-from strainsight.experiment.structure.at_gauges import notes_at_gauges
-from strainsight.experiment.structure.channels import listed_gauges as gauges_of
-from strainsight.fem.traction import pressure
+from strainsight.experiment.structure.candidates import listed_gauges as gauges_of
+from strainsight.experiment.structure.clearance import notes_at_gauges
+from strainsight.fem.nodal_forces import pressure
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import Arm, Gauge, Layout, Load

@@ -7,8 +7,7 @@ from typing import Any
 
 from strainsight.config.load import LoadedConfig
 from strainsight.config.loads import unit_of
-from strainsight.config.suite import SuiteConfig
-from strainsight.config.suite_measures import Measure, as_texts, measures_of
+from strainsight.config.suite import Measure, SuiteConfig, as_texts, measures_of
 from strainsight.config.suite_runs import PlannedRun, all_of, study_of, value_over, wrong
 from strainsight.experiment.structure.settings import PARAMETER_UNITS
 

@@ -14,14 +14,14 @@ from strainsight.experiment.filters_compared import disagreements_in_words
 from strainsight.experiment.structure.campaign_text import channel_table, damage_tables
 from strainsight.experiment.structure.filtering import posterior_doubts
 from strainsight.experiment.structure.surface import virtual_labels
-from strainsight.loads.spectra import density, noise_density
+from strainsight.loads.histories import density, noise_density
 from strainsight.pages.arrays import History, Reading
 from strainsight.pages.placement.page import TEST_PAGE
 from strainsight.pages.tested.campaign import CampaignFindings, RecordRow
 from strainsight.pages.tested.data import File, Findings, Map, Moment, Spectrum, Unknown, peak_of
 from strainsight.pages.tested.first import title_of
 from strainsight.pages.text import capital
-from strainsight.pages.view.viewed import exaggerated
+from strainsight.pages.view.viewing import exaggerated
 from strainsight.records.damage import Damaged
 from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from

@@ -10,11 +10,20 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
-from strainsight.experiment.layout.datum import frame_of
-from strainsight.experiment.layout.exports.channel_lists import Wiring, catman_table, labview_table
-from strainsight.experiment.layout.exports.element_sets import abaqus_sets, elements_of, nastran_sets
-from strainsight.experiment.layout.gauge_list import channel_labels
-from strainsight.experiment.layout.workshop import Workshop, foil_at, workshop_csv, workshop_of, workshop_unv
+from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
+from strainsight.experiment.layout.workshop import (
+    Wiring,
+    Workshop,
+    abaqus_sets,
+    catman_table,
+    elements_of,
+    foil_at,
+    labview_table,
+    nastran_sets,
+    workshop_csv,
+    workshop_of,
+    workshop_unv,
+)
 from strainsight.experiment.structure.observation import LinearModel, linear_model, mat_file
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -25,7 +34,7 @@ from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.runner.stage import Context
-from strainsight.sensors.outline import edge_lines, seen_from
+from strainsight.sensors.export import edge_lines, seen_from
 from strainsight.stages.pages.page_layout import listed_gauges
 
 

@@ -3,16 +3,226 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
+
+import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ArtefactError, UserError
-from strainsight.pages.view.viewed import View
+from strainsight.errors import ArtefactError, UserError, did_you_mean
+from strainsight.experiment.bench.bench import unit_vector
+from strainsight.experiment.bench.reduction import flexible
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.view.viewing import DOTS, Panel, View
+from strainsight.records.bench import ReducedBodies, ReducedBody
+from strainsight.records.bench_estimated import PLACED, BenchLayout, BenchPlaced
+from strainsight.records.estimated import estimated_in
+from strainsight.records.mesh import Meshes, mesh_from
+from strainsight.records.record import read
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
+from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
-from strainsight.stages.view.bench import bench_view, body_of
-from strainsight.stages.view.placement import placement_view
+from strainsight.sensors.candidates import STRAIN
+from strainsight.stages.pages.page_layout import bare, layout_of_page
+from strainsight.stages.view.surface import modes_view, moment_view, strain_view, strains_of, surface_view
+
+
+def body_of(config: BenchConfig, asked: str | None) -> str:
+    """The flexible body to show: the one asked for, else that of the field, of the placement, or the first.
+
+    Raises UserError where there is none, or none of that name.
+    """
+    bodies = list(flexible(config))
+    if not bodies:
+        raise UserError("no body of this bench is flexible", remedy="there is no mesh to show: see report.html")
+    if asked is not None and asked not in bodies:
+        names = ", ".join(bodies)
+        raise UserError(
+            f"--body {asked}: this bench has no flexible body of that name",
+            remedy=did_you_mean(asked, bodies, f"flexible bodies are {names}"),
+        )
+    wanted = [asked, *(section.body for section in (config.field, config.place) if section is not None), bodies[0]]
+    return next(name for name in wanted if name is not None)
+
+
+def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artefact], at: float | None) -> View:
+    """What is asked for of the body, from the artefacts that `offers` names; at [s]: the instant of a field."""
+    mesh = read(Meshes, up["import"]).bodies[body]
+    title = f"{config.name}: {body}"
+    layout = bare(mesh, {})
+    if what == "mesh":
+        elements = sum(len(block.nodes) for block in mesh.elements)
+        return View(f"{title}, {elements} elements, {mesh.own_nodes} nodes", layout)
+    if what == "modes":
+        return _modes(title, layout, mesh, read(ReducedBodies, up["reduce"]).bodies[body])
+    if what == "candidates":
+        return _candidates(title, layout, read(BenchPlaced, up["place"]))
+    layout = replace(layout, gauges=_gauges(config, body, mesh, up))
+    if what in ("field", "strain"):
+        assert config.field is not None
+        how = "as simulated" if config.field.of == "simulate" else "as estimated"
+        return surface_view(f"{title}, {how}", up["field"], layout, at, strain=what == "strain")
+    return View(f"{title}, {len(layout.gauges)} gauges", layout)
+
+
+def _modes(title: str, layout: Layout, mesh: Mesh, part: ReducedBody) -> View:
+    """The modes with the interfaces held: the first coordinates that move no interface node."""
+    still = ~np.any([np.any(rows, axis=0) for rows in part.interface.values()], axis=0)
+    frequency = part.frequency
+    own = np.flatnonzero(still)[: len(frequency)]
+    shapes = np.moveaxis(part.basis[:, own].reshape(len(mesh.position), 3, -1), 2, 0)
+    captions = [f"mode {i}, {f:.4g} Hz" for i, f in enumerate(frequency, start=1)]
+    bodies = replace(layout, fixed=np.empty((0, 3)))
+    return modes_view(f"{title}, interfaces held", bodies, shapes, captions, "kg^-1/2")
+
+
+def _candidates(title: str, layout: Layout, place: BenchPlaced) -> View:
+    """The pool by the step in which each was removed; what stayed has the last colour, what never entered is grey."""
+    position, pool, removed = place.candidates.position, place.pool.candidate, place.elimination.removed
+    step = np.full(len(pool), len(removed) + 1.0)
+    step[removed] = np.arange(1, len(removed) + 1)
+    outside = np.delete(position, pool, axis=0)
+    order = np.argsort(step, kind="stable")
+    return View(
+        f"{title}, {len(position)} candidates, {len(pool)} of them in the pool",
+        replace(layout, pool=outside),
+        (Panel(values=step[order]),),
+        "removed in step",
+        "–",
+        DOTS,
+        position[pool][order],
+    )
+
+
+def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefact]) -> tuple[Gauge, ...]:
+    """The gauges of every strain sensor on the body, named as config and pages name them; without a sensor, the placed ones."""
+    places: list[tuple[str, np.ndarray, np.ndarray]] = []
+    for name, entry in config.sensors.items():
+        if entry.type != "strain" or entry.body != body:
+            continue
+        if entry.layout is not None:
+            given = _gauges_of(read(BenchPlaced, up["place"]).layout(entry.layout))
+        else:
+            given = [(np.array(g.position, dtype=float), unit_vector(g.direction)) for g in entry.gauges]
+        places += [(f"{name} {i}", x, d) for i, (x, d) in enumerate(given, start=1)]
+    if not places and "place" in up:
+        given = _gauges_of(read(BenchPlaced, up["place"]).layout(PLACED))
+        places = [(f"G{i}", x, d) for i, (x, d) in enumerate(given, start=1)]
+    if not places:
+        return ()
+    normal = _normals(mesh, np.array([x for _, x, _ in places]))
+    return tuple(Gauge(label, 0, 0, x, d, n, 0.0) for (label, x, d), n in zip(places, normal, strict=True))
+
+
+def _gauges_of(layout: BenchLayout) -> list[tuple[np.ndarray, np.ndarray]]:
+    return list(zip(layout.position[layout.bonded], layout.direction[layout.bonded], strict=True))
+
+
+def _normals(mesh: Mesh, position: np.ndarray) -> np.ndarray:
+    """The outward normal (k, 3) of the facet whose middle is nearest to each place: enough to draw an arrow on it."""
+    from scipy.spatial import cKDTree
+
+    corner = mesh.position[exterior_facets(mesh).nodes[:, :3]]
+    own = cKDTree(corner.mean(axis=1)).query(position)[1]
+    a, b, c = np.moveaxis(corner[own], 1, 0)
+    n = np.cross(b - a, c - a)
+    return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
+
+
+MICRO = 1e6
+
+
+def placement_view(
+    config: PlacementConfig, what: str, up: Mapping[str, Artefact], at: float | None, record: str | None = None
+) -> View:
+    """What is asked for, from the artefacts that `offers` names; at [s]: the instant of a field in time; record: of a test that
+    has several, None for the first."""
+    name, mesh = str(config.name), mesh_from(up["import"])
+    if what == "modes":
+        return _placement_modes(name, mesh, up["rom"])
+    if what == "candidates":
+        return _placement_candidates(name, bare(mesh, config.loads), up["train"])
+    if what == "strain":
+        own = layout_of_page(mesh, up, config.loads) if "place" in up else bare(mesh, config.loads)
+        return strain_view(name, replace(own, pool=np.empty((0, 3))), strains_of(config, mesh, up))
+    if what == "mesh":
+        elements = sum(len(block.nodes) for block in mesh.elements)
+        title = f"{name}: {elements} elements, {mesh.own_nodes} nodes"
+        return View(title, bare(mesh, config.loads))
+    layout = layout_of_page(mesh, up, config.loads)
+    title = f"{name}: {len(layout.gauges)} of {len(layout.pool)} places"
+    if what == "layout":
+        return View(title, layout)
+    if "estimate" in up:
+        return _tested(name, layout, up["estimate"], at, record)
+    return _strain(f"{name}: estimate of the validation, which is simulated", layout, up)
+
+
+def _tested(name: str, layout: Layout, estimate: Artefact, at: float | None, record: str | None) -> View:
+    """Of the surface in time where it was asked for, else at the moment of the largest reading. Raises UserError without one, and
+    for a record that the test has not."""
+    records = estimated_in(estimate)
+    names = [one for one in records if one]
+    shown = next(iter(records)) if record is None else record
+    if record is not None and record not in names:
+        raise UserError(
+            f"--record {record}: the test has {'no record of that name' if names else 'one record'}",
+            where=str(estimate.path),
+            remedy=did_you_mean(record, names, f"there are {', '.join(names)}") if names else "leave it out",
+        )
+    own = records[shown]
+    title = f"{name}: estimate of the test {own.source.file}" + (
+        f", record {shown} of {', '.join(names)}" * bool(shown)
+    )
+    if "/VTKHDF/Steps" in estimate:
+        return surface_view(title, estimate, layout, at)
+    then = own.moment
+    if then is None:
+        raise UserError(
+            "the estimate has no field: the mesh has no surface with materials",
+            where=str(estimate.path),
+            remedy="ask for --what layout, or --of validation",
+        )
+    when = f"t = {then.time:.4g} s (largest reading, {then.label})"
+    return moment_view(title, layout, then.von_mises.astype(float), then.displacement.astype(float), when)
+
+
+def _placement_modes(name: str, mesh: Mesh, rom: Artefact) -> View:
+    frequency = read(Reduced, rom).frequency
+    shapes = rom["/VTKHDF/PointData/mode"].reshape(-1, len(mesh.position), 3)[: len(frequency)]
+    captions = [f"mode {i}, {f:.4g} Hz" for i, f in enumerate(frequency, start=1)]
+    layout = replace(bare(mesh, {}), fixed=np.empty((0, 3)))
+    return modes_view(f"{name}: mode shapes at the guess", layout, shapes, captions, "kg^-1/2")
+
+
+def _placement_candidates(name: str, layout: Layout, train: Artefact) -> View:
+    training = read(Training, train)
+    candidates = training.candidates
+    rms = training.rms
+    # Of bridges every arm.
+    grids, channel = candidates.grids, candidates.channel_of_grid
+    strains = np.flatnonzero(grids.quantity == STRAIN)
+    # Of a gauge with several channels, or several gauges at a place, the strongest: it is drawn last.
+    order = strains[np.argsort(rms[channel[strains]], kind="stable")]
+    others = candidates.position[candidates.first[candidates.quantity[candidates.first] != STRAIN]]
+    title = f"{name}: {candidates.gauges} candidates"
+    view = View(title, replace(layout, pool=others), (Panel(values=rms[channel[order]] * MICRO),))
+    return replace(view, quantity="RMS training strain", unit="µm/m", on=DOTS, dots=grids.position[order])
+
+
+def _strain(title: str, layout: Layout, up: Mapping[str, Artefact]) -> View:
+    field, candidates = read(Validated, up["validate"]).field, read(Training, up["train"]).candidates
+    grids, strain = candidates.grids, field.strain[candidates.channel_of_grid]
+    position, known = grids.position, np.flatnonzero(np.isfinite(strain) & (grids.quantity == STRAIN))
+    order = known[np.argsort(np.abs(strain[known]), kind="stable")]
+    panel = Panel(f"t = {field.instant:.4g} s, largest true strain", strain[order] * MICRO)
+    own = replace(layout, pool=np.empty((0, 3)))
+    return View(title, own, (panel,), "estimated strain of every candidate", "µm/m", DOTS, position[order])
+
 
 WHAT = ("mesh", "modes", "strain", "candidates", "layout", "field")
 FURTHEST = ("layout", "mesh")

@@ -16,7 +16,7 @@ from strainsight.multibody.bearing.element import BallLoads, ball_loads
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
-from strainsight.multibody.products import relation_rows
+from strainsight.multibody.relations import relation_rows
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench_estimated import BallsThen, RingEstimate
 

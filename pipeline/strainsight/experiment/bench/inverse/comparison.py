@@ -8,8 +8,8 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromRun
+from strainsight.estimation.consistency import settling_time
 from strainsight.estimation.decision import Claim, claim_in_time, claim_of, not_identified
-from strainsight.estimation.metrics import settling_time
 from strainsight.experiment.bench.inverse.estimation import Estimated
 from strainsight.experiment.bench.inverse.numbers import (
     Numbers,

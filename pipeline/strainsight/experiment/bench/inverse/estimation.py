@@ -17,26 +17,30 @@ from strainsight.experiment.bench.inverse.balls import ring_watch, rings_estimat
 from strainsight.experiment.bench.inverse.filtering import Filtered, by_bank, by_extended
 from strainsight.experiment.bench.inverse.hold_out import HeldOut, held_out
 from strainsight.experiment.bench.inverse.installed import Observed, misread, observed, toleranced
-from strainsight.experiment.bench.inverse.other_truth import reality_of
 from strainsight.experiment.bench.inverse.refusals import undistinguished, unfollowed
 from strainsight.experiment.bench.inverse.rest import free_zero, zero_of
 from strainsight.experiment.bench.inverse.smoothing import SmoothedLoads
 from strainsight.experiment.bench.inverse.trial import Trial, trial_of
-from strainsight.experiment.bench.inverse.truth import Reality, drawn, from_run, like_those, measurements, simulated
+from strainsight.experiment.bench.inverse.truth import (
+    Reality,
+    drawn,
+    from_run,
+    like_those,
+    measurements,
+    reality_of,
+    simulated,
+)
 from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked, free_properties, has_bank, unknowns_of
 from strainsight.experiment.bench.loads import drives_of, load_units, loads_of
 from strainsight.experiment.bench.sensors import Sensors, sensors_of, some_of
 from strainsight.experiment.bench.simulation import refuse_spun
-from strainsight.experiment.recorded_channels import signals_of
+from strainsight.experiment.recorded import signals_of
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
-from strainsight.records.bench_estimated import RingEstimate
-from strainsight.records.bench_placed import BenchPlaced
-from strainsight.records.bench_truth import BenchTruths
-from strainsight.records.bodies import ReducedBody
+from strainsight.records.bench import BenchTruths, ReducedBody, Simulated
+from strainsight.records.bench_estimated import BenchPlaced, RingEstimate
 from strainsight.records.estimated import Compared
-from strainsight.records.simulated import Simulated
 
 SECTION = "estimate.measured"
 QUANTITY = {"position": "displacement", "velocity": "velocity"}

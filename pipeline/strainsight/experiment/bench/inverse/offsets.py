@@ -8,8 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.estimation.biased import Biased, bordered
-from strainsight.estimation.core import StepModel
+from strainsight.estimation.model import StepModel
+from strainsight.estimation.reduced import Biased, bordered
 from strainsight.experiment.bench.inverse.unknowns import asked
 from strainsight.experiment.bench.sensors import Sensors
 from strainsight.multibody.inverse.model import AugmentedStep

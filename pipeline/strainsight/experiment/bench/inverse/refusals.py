@@ -13,9 +13,8 @@ from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.trial import Trial
 from strainsight.experiment.bench.inverse.truth import Reality
 from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked, corrects, has_drives
-from strainsight.multibody.band import followed, missed
-from strainsight.multibody.coupled import coupled_modes
-from strainsight.multibody.inverse.observed import indistinct
+from strainsight.multibody.coupled import coupled_modes, followed, missed
+from strainsight.multibody.inverse.linear import indistinct
 
 INSTANTS = 5
 """Of the run, evenly, at which the sensors are asked whether they tell the unknowns."""

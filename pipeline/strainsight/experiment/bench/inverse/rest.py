@@ -8,13 +8,11 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import NumericalError, UserError, blame
-from strainsight.experiment.bench.bench import Bench
+from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked
 from strainsight.experiment.bench.sensors import Sensors
-from strainsight.experiment.bench.start import start_of
 from strainsight.multibody.accelerations import at_rest
-from strainsight.multibody.inverse.start import static_response
-from strainsight.multibody.inverse.zeroed import Zero, zero_at_rest
+from strainsight.multibody.inverse.parameters import Zero, static_response, zero_at_rest
 from strainsight.multibody.sensors import Readings
 
 FITS, SETTLED = 20, 1e-9

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.estimation.core import StepModel
 from strainsight.estimation.filter import FilterRun
-from strainsight.estimation.orthogonal_smoother import smooth_first
+from strainsight.estimation.model import StepModel
 from strainsight.estimation.run import Keep
+from strainsight.estimation.smoother import smooth_first
 from strainsight.multibody.inverse.model import AugmentedStep
 
 LARGEST = 1e9

@@ -10,15 +10,14 @@ import numpy as np
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, MotionSensor
 from strainsight.config.bench.estimate import Estimate
 from strainsight.errors import ConfigError, NumericalError, UserError, blame
-from strainsight.experiment.bench.bench import Bench
+from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.inverse.installed import Toleranced, rows_of
 from strainsight.experiment.bench.inverse.offsets import Offsets, offsets_of
 from strainsight.experiment.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
 from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked, corrects, has_other_poses
 from strainsight.experiment.bench.sensors import Sensors
-from strainsight.experiment.bench.start import start_of
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.inverse.start import start_covariance, white_force
+from strainsight.multibody.inverse.parameters import start_covariance, white_force
 
 FLOOR = 1e-8
 """Share of a sensor's largest reading that its noise is raised to: a tenth of that is the rounding of a step, which a filter

@@ -32,7 +32,7 @@ from strainsight.experiment.bench.inverse.estimation import Estimated
 from strainsight.experiment.bench.inverse.numbers import smoothed_name
 from strainsight.experiment.bench.inverse.unknowns import asked
 from strainsight.pages.text import number
-from strainsight.records.bodies import ReducedBody
+from strainsight.records.bench import ReducedBody
 
 Scalar = float | str
 """Of a summary."""

@@ -7,34 +7,40 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.place import BenchPlace
+from strainsight.config.bench.bench import BenchConfig, BenchPlace
 from strainsight.errors import InfeasibleError, NumericalError, blame
-from strainsight.experiment.bench.bench import Bench, bench_of
+from strainsight.experiment.bench.bench import Bench, bench_of, start_of
 from strainsight.experiment.bench.inverse.unknowns import Unknowns as BenchUnknowns
 from strainsight.experiment.bench.inverse.unknowns import asked, corrects_in_a_test, free_properties, unknowns_of
-from strainsight.experiment.bench.layout.installed import installation_offs
-from strainsight.experiment.bench.layout.known import known_of, parameter_units, zeroed
-from strainsight.experiment.bench.layout.motion import MotionCandidates, motion_candidates
-from strainsight.experiment.bench.layout.pool import GaugePool, gauge_pool
+from strainsight.experiment.bench.layout.pool import (
+    GaugePool,
+    MotionCandidates,
+    gauge_pool,
+    installation_offs,
+    known_of,
+    motion_candidates,
+    parameter_units,
+    zeroed,
+)
 from strainsight.experiment.bench.layout.strained import Known, Strained
 from strainsight.experiment.bench.loads import load_units, loads_of
-from strainsight.experiment.bench.start import start_of
-from strainsight.experiment.layout.expectation import Expectation
+from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import gauge_list
+from strainsight.experiment.layout.output import layout_output, layout_record
 from strainsight.experiment.layout.placement import Placed, placed
-from strainsight.experiment.layout.pool import PoolRows, layout_limits
-from strainsight.experiment.layout.task import Readings, Task, Unknowns, Whole
+from strainsight.experiment.layout.task import PoolRows, Readings, Task, Unknowns, Whole, layout_limits
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.model import Mesh
+from strainsight.multibody.initial import static_equilibrium
 from strainsight.multibody.inverse.linear import LinearBench, linear_bench
-from strainsight.multibody.static import static_equilibrium
 from strainsight.placement.baselines import random_sets
 from strainsight.placement.limits import Limits
 from strainsight.placement.scenario import Pool, solve_pool
-from strainsight.records.bench_placed import PLACED, BenchLayout
-from strainsight.records.bodies import ReducedBody
-from strainsight.sensors.candidates import concatenate
+from strainsight.records.bench import ReducedBody
+from strainsight.records.bench_estimated import PLACED, BenchCandidates, BenchLayout, BenchPlaced
+from strainsight.records.record import record_from
+from strainsight.runner.output import Output, Scalar, Table
+from strainsight.sensors.candidates import UNITS, concatenate
 
 EXACT = (
     "Beside parameters σ here is that of exact gauges: estimate.tolerances are in the ranking, and in σ of estimate."
@@ -330,3 +336,40 @@ def refuse_sizes(linear: LinearBench, response: np.ndarray, noise: float, inputs
                 key="bodies",
                 remedy="check length and mass units, moduli and densities, and the time step [s]",
             )
+
+
+def output_of(found: BenchPlacement, mesh: Mesh, length_unit: str) -> Output:
+    """Datasets, tables and files; gauges.csv has σ without each gauge in N or N m, and as peak the strain at the start.
+
+    mesh of the body that the gauges are on; length_unit of its deck.
+    """
+    candidates, inputs, symbol = found.on.candidates, found.task.unknowns.names, found.task.criterion.symbol
+    record = BenchPlaced(
+        **vars(layout_record(found)),
+        inputs=inputs,
+        units=found.units,
+        candidates=record_from(BenchCandidates, candidates, response=found.on.response[0] / found.scale),
+        layouts=found.layouts,
+    )
+    drawn = [layout.std for name, layout in found.layouts.items() if name != PLACED]
+    middle = np.median(drawn, axis=0).tolist() if drawn else []
+    numbers: dict[str, Scalar] = {"candidates": len(candidates)}
+    numbers |= {f"random.{name}": value for name, value in zip(inputs, middle, strict=bool(middle))}
+    rows = tuple(
+        (name, f"{own.metric:.4g}", *(f"{value:.4g}" for value in own.std)) for name, own in found.layouts.items()
+    )
+    layouts = Table("layouts", ("layout", symbol, *(f"σ({name})" for name in inputs)), rows)
+    tables: tuple[Table, ...] = (layouts,)
+    if len(found.time) > 1:
+        worst = found.std.max(axis=0)
+        listed = zip(found.time, found.std, strict=True)
+        rows = tuple((f"{t:.4g} s", *(f"{x:.4g}" for x in own)) for t, own in listed)
+        tables += (Table("poses", ("pose", *(f"σ({name})" for name in inputs)), rows),)
+        numbers |= {f"best_pose.{name}": float(x) for name, x in zip(inputs, found.std.min(axis=0), strict=True)}
+        numbers |= {f"worst_pose.{name}": float(x) for name, x in zip(inputs, worst, strict=True)}
+        numbers["poses"] = len(found.time)
+    kinds = np.unique(candidates.quantity).tolist()
+    output = layout_output(
+        found, record, mesh, length_unit, numbers, {}, tables, " or ".join(UNITS[kind] for kind in kinds)
+    )
+    return replace(output, message=f"{len(candidates)} → {output.message}")

@@ -1,0 +1,176 @@
+"""MAT1 of a Nastran deck."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from strainsight.decks.faults import OR_CONFIG, Doubt, elastic_fault, lamina_fault
+from strainsight.decks.nastran.cards import Card
+from strainsight.mesh.anisotropic import Anisotropic, constants_fault, orthotropic, stiffness_fault
+from strainsight.mesh.laminates import Lamina, Laminate, Ply
+from strainsight.mesh.model import Material
+from strainsight.mesh.thin import ShellSection
+
+
+def states_moduli(card: Card) -> bool:
+    """Whether a MAT1 says E, G or ν; mesh generators write it blank."""
+    return any(card.text(i) for i in (1, 2, 3))
+
+
+def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Material, float]:
+    """MAT1: two of E, G, ν give the third, E = 2 (1 + ν) G, E alone ν = 0; of three that contradict this, G over E/2(1 + ν).
+
+    Solids, and shells in their plane, have E and ν, shells across it G; beams and rods E and G, and no ν. of_beams: alone.
+    """
+    number = card.text(0)
+    given = [bool(card.text(i)) for i in (1, 2, 3)]
+    E, G, nu = (
+        card.real(i, name, 0.0)
+        for i, name in ((1, "Young's modulus E"), (2, "shear modulus G"), (3, "Poisson's ratio"))
+    )
+    if sum(given) == 1 and not given[0]:
+        alone = "G alone, and E is 0 then" if given[1] else "NU alone"
+        raise card.error(f"states {alone}: nothing can be made of it", "give E and NU")
+    if not any(given):
+        raise card.error("needs E, and G or NU", f"give E and NU{OR_CONFIG}")
+    if given == [True, False, False]:
+        notes.append(
+            Doubt(
+                f"MAT1 {number} states E alone: NU = 0, as in Nastran, so that it does not contract sideways, and G = E/2, where "
+                "Nastran has G = 0 in torsion of beams and in shear across shells; give NU if it should be another"
+            )
+        )
+    if given[1] and G <= 0:
+        raise card.error(f"the shear modulus is {G:g}, not positive", "give a positive modulus")
+    if not given[0]:
+        E = 2 * (1 + nu) * G
+    implied = E / (2 * G) - 1 if given[1] else nu
+    contradicts = all(given) and nu > -1 and abs(E / (2 * (1 + nu) * G) - 1) > 0.01
+    ratio = 1.0
+    if of_beams and given[:2] == [True, True] and E > 0 and not -1 < implied < 0.5:
+        ratio, nu = 2 * G / E, 0.0
+        notes.append(
+            f"MAT1 {number}: E and G of its beams and rods are those of no NU between -1 and 0.5: both are taken"
+        )
+    elif not given[2] or (contradicts and of_beams):
+        nu = implied
+    if fault := elastic_fault(E if given[0] else G, nu):
+        raise card.error(*fault)
+    if contradicts and of_beams and ratio == 1:
+        notes.append(
+            f"MAT1 {number}: NU {card.text(3)} does not go with E and G, which are all that beams and rods need: {nu:.4g}"
+        )
+    elif contradicts and not of_beams:
+        ratio = 2 * (1 + nu) * G / E
+        notes.append(
+            Doubt(
+                f"MAT1 {number}: G = {G:.5g} is {ratio:.4g} times E/2(1 + NU), which E = {E:.5g} and NU = {nu:g} give: solids, "
+                "and shells in their plane, have E and NU, shear across shells and torsion of beams have G, as in Nastran"
+            )
+        )
+    density = card.real(4, "the density", 0.0)
+    if density < 0:
+        raise card.error(f"the density is {density:g}, negative", "give a positive density")
+    return Material(card.integer(0, "the material id"), E, nu, density), ratio
+
+
+ANISOTROPIC = ("MAT9", "MAT11")
+_DAMPING = {"MAT9": 30, "MAT11": 15}
+"""Field of GE."""
+
+
+def solid_material(card: Card) -> Anisotropic:
+    """MAT9, the upper triangle of C by rows in the order xx yy zz xy yz zx, which is ours; or MAT11, engineering constants.
+
+    Raises DeckError for a stiffness that is not positive definite, with its least eigenvalue, and a negative density.
+    """
+    if card.name == "MAT9":
+        rows, columns = np.triu_indices(6)
+        C = np.zeros((6, 6))
+        for i, (a, b) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True), start=1):
+            C[a, b] = C[b, a] = card.real(i, f"G{a + 1}{b + 1}", 0.0)
+        fault, density = stiffness_fault(C), card.real(22, "the density", 0.0)
+    else:
+        names = ("E1", "E2", "E3", "NU12", "NU13", "NU23", "G12", "G13", "G23")
+        constants = [card.real(i, name) for i, name in enumerate(names, start=1)]
+        triples = constants[:3], constants[3:6], constants[6:]
+        fault, density = constants_fault(*triples), card.real(10, "the density", 0.0)
+        C = np.zeros((6, 6)) if fault else orthotropic(*triples)
+    if fault:
+        raise card.error(*fault)
+    if density < 0:
+        raise card.error(f"the density is {density:g}, negative", "give a positive density")
+    return Anisotropic(card.integer(0, "the material id"), C, density)
+
+
+def damped(card: Card) -> str:
+    """GE of a material where it is not zero, in words."""
+    field = _DAMPING[card.name]
+    return f"{card.text(0)} (GE {card.text(field)})" if card.real(field, "the structural damping GE", 0.0) else ""
+
+
+COMPOSITES = ("PCOMP", "PCOMPG")
+_FIRST = 8
+"""Field at which the plies begin."""
+
+
+def laminate(card: Card) -> Laminate:
+    """PCOMP or PCOMPG: plies from the lower face up, mirrored for LAM SYM; blank material and thickness are those before.
+
+    Where its middle is, `middle_of` says. Raises DeckError for a card without plies or with one that has no material or no
+    thickness, and for LAM MEM, BEND, SMEAR and SMCORE.
+    """
+    kind = card.text(7).upper()
+    if kind not in ("", "SYM"):
+        raise card.error(
+            f"LAM is {kind}: only whole laminates and symmetric ones (SYM) are supported",
+            "leave LAM blank and write all plies out",
+        )
+    nonstructural = card.real(2, "the mass NSM", 0.0)
+    if nonstructural < 0:
+        raise card.error(f"the mass NSM is {nonstructural:g}, negative", "give a positive mass")
+    step, at = (8, 1) if card.name == "PCOMPG" else (4, 0)
+    plies = plies_of(card, step, at)
+    return Laminate((*plies, *reversed(plies)) if kind == "SYM" else plies, nonstructural)
+
+
+def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
+    """Material, thickness and angle of each ply, which begin in field `at` of `step` fields; blank material and thickness are
+    those before. Raises DeckError for a ply that has no material or no thickness, and where there are none."""
+    plies: list[Ply] = []
+    for start in range(_FIRST, len(card.fields), step):
+        if not any(card.text(i) for i in range(start, start + step)):
+            continue
+        i, number = start + at, len(plies) + 1
+        before = plies[-1] if plies else None
+        material = card.integer(i, f"the material of ply {number}", before.material if before else None)
+        t = card.real(i + 1, f"the thickness of ply {number}", before.thickness if before else None)
+        if not t > 0:
+            raise card.error(f"the thickness of ply {number} is {t:g}, not positive", "give a positive thickness")
+        plies.append(Ply(material, t, card.real(i + 2, f"the angle of ply {number}", 0.0)))
+    if not plies:
+        raise card.error("it has no plies", "give the material, thickness and angle of each from the second line on")
+    return tuple(plies)
+
+
+def middle_of(card: Card, own: Laminate) -> float:
+    """From the plane of the elements to the middle of a laminate: Z0, of its lower face, and half its thickness; 0 by default."""
+    return card.real(1, "the place Z0 of the lower face", -0.5 * own.thickness) + 0.5 * own.thickness
+
+
+def one_ply(material: int, own: ShellSection) -> Laminate:
+    """PSHELL of one orthotropic material in MID1, MID2 and MID3, homogeneous."""
+    return Laminate((Ply(material, own.thickness),), own.nonstructural)
+
+
+def lamina(card: Card) -> Lamina:
+    """MAT8; without G1Z or G2Z it does not shear across. Raises DeckError for moduli not positive, and NU12² ≥ E1/E2."""
+    names = ("E1", "E2", "NU12", "G12", "G1Z", "G2Z")
+    e1, e2, nu12, g12, g1z, g2z = (card.real(i, name, 0.0 if i > 4 else None) for i, name in enumerate(names, start=1))
+    g1z, g2z = g1z or np.inf, g2z or np.inf
+    if fault := lamina_fault({"E1": e1, "E2": e2, "G12": g12, "G1Z": g1z, "G2Z": g2z}, nu12):
+        raise card.error(*fault)
+    density = card.real(7, "the density", 0.0)
+    if density < 0:
+        raise card.error(f"the density is {density:g}, negative", "give a positive density")
+    return Lamina(card.integer(0, "the material id"), e1, e2, nu12, g12, g1z, g2z, density)

@@ -1,0 +1,249 @@
+"""A bench in time (thesis 1.5-1.7): simulate.h5, and field.h5 of the surface of a flexible body, whose pictures are /VTKHDF."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from strainsight.fem.affine import AffineOperator
+from strainsight.records.record import dataset, group, record
+from strainsight.records.reduced import AffineTerms
+from strainsight.rom.inertia import InertiaInvariants
+
+
+@record
+class WorstInstant:
+    """The balls at the instant of the highest contact pressure."""
+
+    time: float = dataset("s", "", "instant of the highest pressure")
+    force: np.ndarray = dataset("N", "ball × 4", "contact force then (ball × contact)")
+    contact_angle: np.ndarray = dataset("rad", "ball × 4", "contact angle then (ball × contact)")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure then (ball × contact)")
+
+
+@record
+class RingMotion:
+    """What a bearing does."""
+
+    displacement: np.ndarray = dataset("m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring")
+    load: np.ndarray = dataset("N or N m", "/time × 5", "load on the inner ring")
+    pressure: np.ndarray = dataset("Pa", "/time", "highest contact pressure at every instant")
+    worst: WorstInstant = group()
+
+
+@record
+class DriveMotion:
+    """What a driven joint does."""
+
+    position: np.ndarray = dataset("m or rad", "/time", "where it is")
+    rate: np.ndarray = dataset("m/s or rad/s", "/time", "how fast it moves")
+    force: np.ndarray = dataset(
+        "N or N m", "/time", "force or torque along it, by which it does the work force × rate on the bench"
+    )
+
+
+@record
+class Violation:
+    position: np.ndarray = dataset("SI", "/time", "largest constraint violation at every instant")
+    velocity: np.ndarray = dataset("SI", "/time", "largest rate of one")
+
+
+@record
+class Simulated:
+    """simulate.h5."""
+
+    time: np.ndarray = dataset("s", "/time", "time, the start first")
+    q: np.ndarray = dataset("SI", "/time × coordinate", "coordinates")
+    v: np.ndarray = dataset("SI", "/time × coordinate", "their rates")
+    violation: Violation = group()
+    frequency: np.ndarray = dataset("Hz", "mode", "undamped frequencies of the coupled bench at the start")
+    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name> and the one after its last")
+    inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time", "load <name>")
+    sensors: dict[str, np.ndarray] = dataset(
+        "unit of sensor <name>",
+        "/time × component of <name>",
+        "readings of <name>: strain of every gauge; x, y, z and tilts about y, z of a relative motion; x, y, z of a "
+        "frame; force and moment of a joint",
+    )
+    bearings: dict[str, RingMotion] = group()
+    drives: dict[str, DriveMotion] = group()
+
+
+@record
+class SurfaceInTime:
+    """field.h5 beside its grid."""
+
+    time: np.ndarray = dataset("s", "/time", "instants of the pictures")
+    von_mises: np.ndarray = dataset("Pa", "/time", "largest von Mises stress of every picture")
+    moduli: dict[str, np.ndarray] = dataset(
+        "Pa", "/time", "Young's modulus <name> that the stress is of; as estimated, where it was"
+    )
+
+
+SQUARE = "coordinate × coordinate"
+
+
+@record
+class ReducedBody:
+    """One body; interface: id of the node, as text → its six motions."""
+
+    clamped: bool = dataset("1", "", "whether supports hold the body on the ground")
+    frequency: np.ndarray = dataset("Hz", "mode", "modes with the interfaces held")
+    cut: float = dataset("Hz", "", "first of these modes that was left out")
+    reach: dict[str, np.ndarray] = dataset(
+        "Pa", "2", "lowest and highest value of modulus <name> at which statics are right to 1 %"
+    )
+    mass: np.ndarray = dataset("kg per unit^2", SQUARE, "reduced mass")
+    stiffness: AffineOperator = group(AffineTerms, "N/m per unit^2", "reduced stiffness")
+    damping: AffineOperator = group(AffineTerms, "N s/m per unit^2", "reduced damping")
+    basis: np.ndarray = dataset("m per unit", "3 nodes × coordinate", "displacement of the nodes (3 node + component)")
+    interface: dict[str, np.ndarray] = dataset(
+        "m or rad per unit", "6 × coordinate", "three translations and three rotations of node <name>"
+    )
+    inertia: InertiaInvariants = group()
+
+
+@record
+class ReducedBodies:
+    """reduce.h5."""
+
+    bodies: dict[str, ReducedBody] = group()
+
+
+@record
+class FrameAtRest:
+    """Where a frame stands."""
+
+    position: np.ndarray = dataset("m", "3", "its origin in global axes")
+    axes: np.ndarray = dataset("1", "3 × 3", "its axes in global ones, a column each")
+
+
+@record
+class RingAtRest:
+    """What a bearing carries."""
+
+    displacement: np.ndarray = dataset("m or rad", "5", "x, y, z, tilts about y, z of the inner ring")
+    load: np.ndarray = dataset("N or N m", "5", "load on the inner ring")
+    pressure: float = dataset("Pa", "", "highest contact pressure")
+
+
+@record
+class AtRest:
+    """statics.h5: the equilibrium under the loads at t = 0."""
+
+    q: np.ndarray = dataset("SI", "coordinate", "coordinates")
+    growth: float = dataset("1/s", "", "rate of the motion by which it is left; 0: stable")
+    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name> and the one after its last")
+    inputs: dict[str, float] = dataset("unit of input <name>", "", "load <name>")
+    frames: dict[str, FrameAtRest] = group()
+    sensors: dict[str, np.ndarray] = dataset("unit of sensor <name>", "component of <name>", "readings of <name>")
+    reactions: dict[str, np.ndarray] = dataset(
+        "N or N m",
+        "6",
+        "force and moment of joint <name> on its second frame, in the axes of the first, about the second's origin",
+    )
+    drives: dict[str, float] = dataset("N or N m", "", "force or torque of the drive <name>")
+    bearings: dict[str, RingAtRest] = group()
+
+
+@record
+class FrameInModes:
+    """How a frame moves in the modes."""
+
+    displacement: np.ndarray = dataset("m per unit", "mode × 3", "of its origin in global axes")
+    rotation: np.ndarray = dataset("rad per unit", "mode × 3", "its turn about global axes")
+
+
+@record
+class StateSpace:
+    """ẋ = A x + B Δu, Δy = C x + D Δu about the state at rest, x the modal coordinates and their rates."""
+
+    A: np.ndarray = dataset("1/s", "state × state", "ẋ by x")
+    B: np.ndarray = dataset("SI per unit of the load", "state × input", "ẋ by the loads")
+    C: np.ndarray = dataset("SI per unit of x", "output × state", "readings by x")
+    D: np.ndarray = dataset("SI per unit of the load", "output × input", "readings by the loads")
+    inputs: tuple[str, ...] = dataset("1", "input", "names of the loads")
+    outputs: tuple[str, ...] = dataset("1", "output", "sensors that see the state, with the number of the component")
+
+
+@record
+class Coupled:
+    """modes.h5 of a bench: small motions about its start, M = 1."""
+
+    frequency: np.ndarray = dataset("Hz", "mode", "undamped natural frequencies, 0 where nothing holds")
+    damping: np.ndarray = dataset("1", "mode", "damping ratios")
+    stiffness: np.ndarray = dataset("1/s^2", "mode", "ω², negative where the bench topples")
+    shape: np.ndarray = dataset("SI per unit", "mode × coordinate", "shapes in the coordinates")
+    q: np.ndarray = dataset("SI", "coordinate", "where it rests")
+    growth: float = dataset("1/s", "", "rate of the motion by which that is left; 0: stable")
+    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name> and the one after its last")
+    frames: dict[str, FrameInModes] = group()
+    eigenvalue: np.ndarray = dataset("1/s", "state × 2", "eigenvalues of A, real and imaginary")
+    system: StateSpace = group()
+
+
+FIVE = "[x, y, z, about y, about z]"
+
+
+@record
+class BearingCase:
+    """A bearing in equilibrium under a load on its inner ring."""
+
+    load: np.ndarray = dataset("N or N m", "5", f"load on the inner ring {FIVE}")
+    displacement: np.ndarray = dataset("m or rad", "5", f"displacement of the inner ring {FIVE}")
+    stiffness: np.ndarray = dataset("N/m to N m/rad", "5 × 5", "∂load/∂displacement")
+    station: np.ndarray = dataset("rad", "/station", "station of every ball, from the y axis towards z")
+    force: np.ndarray = dataset("N", "/station × 4", "contact force (ball × contact)")
+    contact_angle: np.ndarray = dataset("rad", "/station × 4", "contact angle (ball × contact)")
+    pressure: np.ndarray = dataset("Pa", "/station × 4", "peak contact pressure (ball × contact)")
+
+
+@record
+class BearingCurve:
+    """Load over one displacement."""
+
+    displacement: np.ndarray = dataset("<unit>", "/displacement", "one displacement of the inner ring, the others zero")
+    load: np.ndarray = dataset("N or N m", "/displacement × 5", f"load that holds it there {FIVE}")
+
+
+@dataclass(frozen=True)
+class Displaced:
+    """A bearing along one displacement, number `along` of the five."""
+
+    bearing: str
+    along: int
+    curve: BearingCurve
+
+
+@record
+class BearingCases:
+    """Load cases of one bearing."""
+
+    cases: dict[str, BearingCase] = group(path="/<name>")
+
+
+@record
+class BearingCurves:
+    """Curves of one bearing, by their number among all."""
+
+    curves: dict[str, BearingCurve] = group(path="/<name>", unit="unit of <name>")
+
+
+@record
+class BearingsAlone:
+    """bearing.h5, by bearing."""
+
+    cases: dict[str, BearingCases] = group()
+    curves: dict[str, BearingCurves] = group()
+
+
+@record
+class BenchTruths:
+    """Every history begins in the state of the config at the start, with its loads."""
+
+    time: np.ndarray = dataset("s", "/time", "time, the start first")
+    begin: np.ndarray = dataset("s", "history", "instant of the load histories at which each begins")
+    q: np.ndarray = dataset("SI", "/time × history × coordinate", "coordinates")
+    v: np.ndarray = dataset("SI", "/time × history × coordinate", "their rates")
+    inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time × history", "load <name>")
