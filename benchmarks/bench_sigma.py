@@ -26,7 +26,7 @@ from tests.multibody.inverse.benches import Bench, bench
 
 from strainsight.estimation.filter import filter_runs
 from strainsight.loads.input_models import InputModel, Matern, RandomWalk, input_intensity, rate_matrix
-from strainsight.multibody.equations import balance
+from strainsight.multibody.accelerations import balance
 from strainsight.multibody.inverse.loads import load_process
 from strainsight.multibody.radau import simulate_radau
 

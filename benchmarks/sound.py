@@ -30,8 +30,8 @@ from strainsight.loads.histories import Tones, instant_values, tones_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
+from strainsight.rom.modal_step import hold_of_tones
 from strainsight.rom.model import modal_basis
-from strainsight.rom.steady import hold_of_tones
 
 MOST = 4.0
 """σ that an error may be."""

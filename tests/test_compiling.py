@@ -40,7 +40,7 @@ from strainsight.multibody.bodies import Frame
 from strainsight.multibody.initial import state
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.step import sensitivities
-from strainsight.multibody.equations import balance
+from strainsight.multibody.accelerations import balance
 from strainsight.multibody.step import step
 from strainsight.multibody.system import assemble
 from tests.multibody.conftest import Particles

@@ -314,8 +314,8 @@ def estimate(
     log_level: LogLevel = None,
 ) -> None:
     with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
+        from strainsight.config.keys import Override
         from strainsight.config.load import kind_of
-        from strainsight.config.overrides import Override
         from strainsight.errors import ConfigError, UserError
 
         asked: list[str | Override] = [*(overrides or ())]

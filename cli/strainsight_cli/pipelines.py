@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any
 from strainsight_cli.work import Work, note
 
 if TYPE_CHECKING:
+    from strainsight.config.keys import Override
     from strainsight.config.load import LoadedConfig
-    from strainsight.config.overrides import Override
     from strainsight.runner.stage import Stage
 
 STAGES = {
@@ -64,7 +64,7 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
     artefact = results / str(loaded.data["name"]) / "estimate.h5"
     if not section or section.get("file") or section.get("records") or not artefact.is_file():
         return loaded
-    from strainsight.config.overrides import Override
+    from strainsight.config.keys import Override
     from strainsight.errors import ArtefactError
     from strainsight.runner.artefact import header_of
 

@@ -13,8 +13,8 @@ from strainsight.config.base import Marker, Plausible, PlausibleBy, Unbounded, i
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import BearingConfig
 from strainsight.config.estimate import DamageSettings, MeanStress, SNCurve, damage_problems
+from strainsight.config.keys import Override
 from strainsight.config.load import load_config
-from strainsight.config.overrides import Override
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.suite import SuiteConfig
 from strainsight.config.yaml_text import YamlProblem, parse

@@ -11,8 +11,7 @@ from strainsight.errors import DeckError
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.model import build_model
 from strainsight.mesh.given_sections import GivenSection
-from strainsight.mesh.laminates import Laminate
-from strainsight.mesh.thin import BeamSection, ShellSection
+from strainsight.mesh.thin import BeamSection, Laminate, ShellSection
 
 from ..refusals import expect_refusal
 

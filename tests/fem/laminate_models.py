@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.mesh.laminates import Lamina, Laminate, Ply
 from strainsight.mesh.model import Material, Region
+from strainsight.mesh.thin import Lamina, Laminate, Ply
 
 from .shell_models import sheet
 

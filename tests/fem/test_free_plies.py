@@ -18,10 +18,9 @@ from strainsight.fem.recovery import facet_strain
 from strainsight.fem.stress import surface_model, surface_state
 from strainsight.fem.thin import thin_operators
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Region
 from strainsight.mesh.properties import value_of, with_value
-from strainsight.mesh.thin import BeamSection, ShellSection
+from strainsight.mesh.thin import BeamSection, Lamina, ShellSection
 from strainsight.mesh.thin_faces import with_faces
 
 from .laminate_models import CARBON, STEEL, assert_made_anew, plate, stack

@@ -18,10 +18,9 @@ from strainsight.fem.modes import modes
 from strainsight.fem.recovery import facet_strain, strain_matrix
 from strainsight.fem.thin import thin_operators
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.laminates import Lamina, Laminate, Ply
 from strainsight.mesh.model import Material, Region
 from strainsight.mesh.properties import value_of, with_value
-from strainsight.mesh.thin import BeamSection, GeneralShell, ShellSection
+from strainsight.mesh.thin import BeamSection, GeneralShell, Lamina, Laminate, Ply, ShellSection
 from strainsight.mesh.thin_faces import with_faces
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.rows import channel_rows, fits

@@ -18,9 +18,8 @@ from strainsight.fem.stress import surface_model, surface_state
 from strainsight.fem.thin import of_laminate, thin_operators
 from strainsight.mesh.additions import with_properties
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material
-from strainsight.mesh.thin import ShellSection
+from strainsight.mesh.thin import Lamina, ShellSection
 from strainsight.mesh.thin_faces import with_faces
 
 from .laminate_models import CARBON, STEEL, by_slices, navier, plate, stack

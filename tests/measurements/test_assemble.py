@@ -8,7 +8,7 @@ import pytest
 from strainsight.errors import UserError
 from strainsight.measurements.assemble import assemble, held_samples, release
 from strainsight.measurements.calibration import ARRANGEMENTS, Bridge, ChannelSettings, strain_of
-from strainsight.measurements.delay import Delay
+from strainsight.measurements.clock import Delay
 from strainsight.measurements.records import Recording
 
 from ..refusals import expect_refusal

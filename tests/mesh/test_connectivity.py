@@ -12,8 +12,8 @@ from strainsight.fem.pieces import hinge_warnings
 from strainsight.mesh.connectivity import check_doubled, connectivity_warnings
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement, Springs
-from strainsight.mesh.lying_on import covered
 from strainsight.mesh.merging import merged
+from strainsight.mesh.projection import covered
 from strainsight.mesh.thin import BeamBlock, ShellBlock, ShellSection
 
 from ..bodies import body, held, moved, with_nodes

@@ -6,12 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from strainsight.multibody.accelerations import balance
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, stages
 from strainsight.multibody.compiled.arrays import compiled
-from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import CompiledLaw, Gravity, RelativeElement
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import coincidence, revolute

@@ -5,9 +5,8 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError
-from strainsight.multibody.accelerations import instant, measured, reaction
+from strainsight.multibody.accelerations import balance, instant, measured, reaction
 from strainsight.multibody.bodies import Frame, RigidBody
-from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.initial import (
     Pose,

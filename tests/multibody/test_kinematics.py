@@ -7,8 +7,8 @@ import pytest
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
+from strainsight.multibody.accelerations import balance
 from strainsight.multibody.bodies import Frame, RigidBody
-from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import PointMoment
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.relations import (

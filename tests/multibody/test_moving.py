@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
+from strainsight.multibody.accelerations import balance
 from strainsight.multibody.bearing.law import BearingLaw, Drag
 from strainsight.multibody.bodies import Frame, RigidBody
-from strainsight.multibody.equations import balance
 from strainsight.multibody.forces import Gravity, PointForce, PointMoment
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import Joint, prismatic, revolute

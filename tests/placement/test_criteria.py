@@ -12,13 +12,12 @@ import pytest
 from strainsight.errors import InfeasibleError
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.certificate import certify
-from strainsight.placement.criteria import CRITERIA, criterion_of
+from strainsight.placement.criteria import CRITERIA, Metric, criterion_of
 from strainsight.placement.elimination import Scenario, eliminate, eliminate_from
 from strainsight.placement.exchange import exchange, fill
 from strainsight.placement.failure import loss_if_one_fails, robust_set
 from strainsight.placement.increment import gauge_gradients
 from strainsight.placement.limits import as_limits
-from strainsight.placement.metric import Metric
 from strainsight.placement.scenario import loop_of, solve_pool
 
 from .conftest import COMBINED, beam_of, oracle, scenarios_of

@@ -9,12 +9,11 @@ import pytest
 
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.placement.branch_and_bound import branch_and_bound
-from strainsight.placement.criteria import CRITERIA
+from strainsight.placement.criteria import CRITERIA, Metric
 from strainsight.placement.elimination import Step, eliminate, known_to_go, least_missed
 from strainsight.placement.failure import robust_set
 from strainsight.placement.information import CANCELLED, Information, as_information, information
 from strainsight.placement.limits import limits_of
-from strainsight.placement.metric import Metric
 from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refined, solve_pool, subset_covariance
 from strainsight.placement.score import score, scores
 from strainsight.placement.witness import Remaining

@@ -17,7 +17,7 @@ from strainsight.mesh.joins import PointMass, RigidElement
 from strainsight.mesh.model import Mesh
 from strainsight.rom.craig_bampton import OFF, craig_bampton, excess, inertia_loads, reach
 from strainsight.rom.inertia import InertiaInvariants, inertia_invariants
-from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_slopes
+from strainsight.rom.modal_step import acceleration_map, modal_step, parameter_slopes, steady_start
 from strainsight.rom.model import (
     Damping,
     ReducedModel,
@@ -25,7 +25,6 @@ from strainsight.rom.model import (
     damping_matrix,
     modal_basis,
 )
-from strainsight.rom.steady import steady_start
 
 from ..bodies import with_nodes
 from ..fem.conftest import make_box

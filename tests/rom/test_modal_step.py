@@ -21,9 +21,9 @@ from strainsight.rom.modal_step import (
     scheme_bias,
     scheme_step,
     simulate,
+    steady_start,
 )
 from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
-from strainsight.rom.steady import steady_start
 
 from .models import DAMPINGS, IDS, positive, scales, shape, system, two_materials
 

@@ -16,7 +16,8 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from strainsight.errors import ArtefactError, UserError
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.mesh import vtkhdf_datasets
-from strainsight.runner import contents, store
+from strainsight.runner import output as contents
+from strainsight.runner import store
 from strainsight.runner.artefact import Artefact, Header, seal
 from strainsight.runner.output import Dataset, Output, Table
 from strainsight.runner.store import write_artefact

@@ -15,10 +15,15 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import candidates, concatenate
 from strainsight.sensors.export import uff_text
-from strainsight.sensors.installation import InstallationStd, drawn_installation, installation_variance, installed_rows
+from strainsight.sensors.installation import (
+    InstallationStd,
+    drawn_installation,
+    installation_variance,
+    installed_rows,
+    sensitivity_rows,
+)
 from strainsight.sensors.rows import channel_matrix, channel_rows
 from strainsight.sensors.screening import screen
-from strainsight.sensors.sensitivity import sensitivity_rows
 
 from ..bodies import NU, E, body, held, moved
 

@@ -11,14 +11,16 @@ from scipy.stats import chi2
 
 from strainsight.sensors.candidates import ACCELERATION, candidates, concatenate, motion_candidates
 from strainsight.sensors.installation import (
+    COMMON,
+    OWN,
+    SECOND,
     InstallationStd,
     drawn_installation,
     installation_variance,
     installed_rows,
+    sensitivity_rows,
 )
-from strainsight.sensors.misplaced import misplaced
-from strainsight.sensors.rows import channel_rows, fits
-from strainsight.sensors.sensitivity import COMMON, OWN, SECOND, sensitivity_rows
+from strainsight.sensors.rows import channel_rows, fits, misplaced
 
 from .conftest import KINDS, bare, plate, tube
 

@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 from strainsight.config.load import load_config
 from strainsight.experiment.bench.bench import bench_of, start_of
 from strainsight.experiment.bench.sensors import sensors_of
-from strainsight.multibody.equations import balance
+from strainsight.multibody.accelerations import balance
 from strainsight.records.bench import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.experiment.bench.inverse.offsets import Offsets
+from strainsight.experiment.bench.inverse.trial import Offsets
 
 from ..models import ended
 from ..robustness.small import BENCH

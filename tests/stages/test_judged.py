@@ -16,9 +16,8 @@ from strainsight.estimation.draws import draw_truth
 from strainsight.experiment.structure import filtered_test
 from strainsight.experiment.structure.diagnosed import judgement_of
 from strainsight.experiment.structure.filtered_test import Filtering, filtered_by_verdict
-from strainsight.experiment.structure.measured import common_part
+from strainsight.experiment.structure.measured import common_part, records_of
 from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words
-from strainsight.experiment.structure.records_of_test import records_of
 from strainsight.measurements.assemble import Signals
 from strainsight.pages.text import number
 

@@ -20,8 +20,7 @@ from strainsight.experiment.structure.suspected import suspect_of, turning_of
 from strainsight.fem.loads import axes_across
 from strainsight.fem.model import nodal
 from strainsight.mesh.facets import exterior_facets
-from strainsight.sensors.misplaced import misplaced
-from strainsight.sensors.rows import channel_rows
+from strainsight.sensors.rows import channel_rows, misplaced
 
 from ..edges.beam import TIP, E, bricks, prepared
 from .drawn_truths import NOTHING, beam_in, spread, trial

@@ -15,9 +15,9 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.draws import draw_truth
 from strainsight.experiment.recorded import _calibration
 from strainsight.experiment.structure.diagnosed import judgement_of
-from strainsight.experiment.structure.records_of_test import records_of
+from strainsight.experiment.structure.measured import records_of
 from strainsight.measurements.calibration import calibrate
-from strainsight.measurements.delay import shifted
+from strainsight.measurements.clock import shifted
 from strainsight.measurements.records import Recording
 
 from ..estimation.chain import H, forces, loaded_chain, start

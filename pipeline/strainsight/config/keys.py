@@ -2,11 +2,23 @@
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Iterator, Mapping, Sequence
+from copy import deepcopy
+from dataclasses import dataclass, replace
+from itertools import groupby
 from types import UnionType
 from typing import Annotated, Any, Literal, Union, get_args, get_origin
 
-from pydantic import BaseModel, Discriminator, Tag
+from pydantic import BaseModel, Discriminator, Tag, ValidationError
+
+from strainsight.config.base import Problem
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.suite import DOTTED
+from strainsight.config.yaml_text import YamlProblem, parse
+from strainsight.errors import ConfigError, did_you_mean
 
 
 def path_in(model: type[BaseModel], data: Any, loc: Sequence[int | str]) -> tuple[str, ...]:
@@ -112,3 +124,248 @@ def _members(annotation: Any) -> list[Any]:
     if origin in (Union, UnionType):
         return [member for part in get_args(annotation) for member in _members(part)]
     return [] if origin is Literal else [annotation]
+
+
+TYPES = {
+    "float_type": "a number",
+    "int_type": "a whole number",
+    "int_from_float": "a whole number",
+    "string_type": "text",
+    "bool_type": "true or false",
+    "tuple_type": "a list",
+    "model_type": "a mapping",
+    "model_attributes_type": "a mapping",
+    "dict_type": "a mapping",
+}
+YES, NO = {"yes", "y", "on"}, {"no", "n", "off"}
+"""What YAML 1.1 took for true and false."""
+UNKNOWN, MISSING = "unknown key", "missing"
+BOUNDS = {
+    "greater_than": ("gt", "above"),
+    "greater_than_equal": ("ge", "at least"),
+    "less_than": ("lt", "below"),
+    "less_than_equal": ("le", "at most"),
+}
+
+
+def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
+    """Every problem of a ValidationError, in the terms of the config file; one for each key."""
+    found = [
+        (path_in(model, data, entry["loc"]), entry) for entry in error.errors(include_url=False) if not _emptied(entry)
+    ]
+    # The members of a union complain one after the other about the same value.
+    problems = [
+        _problem(path, [entry for _, entry in group], model, data)
+        for path, group in groupby(found, key=lambda pair: pair[0])
+    ]
+    # A misspelt key is one problem, not an unknown key and a missing one.
+    misspelt = {
+        f"{problem.key.rpartition('.')[0]}.{problem.remedy.removeprefix('did you mean ').rstrip('?')}".lstrip(".")
+        for problem in problems
+        if problem.what == UNKNOWN
+    }
+    return [problem for problem in problems if problem.what != MISSING or problem.key not in misspelt]
+
+
+def _emptied(entry: Any) -> bool:
+    """Whether a list only counts as too short because its entries were refused, each with a problem of its own."""
+    return entry["type"] == "too_short" and len(entry["input"]) >= entry["ctx"]["min_length"]
+
+
+def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], data: Any) -> Problem:
+    key, first = ".".join(path), entries[0]
+    match first["type"]:
+        case "extra_forbidden" if path[-1].isdigit() and first["input"] is None and len(path) > 1:
+            # {ratio: 0,01} is {ratio: 0, "01": null}
+            return Problem(
+                ".".join(path[:-1]), f"',{path[-1]}' is no key", "write a number with a decimal point, as in 0.01"
+            )
+        case "extra_forbidden":
+            known = keys_at(model, path[:-1], data)
+            return Problem(key, UNKNOWN, did_you_mean(path[-1], known, f"known here: {', '.join(known)}"), True)
+        case "missing" if (path and path[-1].isdigit()) or isinstance(first["input"], list):
+            above = ".".join(path[:-1]) if path and path[-1].isdigit() else key
+            return Problem(
+                above, f"{len(first['input'])} entries are too few", _description(model, tuple(above.split(".")), data)
+            )
+        case "missing":
+            return Problem(key, MISSING, _description(model, path, data), True)
+        case "string_pattern_mismatch" if first["loc"][-1] == "[key]" or path[-1] in ("name", "suffix"):
+            return Problem(key, f"{_shown(first['input'])} is not a name", "letters, digits, - and _ only", True)
+        case "union_tag_not_found":
+            known = _choices(first["ctx"].get("expected_tags", ""), model, path, data)
+            return Problem(key, "missing key 'type'", f"give type: {' or '.join(known)}" if known else "")
+        case "union_tag_invalid":
+            known = [tag.strip().strip("'") for tag in first["ctx"]["expected_tags"].split(", ")]
+            tag = first["ctx"]["tag"]
+            return Problem(
+                f"{key}.type",
+                f"'{tag}' is not one of {', '.join(known)}",
+                did_you_mean(str(tag), known, "choose one of them"),
+            )
+        case "one_key":
+            given, known = first["input"], keys_at(model, path, data)
+            alone = isinstance(given, dict) and len(given) == 1 and not {*given} <= {*known}
+            meant = did_you_mean(str(*given), known) if alone else ""
+            return Problem(key, first["msg"], meant or _description(model, path, data))
+    if first["input"] is None and first["type"] != "missing":
+        return Problem(key, "left blank", _description(model, path, data), at_key=True)
+    problem = _wrong_value(key, entries)
+    return problem if problem.remedy else replace(problem, remedy=_description(model, path, data))
+
+
+def _wrong_value(key: str, entries: list[Any]) -> Problem:
+    value = entries[0]["input"]
+    wanted: list[str] = []
+    choices: list[str] = []
+    for entry in entries:
+        kind, context = entry["type"], entry.get("ctx", {})
+        if kind == "literal_error":
+            choices += [choice.strip("'") for choice in context["expected"].replace(" or ", ", ").split(", ")]
+        elif kind in TYPES:
+            wanted.append(TYPES[kind])
+        elif kind in BOUNDS:
+            bound, word = BOUNDS[kind]
+            wanted.append(f"{word} {context[bound]:g}")
+        elif kind in ("too_short", "too_long", "string_too_short", "string_too_long"):
+            limit = context.get("min_length", context.get("max_length"))
+            wanted.append(f"{'at least' if 'short' in kind else 'at most'} {limit} long")
+        else:
+            wanted.append(entry["msg"][0].lower() + entry["msg"][1:])
+    remedy = did_you_mean(value, choices) if choices and isinstance(value, str) else ""
+    if choices and not wanted:
+        return Problem(key, f"{_shown(value)} is not one of {', '.join(choices)}", remedy)
+    if choices:
+        wanted.append(f"one of {', '.join(choices)}" if len(choices) > 1 else f"'{choices[0]}'")
+    if isinstance(value, str) and "a number" in wanted and not remedy:
+        comma = re.fullmatch(r"([-+]?\d+),(\d+)", value.strip())
+        remedy = "write it without quotes and without its unit"
+        if comma:
+            remedy = f"write it with a decimal point: {comma[1]}.{comma[2]}"
+    if isinstance(value, str) and wanted == ["true or false"] and value.lower() in YES | NO:
+        remedy = f"write {'true' if value.lower() in YES else 'false'}"
+    return Problem(key, f"{_shown(value)} has to be {' or '.join(dict.fromkeys(wanted))}", remedy)
+
+
+def _shown(value: Any) -> str:
+    if value is None or isinstance(value, bool):
+        return {None: "nothing", True: "true", False: "false"}[value]
+    if isinstance(value, dict):
+        return "a mapping"
+    text = f"'{value}'" if isinstance(value, str) else _number(value) if isinstance(value, float) else str(value)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def _number(value: float) -> str:
+    text = f"{value:g}"
+    return f"{text}.0" if text.lstrip("-").isdigit() else text
+
+
+def _choices(tags: str, model: type[BaseModel], path: tuple[str, ...], data: Any) -> list[str]:
+    if tags:
+        return [tag.strip().strip("'") for tag in tags.split(", ")]
+    return [tag for section in sections_at(model, path, data) for tag in types_of(section)]
+
+
+def _description(model: type[BaseModel], path: tuple[str, ...], data: Any) -> str:
+    """What the models say about a key: "noise_std: Noise standard deviation of every gauge."."""
+    while path:
+        for section in sections_at(model, path[:-1], data) if not path[-1].isdigit() else ():
+            field = fields_of(section).get(path[-1])
+            if field is not None and field.description:
+                return f"{path[-1]}: {field.description}"
+        path = path[:-1]  # an entry of a list, or of a mapping by names, is what its list or mapping is
+    return ""
+
+
+SET_OF_A_SUITE = re.compile(r"(set|runs\.\d+\.set)\.(.+)")
+"""A key of a suite below which one dotted key follows as a whole: `--set set.place.keep=6`."""
+
+
+@dataclass(frozen=True)
+class Override:
+    """A value from outside the file: dotted key, value, and where it was given ("--set KEY", "file:line:column")."""
+
+    key: str
+    value: Any
+    where: str
+
+
+def parsed(override: str) -> Override:
+    """The override of a text KEY=VALUE. Raises ConfigError where it is none."""
+    key, equals, text = override.partition("=")
+    key = key.strip()
+    if not equals or not DOTTED.fullmatch(key):
+        raise ConfigError(f"'{override}' is not KEY=VALUE", where="--set", remedy="write --set place.keep=6")
+    try:
+        return Override(key, parse(text).data, f"--set {key}")
+    except YamlProblem as problem:
+        raise ConfigError(
+            problem.what, where=f"--set {key}", remedy=problem.remedy or "quote what the shell must not see"
+        ) from None
+
+
+def put(data: dict[str, Any], override: Override) -> list[str]:
+    """Put the value at its key; a mapping on the way that is not there, or is a plain value so far, is made.
+
+    Returns the dotted keys of the mappings that were made. Raises ConfigError for a list's entry that is not there.
+    """
+    *parents, last = override.key.split(".")
+    if data.get("kind") == "suite" and (found := SET_OF_A_SUITE.fullmatch(override.key)):
+        parents, last = found[1].split("."), found[2]
+    spot: Any = data
+    made = []
+    for i, part in enumerate(parents, start=1):
+        if isinstance(spot, list):
+            place: Any = _index(spot, part, override)
+            below = spot[place]
+        else:
+            place, below = part, spot.get(part)
+        if not isinstance(below, dict | list):
+            spot[place] = below = {}
+            made.append(".".join(parents[:i]))
+        spot = below
+    # a copy: a later override may change a part of it, and a suite gives the same one to every run
+    spot[_index(spot, last, override) if isinstance(spot, list) else last] = deepcopy(override.value)
+    return made
+
+
+def _index(entries: Sequence[Any], part: str, override: Override) -> int:
+    if (place := place_in(part, len(entries))) is None:
+        raise ConfigError(
+            f"a list of {len(entries)} entries has no entry '{part}'",
+            where=override.where,
+            remedy=f"count from 0, or set the whole list, {override.key.partition('.' + part)[0]}: [a, b]",
+        )
+    return place
+
+
+def explained(problem: Problem, made: Sequence[str], model: type[BaseModel], data: Any) -> Problem:
+    """For a key that is missing in a section which only an override made: is the section misspelt, or new to the config?"""
+    section = next((key for key in made if problem.key.startswith(f"{key}.")), None)
+    if section is None or not problem.what.startswith(MISSING):
+        return problem
+    *parents, name = section.split(".")
+    if name in keys_at(model, parents, data):
+        return replace(problem, remedy=f"the config has no section `{section}` yet: add it; {problem.remedy}")
+    for part in parents:
+        data = data[int(part) if isinstance(data, list) else part]
+    known = [key for key in data if key != name]
+    return replace(problem, remedy=did_you_mean(name, known, problem.remedy))
+
+
+def meant_for_runs(problem: Problem, given: Sequence[Override]) -> Problem:
+    """Say how a suite sets a key of its runs."""
+    if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields | BenchConfig.model_fields:
+        return problem
+    made = [o for o in given if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
+    written = (
+        f"set.{made[-1].key}={_written(made[-1].value)}"
+        if made
+        else f"the keys below it as set: {{{problem.key}.KEY: …}}"
+    )
+    return replace(problem, remedy=f"write {written}")
+
+
+def _written(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value)

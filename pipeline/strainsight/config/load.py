@@ -16,8 +16,7 @@ from strainsight.config.bench.bodies import BearingConfig
 from strainsight.config.bench.checks import bearing_problems, bench_problems
 from strainsight.config.checks import problems
 from strainsight.config.gauges import filled
-from strainsight.config.messages import problems_of
-from strainsight.config.overrides import Override, explained, meant_for_runs, parsed, put
+from strainsight.config.keys import Override, explained, meant_for_runs, parsed, problems_of, put
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.suite import SuiteConfig, suite_problems
 from strainsight.config.yaml_text import LARGEST, Document, Mark, YamlProblem, parse

@@ -9,10 +9,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
-from strainsight.config.keys import place_in
+from strainsight.config.keys import MISSING, Override, place_in
 from strainsight.config.load import LoadedConfig, kind_of, load_config
-from strainsight.config.messages import MISSING
-from strainsight.config.overrides import Override
 from strainsight.config.suite import Study, SuiteConfig, SuiteRun, as_texts, measures_of
 from strainsight.errors import ConfigError, StrainsightError, did_you_mean
 

@@ -32,13 +32,12 @@ from strainsight.estimation.bank_filters import (
 from strainsight.estimation.columns import first_columns, next_columns
 from strainsight.estimation.conditional import Nuisances, no_nuisances
 from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice, one_point
-from strainsight.estimation.mixture import Mixture
+from strainsight.estimation.mixture import C, Mixture, Weights
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT
 from strainsight.estimation.peak import best_points, density_of, peaks_of_problem
 from strainsight.estimation.reduced import Settled
 from strainsight.estimation.run import FilterRun, Keep
-from strainsight.estimation.standing import C, Weights
 
 SPACING = 1.0
 """Of the lattice, in standard deviations of the posterior it was laid for."""

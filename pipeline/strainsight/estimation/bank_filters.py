@@ -20,11 +20,11 @@ from strainsight.estimation.conditional import (
 from strainsight.estimation.judge import FreeLoads, Judge, free_loads, judge_of, judged
 from strainsight.estimation.lattice import one_point
 from strainsight.estimation.linear import LinearModels, joined_models
+from strainsight.estimation.mixture import C, Standing, log_normal
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT, Filters, Passage, States, advance, filters_of, joined_filters
 from strainsight.estimation.reduced import LOST, Settled, beginning
 from strainsight.estimation.run import Keep
-from strainsight.estimation.standing import C, Standing, log_normal
 
 SETTLED = 1e-9
 """Change of a covariance from sample to sample, beside its standard deviations, below which it stays."""

@@ -10,7 +10,7 @@ from typing import Literal
 import numpy as np
 
 from strainsight.estimation.decision import SLACK
-from strainsight.measurements.delay import shifted
+from strainsight.measurements.clock import shifted
 
 Kind = Literal[
     "sign", "scale", "swapped", "offset", "drift", "late", "angle", "dead", "clipped", "spikes", "stuck", "shift"

@@ -10,7 +10,7 @@ from typing import Generic, TypeVar
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.standing import Standing
+from strainsight.estimation.mixture import Standing
 
 LEFT = 3.5
 """Where a point at its edge is within exp(−LEFT) of the largest density, a lattice no longer holds it;"""

@@ -16,8 +16,8 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.estimation.bank import DEPTH, SPACING
 from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice
+from strainsight.estimation.mixture import Standing, log_normal
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.standing import Standing, log_normal
 
 MOST_POINTS = 1000
 """Of a lattice: each of them is a filter on the whole step."""

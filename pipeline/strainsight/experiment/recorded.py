@@ -21,10 +21,10 @@ from strainsight.errors import ConfigError, UserError, blame
 from strainsight.loads.histories import Constant, FromSamples, MultiSine, Ramp, Signal, Sine, Sweep
 from strainsight.measurements.assemble import Signals, assemble
 from strainsight.measurements.calibration import Bridge, ChannelSettings
+from strainsight.measurements.clock import NO_DELAY, Delay
 from strainsight.measurements.csv_file import read_csv
 from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.csv_rows import check_marks
-from strainsight.measurements.delay import NO_DELAY, Delay
 from strainsight.measurements.reader import read_recording
 from strainsight.measurements.records import Recording
 from strainsight.measurements.units import meant_by, required_unit

@@ -8,13 +8,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.mesh.anisotropic import Anisotropic, general_fault, stiffness_fault
-from strainsight.mesh.composite_solids import STACKED, Layer
+from strainsight.mesh.anisotropic import STACKED, Anisotropic, Layer, general_fault, stiffness_fault
 from strainsight.mesh.kinds import facet_of, kind_of
 from strainsight.mesh.kinds.kind import ElementKind
-from strainsight.mesh.laminates import Lamina, Laminate, Ply
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
-from strainsight.mesh.thin import BeamBlock, BeamSection, GeneralShell, Section, ShellBlock, ShellSection
+from strainsight.mesh.thin import (
+    BeamBlock,
+    BeamSection,
+    GeneralShell,
+    Lamina,
+    Laminate,
+    Ply,
+    Section,
+    ShellBlock,
+    ShellSection,
+)
 
 # an arc of 120° on one side puts its middle 0.29 side lengths off, a quarter-point node 0.25
 MIDSIDE_LIMIT = 0.3

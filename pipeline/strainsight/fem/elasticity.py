@@ -13,15 +13,13 @@ from strainsight.fem.by_region import interpolated
 from strainsight.fem.element_matrices import element_masses, positions
 from strainsight.fem.shells import shell_axes
 from strainsight.fem.thin import material_angle, plies_of, ply_stiffness
-from strainsight.mesh.anisotropic import Anisotropic
-from strainsight.mesh.composite_solids import CompositeSolid
+from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid
 from strainsight.mesh.facets import UPPER, Facets, on_solids
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, Rule
-from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import CellBlock, Material, Mesh
 from strainsight.mesh.properties import PLY_MODULI, shapes, with_value
-from strainsight.mesh.thin import ShellBlock
+from strainsight.mesh.thin import Lamina, ShellBlock
 
 PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (2, 0))
 """Components of a symmetric tensor in our order, that of VTK: xx yy zz xy yz zx."""

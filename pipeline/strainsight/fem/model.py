@@ -21,8 +21,8 @@ from strainsight.fem.support import require_support, rigid_motions
 from strainsight.fem.thin import motions, thin_operators
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.kinds import FAMILIES
-from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material, Mesh
+from strainsight.mesh.thin import Lamina
 
 IDLE = 1e-11
 """Of the strongest resistance that a node has to rotations: one below it is rounding."""

@@ -22,12 +22,12 @@ from strainsight.fem.beam_matrices import (
 from strainsight.fem.by_region import density_of, region_operator, regions_of
 from strainsight.fem.shells import shell_axes, shell_masses, shell_stiffnesses
 from strainsight.fem.shells.laminate import Resistance, in_shear, laminate_resistance, plane_stress
-from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Material, Mesh
 from strainsight.mesh.thin import (
     BeamBlock,
     BeamSection,
     GeneralShell,
+    Lamina,
     Section,
     ShellBlock,
     ShellSection,

@@ -8,8 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
+from strainsight.measurements.clock import NO_DELAY, Delay
 from strainsight.measurements.csv_rows import check_marks
-from strainsight.measurements.delay import NO_DELAY, Delay
 from strainsight.measurements.records import Recording
 from strainsight.measurements.units import SI, known_unit, required_unit, spelling
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.measurements import mat73
-from strainsight.measurements.grouped import numbers, one_unit
+from strainsight.measurements.assemble import numbers, one_unit
 from strainsight.measurements.mat_names import UNITS, one_line, parted
 from strainsight.measurements.records import plain
 from strainsight.measurements.sandbox import Signals

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
-from strainsight.measurements.grouped import numbers, one_unit
+from strainsight.measurements.assemble import numbers, one_unit
 from strainsight.measurements.hdf5_datasets import INSTEAD, MOST_SAMPLES, check_stored, datasets, resolved
 from strainsight.measurements.mat_names import UNITS, one_line, parted
 from strainsight.measurements.records import plain

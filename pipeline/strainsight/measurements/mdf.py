@@ -17,7 +17,7 @@ from zipfile import ZipFile
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.grouped import Place, check_one_clock, chosen, numbers
+from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers
 from strainsight.measurements.hdf5_datasets import MOST_SAMPLES
 from strainsight.measurements.mdf_conversion import to_physical
 from strainsight.measurements.sandbox import DAMAGED, Signals

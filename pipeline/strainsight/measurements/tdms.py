@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.grouped import Place, check_one_clock, chosen, numbers, one_unit
+from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers, one_unit
 from strainsight.measurements.records import plain
 from strainsight.measurements.sandbox import DAMAGED, Signals
 

@@ -16,8 +16,8 @@ from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.facets import Facets, all_facets, facet_key
 from strainsight.mesh.joins import AveragingElement, RigidElement, Springs
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.laminates import scaled
 from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
+from strainsight.mesh.thin import scaled
 
 
 def region_ids(mesh: Mesh, wanted: Sequence[int | str]) -> tuple[int, ...]:

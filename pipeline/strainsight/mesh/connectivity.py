@@ -7,9 +7,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from strainsight.errors import DeckError
-from strainsight.mesh.lying_on import Met, hanging, inside
 from strainsight.mesh.model import FloatArray, Mesh
-from strainsight.mesh.patches import patches
+from strainsight.mesh.projection import Met, hanging, inside, patches
 from strainsight.mesh.unjoined import Coincident, Doubled, Joints, doubled
 
 

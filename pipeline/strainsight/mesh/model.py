@@ -12,11 +12,9 @@ from numpy.typing import NDArray
 
 from strainsight.columns import Column
 from strainsight.errors import DeckError
-from strainsight.mesh.anisotropic import Anisotropic, Orientation
-from strainsight.mesh.composite_solids import CompositeSolid
+from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid, Orientation
 from strainsight.mesh.joins import AveragingElement, NodalForces, PointMass, Relation, RigidElement, Springs
-from strainsight.mesh.laminates import Lamina, Laminate
-from strainsight.mesh.thin import BeamBlock, GeneralShell, Section, ShellBlock, nodes_that_turn
+from strainsight.mesh.thin import BeamBlock, GeneralShell, Lamina, Laminate, Section, ShellBlock, nodes_that_turn
 from strainsight.mesh.thin import FloatArray as FloatArray
 from strainsight.mesh.thin import IntArray as IntArray
 

@@ -7,11 +7,14 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.facets import CODE, Facets, exterior_facets
+from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import Values, barycentric, quadratic_simplex
-from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
+from strainsight.mesh.unjoined import APART, Coincident, Joints, shortest_sides
 
 STEPS = 20
 """Of Gauss-Newton; a facet that is not strongly bent takes three."""
@@ -100,3 +103,296 @@ def _within(xi: FloatArray, square: bool) -> FloatArray:
     xi = np.clip(xi, 0, 1)
     over = np.maximum(0.0, xi.sum(axis=1) - 1) / xi.shape[1]
     return np.clip(xi - over[:, None], 0, 1)
+
+
+STRAIGHT = 1e-5
+"""Of its size: what leaves its chords by no more is flat."""
+
+
+@dataclass(frozen=True)
+class Patches:
+    """Polygons and lines that something may lie on: corners (p, 4) nodes (index), −1 where it has fewer, two of a line; nodes
+    (p, 8) all that it has; element (p,) id; code (p,) of `projection`; bulge (p,) [m]: it leaves the triangles between its sides
+    and the mean of its corners by no more; centre (p, 3) [m] on it; solid (p,) whether it is the facet of one.
+
+    position (n, 3) [m] of all nodes; x (p, 4, 3) [m] corners, the last one again where they are fewer; mean (p, 3) [m] of the
+    corners, and radius (p,) [m], how far the farthest is from it."""
+
+    corners: IntArray
+    nodes: IntArray
+    element: IntArray
+    code: IntArray
+    bulge: FloatArray
+    centre: FloatArray
+    solid: NDArray[np.bool_]
+    position: FloatArray
+    x: FloatArray
+    mean: FloatArray
+    radius: FloatArray
+
+    def feet(self, p: IntArray, point: FloatArray) -> list[tuple[IntArray, FloatArray, Feet]]:
+        """Points of patches p (m,) that are nearest to others (m, 3), by kinds: which of them, their nodes (l, k, 3), feet."""
+        found = []
+        for code in np.unique(self.code[p]):
+            which = np.flatnonzero(self.code[p] == code)
+            nodes = self.position[self.nodes[p[which], : node_count(code)]]
+            found.append((which, nodes, nearest(int(code), nodes, point[which])))
+        return found
+
+    def distance(self, p: IntArray, point: FloatArray, within: FloatArray) -> FloatArray:
+        """Of points (m, 3) from patches p (m,), straight or curved as they are, infinite where it is more than within (m,)."""
+        apart = from_polygon(point, self.x[p], self.mean[p])
+        curved = self.bulge[p] > STRAIGHT * self.radius[p]
+        near = np.flatnonzero(curved & (apart <= self.bulge[p] + within))
+        apart[curved] = np.inf
+        for which, _, feet in self.feet(p[near], point[near]):
+            apart[near[which]] = feet.apart
+        return np.where(apart <= within, apart, np.inf)
+
+
+def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
+    """Exterior facets of solids, the middles of shells, and beams as lines; facets: the exterior ones, where they are at hand."""
+    corners, nodes, element, codes, bulge, centre, solid = [], [], [], [], [], [], []
+
+    def add(
+        own: IntArray, k: int, ids: IntArray, code: int, edges: tuple[tuple[int, int], ...], of_solid: bool
+    ) -> None:
+        padded = np.full((len(own), 8), -1, dtype=np.int64)
+        padded[:, : own.shape[1]] = own
+        at = mesh.position[own]
+        sag = [np.linalg.norm(at[:, k + i] - (at[:, a] + at[:, b]) / 2, axis=1) for i, (a, b) in enumerate(edges)]
+        corners.append(np.where(np.arange(4) < k, padded[:, :4], -1))
+        nodes.append(padded)
+        element.append(ids)
+        codes.append(np.full(len(own), code))
+        # the functions of the nodes between corners sum to two at most
+        bulge.append(2 * np.max(sag, axis=0) if sag else np.zeros(len(own)))
+        if k == 4:
+            bulge[-1] = bulge[-1] + np.linalg.norm(at[:, 0] - at[:, 1] + at[:, 2] - at[:, 3], axis=1) / 4
+        centre.append(np.einsum("a,mac->mc", at_centre(code)[0], at))
+        solid.append(np.full(len(own), of_solid))
+
+    add(np.zeros((0, 3), dtype=np.int64), 3, np.zeros(0, dtype=np.int64), CODE["tri3"], (), False)
+    if mesh.blocks:
+        found = exterior_facets(mesh) if facets is None else facets
+        found = found.some(found.of(mesh.blocks))
+        for code in np.unique(found.kind):
+            kind, which = FACETS[code], found.kind == code
+            own = found.nodes[which, : len(kind.nodes)]
+            add(own, kind.corners, found.element_id[which], int(code), kind.edges, True)
+    for shell in mesh.shells:
+        kind = next(kind for kind in FACETS if len(kind.nodes) == shell.nodes.shape[1])
+        add(shell.nodes, kind.corners, shell.ids, FACETS.index(kind), kind.edges, False)
+    for beam in mesh.beams:
+        bent = beam.nodes.shape[1] > 2
+        add(beam.nodes, 2, beam.ids, BENT if bent else LINE, ((0, 1),) if bent else (), False)
+    around = np.concatenate(corners)
+    count = (around >= 0).sum(axis=1)
+    x = mesh.position[np.where(around >= 0, around, around[np.arange(len(count)), count - 1, None])]
+    mean = np.where((around >= 0)[..., None], x, 0.0).sum(axis=1) / count[:, None]
+    radius = np.linalg.norm(x - mean[:, None], axis=2).max(axis=1, initial=0.0)
+    return Patches(
+        *(around, np.concatenate(nodes), np.concatenate(element), np.concatenate(codes), np.concatenate(bulge)),
+        *(np.concatenate(centre), np.concatenate(solid), mesh.position, x, mean, radius),
+    )
+
+
+def node_count(code: int) -> int:
+    """How many nodes a patch of this code has."""
+    return len(FACETS[code].nodes) if code < len(FACETS) else code - LINE + 2
+
+
+def area(x: FloatArray) -> FloatArray:
+    """A normal (m, 3) of polygons of three or four corners x (m, c, 3)."""
+    return (
+        np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
+        if x.shape[1] > 3
+        else np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
+    )
+
+
+def from_polygon(point: FloatArray, x: FloatArray, mean: FloatArray) -> FloatArray:
+    """Of points (m, 3) from polygons of corners x (m, 4, 3) about their mean (m, 3): triangles of each side and the mean."""
+    least = np.full(len(point), np.inf)
+    for a in range(4):
+        least = np.minimum(least, _from_triangle(point - mean, x[:, a] - mean, x[:, (a + 1) % 4] - mean))
+    return least
+
+
+def _from_triangle(p: FloatArray, a: FloatArray, b: FloatArray) -> FloatArray:
+    """Distance of p (m, 3) from triangles 0, a, b: of its projection where that is inside, else of the nearest side."""
+    aa, ab, bb = (np.einsum("mc,mc->m", u, v) for u, v in ((a, a), (a, b), (b, b)))
+    pa, pb = (np.einsum("mc,mc->m", p, v) for v in (a, b))
+    det = aa * bb - ab**2
+    flat = det > 1e-12 * aa * bb
+    s, t = (
+        np.divide(own, det, out=np.full(len(p), -1.0), where=flat) for own in (bb * pa - ab * pb, aa * pb - ab * pa)
+    )
+    within = np.linalg.norm(p - s[:, None] * a - t[:, None] * b, axis=1)
+    sides = np.minimum.reduce([_from_line(p, a), _from_line(p, b), _from_line(p - a, b - a)])
+    return np.where((s >= 0) & (t >= 0) & (s + t <= 1), within, sides)
+
+
+def _from_line(p: FloatArray, a: FloatArray) -> FloatArray:
+    """Distance of p (m, 3) from lines 0 to a."""
+    aa = np.einsum("mc,mc->m", a, a)
+    s = np.divide(np.einsum("mc,mc->m", p, a), aa, out=np.zeros(len(p)), where=aa > 0)
+    return np.asarray(np.linalg.norm(p - np.clip(s, 0, 1)[:, None] * a, axis=1))
+
+
+DEEP = 0.1
+"""How far a point lies inside of a solid that is more than touched: of the way from its facets to its centre."""
+
+ALONG = 0.9
+"""Cosine of the angle between facets that lie on one another."""
+
+THIN = 0.1
+"""Of the shortest side of what lies on a patch: it is no farther off, so that no thin part lies on its own other side."""
+
+
+@dataclass(frozen=True)
+class Met:
+    """Nodes (m,) (index) that meet an element (m,) (id) which does not have them."""
+
+    node: IntArray
+    element: IntArray
+
+    def __len__(self) -> int:
+        return len(np.unique(self.node))
+
+
+def hanging(mesh: Mesh, own: Patches, joints: Joints, coincident: Coincident) -> Met:
+    """Nodes on a patch that has neither them nor a node in their place, and that nothing joins to one of its nodes."""
+    points = np.unique(own.nodes[own.nodes >= 0])
+    node, element = [], []
+    for p, at in near_pairs(mesh.position[points], own.mean, own.radius * (1 + APART) + own.bulge):
+        n, has = points[at], own.nodes[p]
+        its = np.where(has >= 0, coincident.place[has], -1)
+        apart = ~((its == coincident.place[n][:, None]).any(axis=1))
+        p, n = p[apart], n[apart]
+        close = np.minimum(APART * own.radius[p], THIN * coincident.side[n])
+        on = np.isfinite(own.distance(p, mesh.position[n], close))
+        p, n = p[on], n[on]
+        has = own.nodes[p]
+        tied = (joints.between(np.broadcast_to(n[:, None], has.shape), has) & (has >= 0)).any(axis=1)
+        node.append(n[~tied])
+        element.append(own.element[p[~tied]])
+    of_others = [~_of_elements(mesh, n, ids) for n, ids in zip(node, element, strict=True)]
+    node, element = ([part[own] for part, own in zip(parts, of_others, strict=True)] for parts in (node, element))
+    return _met(node, element)
+
+
+def inside(mesh: Mesh, own: Patches, joints: Joints, coincident: Coincident) -> Met:
+    """Nodes inside of a solid that does not have them, and of facets whose middle is; no more than touched is not inside."""
+    thin = np.unique(own.nodes[~own.solid][own.nodes[~own.solid] >= 0])
+    surface = np.flatnonzero(own.solid)
+    around = np.concatenate([own.corners[surface], np.column_stack([thin, np.full((len(thin), 3), -1)])])
+    nodes = np.unique(own.nodes[surface][own.nodes[surface] >= 0])
+    around = np.concatenate([around, np.column_stack([nodes, np.full((len(nodes), 3), -1)])])
+    points = np.concatenate([own.centre[surface], mesh.position[thin], mesh.position[nodes]])
+    node, element = [], []
+    for block in mesh.blocks if len(points) else ():
+        kind = kind_of(block.kind)
+        x = mesh.position[block.nodes[:, : kind.corners]]
+        centre = x.mean(axis=1)
+        radius = np.linalg.norm(x - centre[:, None], axis=2).max(axis=1)
+        for which, at in near_pairs(points, centre, (1 - DEEP) * radius):
+            for facet, local in kind.facets:
+                ends = x[which][:, local[: facet.corners]]
+                outward = area(ends)
+                # of points on the way from the facet's middle to the element's
+                whole = np.einsum("mc,mc->m", ends.mean(axis=1) - centre[which], outward)
+                part = np.einsum("mc,mc->m", ends.mean(axis=1) - points[at], outward)
+                deep = (part > DEEP * whole) & (whole > 0)
+                which, at = which[deep], at[deep]
+            deep = _beyond_bulges(mesh, block, which, points[at])
+            which, at = which[deep], at[deep]
+            its, has = coincident.place[around[at]], coincident.place[block.nodes[which]]
+            real = around[at] >= 0
+            shares = ((its[:, :, None] == has[:, None, :]) & real[:, :, None]).any(axis=(1, 2))
+            first = np.broadcast_to(around[at][:, :1], has.shape)
+            left = ~shares & ~joints.between(first, block.nodes[which]).any(axis=1)
+            node.append(around[at[left], 0])
+            element.append(block.ids[which[left]])
+    return _met(node, element)
+
+
+def covered(mesh: Mesh, facets: Facets) -> NDArray[np.bool_]:
+    """Which of the exterior facets (f,), of solids, have their middle on the facet of another solid that looks at them, or on a
+    shell: no gauge can sit there."""
+    found = np.zeros(len(facets.element_id), dtype=bool)
+    if not mesh.blocks:
+        return found
+    own = patches(mesh, facets)
+    chord = area(own.x)  # the last corner stands twice in triangles
+    solid = np.flatnonzero(own.solid)
+    if not len(solid):
+        return found
+    lies = np.zeros(len(own.element), dtype=bool)
+    side = np.append(shortest_sides(mesh), np.inf)  # of a corner −1, which is none
+    for p, at in near_pairs(own.centre[solid], own.mean, own.radius * (1 + APART) + own.bulge):
+        on = solid[at]
+        other = own.element[p] != own.element[on]
+        facing = other & ((np.einsum("mc,mc->m", chord[p], chord[on]) < 0) | ~own.solid[p])
+        p, on = p[facing], on[facing]
+        close = np.minimum(APART * own.radius[p], THIN * side[own.corners[on]].min(axis=1))
+        near = np.isfinite(own.distance(p, own.centre[on], close))
+        p, on, close = p[near], on[near], close[near]
+        outward = _outward(mesh, own, on)
+        for which, nodes, feet in own.feet(p, own.centre[on]):
+            if feet.dN.shape[2] < 2:
+                continue
+            cosine = np.einsum("mc,mc->m", normals(nodes, feet.dN), outward[which])
+            ahead = np.einsum("mc,mc->m", feet.x - own.centre[on[which]], outward[which]) >= -close[which] / 2
+            looks = np.where(own.solid[p[which]], cosine < -ALONG, abs(cosine) > ALONG)
+            lies[on[which[looks & ahead]]] = True
+    keys = {tuple(nodes) for nodes in np.sort(own.nodes[lies], axis=1).tolist()}
+    if keys:
+        found = np.array([tuple(nodes) in keys for nodes in np.sort(facets.nodes, axis=1).tolist()])
+    return found
+
+
+def _outward(mesh: Mesh, own: Patches, on: IntArray) -> FloatArray:
+    """Unit normals (m, 3) at the centres of facets."""
+    normal = np.zeros((len(on), 3))
+    for code in np.unique(own.code[on]):
+        which, (_, slope) = own.code[on] == code, at_centre(int(code))
+        nodes = mesh.position[own.nodes[on[which], : len(slope)]]
+        normal[which] = normals(nodes, np.broadcast_to(slope, (len(nodes), *slope.shape)))
+    return normal
+
+
+def _beyond_bulges(mesh: Mesh, block: CellBlock, which: IntArray, point: FloatArray) -> NDArray[np.bool_]:
+    """Which points (m, 3) lie deeper below the chords of every facet of elements (m,) than it bulges inwards."""
+    deeper = np.ones(len(which), dtype=bool)
+    for facet, local in kind_of(block.kind).facets:
+        if not facet.edges:
+            continue
+        x = mesh.position[block.nodes[which][:, local]]
+        corners = x[:, : facet.corners]
+        outward, middle = area(corners), corners.mean(axis=1)
+        a, b = np.transpose(facet.edges)
+        N = facet.shape(facet.centre)[0]
+        inward = [
+            np.einsum("mec,mc->me", (corners[:, a] + corners[:, b]) / 2 - x[:, facet.corners :], outward),
+            np.einsum("mc,mc->m", middle - np.einsum("a,mac->mc", N, x), outward)[:, None],
+        ]
+        depth = np.einsum("mc,mc->m", middle - point, outward)
+        deeper &= depth > np.concatenate(inward, axis=1).max(axis=1)
+    return deeper
+
+
+def _of_elements(mesh: Mesh, node: IntArray, element: IntArray) -> NDArray[np.bool_]:
+    """Whether nodes (m,) are those of solids (m,) (id)."""
+    found = np.zeros(len(node), dtype=bool)
+    for block in (own for own in mesh.blocks if len(node) and len(own.ids)):
+        order = np.argsort(block.ids)
+        row = order[np.minimum(np.searchsorted(block.ids, element, sorter=order), len(order) - 1)]
+        found |= (block.ids[row] == element) & (block.nodes[row] == node[:, None]).any(axis=1)
+    return found
+
+
+def _met(node: list[IntArray], element: list[IntArray]) -> Met:
+    empty = np.zeros(0, dtype=np.int64)
+    pairs = np.unique(np.column_stack([np.concatenate([empty, *node]), np.concatenate([empty, *element])]), axis=0)
+    return Met(pairs[:, 0], pairs[:, 1])

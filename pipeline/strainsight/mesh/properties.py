@@ -11,10 +11,9 @@ from scipy import sparse
 
 from strainsight.errors import UserError, did_you_mean
 from strainsight.mesh.additions import free_material, with_properties
-from strainsight.mesh.composite_solids import CompositeSolid
-from strainsight.mesh.laminates import Lamina, Laminate
+from strainsight.mesh.anisotropic import CompositeSolid
 from strainsight.mesh.model import Material, Mesh
-from strainsight.mesh.thin import BeamSection, GeneralShell, ShellSection
+from strainsight.mesh.thin import BeamSection, GeneralShell, Lamina, Laminate, ShellSection
 
 PLY_MODULI = ("e1", "e2", "g12", "g1z", "g2z")
 """Of the plies of laminates, in one orthotropic material."""

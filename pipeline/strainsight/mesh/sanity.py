@@ -10,9 +10,8 @@ from numpy.typing import NDArray
 
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.joins import AveragingElement, RigidElement
-from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
-from strainsight.mesh.thin import BeamSection, GeneralShell, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamSection, GeneralShell, Laminate, ShellBlock, ShellSection
 from strainsight.mesh.units import LIKELY_DENSITY, likely_units, mixed_units
 
 FOIL = 5e-5

@@ -9,9 +9,8 @@ from typing import TypeVar
 import numpy as np
 
 from strainsight.mesh.joins import Relation
-from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import FloatArray, Mesh
-from strainsight.mesh.thin import BeamBlock, GeneralShell, Section, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamBlock, GeneralShell, Laminate, Section, ShellBlock, ShellSection
 
 Block = TypeVar("Block", ShellBlock, BeamBlock)
 Own = TypeVar("Own", bound=Section)

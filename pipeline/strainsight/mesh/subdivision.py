@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from scipy import sparse
 
-from strainsight.mesh.composite_solids import CompositeSolid
+from strainsight.mesh.anisotropic import CompositeSolid
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.kinds.kind import Kind, with_midsides
 from strainsight.mesh.model import CellBlock, Mesh, Region

@@ -11,10 +11,9 @@ import numpy as np
 
 from strainsight.errors import UserError
 from strainsight.mesh.joins import Springs
-from strainsight.mesh.laminates import scaled
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.scaling import relations_resized, resized_matrix, with_thin_resized
-from strainsight.mesh.thin import GeneralShell
+from strainsight.mesh.thin import GeneralShell, scaled
 
 LENGTH: Mapping[str, float] = {
     "m": 1.0,

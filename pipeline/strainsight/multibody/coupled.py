@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import eigh, null_space
 from scipy.linalg.lapack import dgeqp3, dorgqr, dtrtrs
 
-from strainsight.multibody.equations import Balance, balance, input_slopes
+from strainsight.multibody.accelerations import Balance, balance, input_slopes
 from strainsight.multibody.step import CARRIED, GAMMA, INSTANTS, Method
 from strainsight.multibody.system import System
 

@@ -12,8 +12,8 @@ from scipy.linalg import qr
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from strainsight.errors import InfeasibleError, NumericalError, did_you_mean
+from strainsight.multibody.accelerations import Balance, balance, mass_at
 from strainsight.multibody.bodies import cross_matrix, moves
-from strainsight.multibody.equations import Balance, balance, mass_at
 from strainsight.multibody.joints import drive
 from strainsight.multibody.relations import relation_rows
 from strainsight.multibody.system import System

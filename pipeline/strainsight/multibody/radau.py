@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.equations import Balance, balance
+from strainsight.multibody.accelerations import Balance, balance
 from strainsight.multibody.initial import check_consistent, nearest_state
 from strainsight.multibody.simulate import Trajectory
 from strainsight.multibody.system import System

@@ -10,11 +10,11 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.multibody.accelerations import balance, element_load
 from strainsight.multibody.compiled import newton as iteration
 from strainsight.multibody.compiled.arrays import NONE, Compiled, Point, compiled
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
 from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages, step_slopes
-from strainsight.multibody.equations import balance, element_load
 from strainsight.multibody.initial import check_regular
 from strainsight.multibody.joints import between
 from strainsight.multibody.relations import relation_rows

@@ -19,9 +19,8 @@ from strainsight.loads.observability import (
     undetectable_in_words,
 )
 from strainsight.parallel.sweep import Sweep, serial
-from strainsight.placement.criteria import Criterion, Trace
+from strainsight.placement.criteria import Criterion, Metric, Trace
 from strainsight.placement.information import Information, information
-from strainsight.placement.metric import Metric
 from strainsight.placement.riccati import ACCEPTED, Loop, balance, close_loop, polish, relative_residual, solve_anew
 
 Aggregate = Literal["mean", "worst"]

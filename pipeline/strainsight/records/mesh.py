@@ -9,11 +9,9 @@ from typing import Annotated, Any
 import numpy as np
 
 from strainsight.columns import Column
-from strainsight.mesh.anisotropic import Anisotropic, Orientation
-from strainsight.mesh.composite_solids import CompositeSolid
+from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid, Orientation
 from strainsight.mesh.joins import AveragingElement, NodalForces, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.kinds import ELEMENTS
-from strainsight.mesh.laminates import Lamina, Laminate
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.thin import (
     BEAM_KINDS,
@@ -23,6 +21,8 @@ from strainsight.mesh.thin import (
     FloatArray,
     GeneralShell,
     IntArray,
+    Lamina,
+    Laminate,
     Section,
     ShellBlock,
     ShellSection,

@@ -10,8 +10,7 @@ from scipy import sparse
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
 from strainsight.records.record import dataset, group, record, record_from
 from strainsight.records.reduced import ChangeTerms
-from strainsight.sensors.arms import Arms
-from strainsight.sensors.candidates import ACCELERATION, COLUMNS, Candidates
+from strainsight.sensors.candidates import ACCELERATION, COLUMNS, Arms, Candidates
 
 KIND = "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 and 5 tri6 and quad8 on shells of these"
 

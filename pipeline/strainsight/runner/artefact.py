@@ -19,8 +19,16 @@ import h5py
 import numpy as np
 
 from strainsight.errors import ArtefactError
-from strainsight.runner.contents import Entry, attributes_of, content_digest, damaged, read_contents
-from strainsight.runner.output import Scalar, Table, warnings_in
+from strainsight.runner.output import (
+    Entry,
+    Scalar,
+    Table,
+    attributes_of,
+    content_digest,
+    damaged,
+    read_contents,
+    warnings_in,
+)
 
 BLOCK = 512
 """Bytes in front of the HDF5 file; the least that HDF5 allows."""

@@ -36,8 +36,7 @@ from strainsight.runner.artefact import (
     seal,
     sha256_of,
 )
-from strainsight.runner.contents import content_digest, read_contents
-from strainsight.runner.output import Dataset, Output
+from strainsight.runner.output import Dataset, Output, content_digest, read_contents
 from strainsight.runner.slices import canonical
 from strainsight.writing import TEMPORARY, make_folder, replace_file, temporary, write_bytes
 

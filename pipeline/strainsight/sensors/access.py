@@ -12,8 +12,8 @@ from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.faces import Faces
-from strainsight.sensors.misplaced import installation_axes
 from strainsight.sensors.points import normals_at
+from strainsight.sensors.rows import installation_axes
 from strainsight.sensors.surface import by_kind, facet_centres, facet_points, farthest_axis
 from strainsight.sensors.walk import Located, Skin, local_at, radius_of
 

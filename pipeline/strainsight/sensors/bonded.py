@@ -12,8 +12,7 @@ from scipy.spatial import cKDTree
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
-from strainsight.sensors.arms import Arms
-from strainsight.sensors.candidates import STEEPEST, Candidates
+from strainsight.sensors.candidates import STEEPEST, Arms, Candidates
 from strainsight.sensors.points import normals_at
 from strainsight.sensors.rows import fits
 from strainsight.sensors.surface import turned

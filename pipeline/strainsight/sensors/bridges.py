@@ -11,8 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.sensors.access import opposite
-from strainsight.sensors.arms import Arms
-from strainsight.sensors.candidates import STEEPEST, Candidates, concatenate
+from strainsight.sensors.candidates import STEEPEST, Arms, Candidates, concatenate
 from strainsight.sensors.points import normals_at
 from strainsight.sensors.surface import turned
 from strainsight.sensors.walk import Skin

@@ -7,14 +7,193 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.mesh.facets import Facets
+from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
-from strainsight.sensors.misplaced import installation_axes, misplaced
-from strainsight.sensors.points import surface_of
-from strainsight.sensors.rows import matrix_of, points_within
-from strainsight.sensors.sensitivity import CALIBRATION_POISSON, COMMON, Sensitivity, normals_of
-from strainsight.sensors.surface import turned
+from strainsight.sensors.points import Points, surface_of
+from strainsight.sensors.rows import channel_rows, installation_axes, matrix_of, misplaced, points_within
+from strainsight.sensors.surface import by_kind, facet_points, normals, turned
 from strainsight.sensors.walk import Skin
+
+LEAST = 1e-6
+"""Over a step: a way that is shorter is none."""
+CALIBRATION_POISSON = 0.285
+"""ν₀ of the steel bar on which a manufacturer measures the gauge factor."""
+REACH = 3.0**0.5
+"""Over the σ of a position: how far from the nominal place, on both sides, the reading is taken."""
+BEYOND = 0.75
+"""Over the size of a facet: how far at least on facets of straight edges, whose strain hardly changes before the next one."""
+
+
+@dataclass(frozen=True)
+class Sensitivity:
+    """Derivatives (g, r) of every grid's reading of r displacement fields with respect to how its gauge is installed; but for
+    bridges, whose arms are gauges here (`Candidates.grids`), a channel is one grid.
+
+    along, across [unit of the channel/m]: position of the gauge along e₁ and e₂ of `installation_axes`
+    angle [unit/rad]: turn of the gauge about the outward normal, right-handed
+    tilt_along, tilt_across [unit/rad]: turn of a motion sensor about e₁ and e₂; zero for strain gauges, which lie on the surface
+    gain [unit]: relative error of the factor on the reading, which is the row itself
+    transverse [strain]: transverse sensitivity K_t of a strain gauge; zero for motion sensors, whose tilts say it
+    along_twice, across_twice, along_across [unit of the channel/m²], turned_twice [unit/rad²]: second derivatives
+
+    Gain and transverse belong to each channel, the others to a gauge, all channels of which move and turn as one.
+    """
+
+    along: np.ndarray
+    across: np.ndarray
+    angle: np.ndarray
+    tilt_along: np.ndarray
+    tilt_across: np.ndarray
+    gain: np.ndarray
+    transverse: np.ndarray
+    along_twice: np.ndarray
+    across_twice: np.ndarray
+    along_across: np.ndarray
+    turned_twice: np.ndarray
+
+
+SECOND = ("along_twice", "across_twice", "along_across", "turned_twice")
+COMMON = ("along", "across", "angle", "tilt_along", "tilt_across", *SECOND)
+"""What all channels of a gauge have in common."""
+OWN = ("gain", "transverse")
+"""What every channel has for itself."""
+
+
+def sensitivity_rows(
+    position: np.ndarray,
+    candidates: Candidates,
+    field: np.ndarray,
+    std: float,
+    *,
+    facets: Facets | Skin | None = None,
+    thickness: Thickness | None = None,
+) -> Sensitivity:
+    """What misplaced, turned and imperfect gauges read of displacement fields, less what they are meant to:
+
+        position      [ε(+s eₖ) − ε(−s eₖ)]/(2s),  s = √3 σ,          moved over the surface by `misplaced`
+        twice         [ε(+s eₖ) + ε(−s eₖ) − 2ε]/s²;  mixed: [ε(+,+) + ε(−,−) − Σₖ(ε(+s eₖ) + ε(−s eₖ)) + 2ε]/(2s²)
+        angle         dε/dα = 2 dᵀE(n × d) = γ = ε(+45°) − ε(−45°),     d²ε/dα² = 2(ε_t − ε)          (Mohr's circle)
+        transverse    dε̂/dK_t = ε_t + ν₀ ε,   of   ε̂ = (ε + K_t ε_t)/(1 − ν₀ K_t),   ε_t = (n × d)ᵀE(n × d)
+        motion        reading d·z: gain as above, turns (ω × d)·z about ω = n, e₁, e₂
+
+    The difference in position is taken where Gauss-Hermite quadrature of three points has its nodes: the slope is that of
+    statistical linearisation over a normal distribution of σ, exact where the strain is a cubic, and it sees jumps of strain
+    between facets. So are the second differences: with them the mean over that distribution is that of the quadrature. On facets
+    without nodes between their corners, in which strain is constant or nearly so, the step is at least ¾ of the facet's size: a
+    step within the facet would see no gradient. A gauge that a sharp edge holds back has the slope over the way it can go, zero
+    where it cannot move at all, and the second differences of the ways that are open.
+
+    Over a grid all are means of its points; that its ends move aside as it turns is left out, which is nothing where strain
+    varies linearly over the grid. ν₀ = 0.285, that of the manufacturers' calibration, after which uniaxial stress in such a
+    material is read without error.
+
+    position (n, 3) [m]; candidates (m); field (3n, r) [m per unit], row 3·node + component; std σ [m] of the position along
+    each direction, 0 leaves its rows zero; facets of the whole surface; thickness as in `channel_matrix`. Raises InfeasibleError
+    as that does.
+    Sources: Micro-Measurements, Tech Notes TN-509 (transverse sensitivity) and TN-511 (misalignment); Gelb, Applied Optimal
+    Estimation (1974), section 6.2 (statistical linearisation).
+    """
+    candidates = candidates.grids
+    skin = surface_of(position, candidates, facets)
+    points = points_within(position, candidates, skin)
+    z = np.asarray(field).reshape(3 * len(position), -1)
+
+    def read(direction: np.ndarray) -> np.ndarray:
+        return np.asarray(matrix_of(position, replace(points, direction=direction), len(candidates), thickness) @ z)
+
+    n, d = normals_of(position, points), points.direction
+    straining = (candidates.quantity == STRAIN)[:, None]
+    own, aside = read(d), read(np.cross(n, d))
+    quarter = np.full(len(d), 45.0)
+    shear = read(turned(d, n, quarter)) - read(turned(d, n, -quarter))
+    e1, e2 = (axis[candidates.gauge[points.channel]] for axis in installation_axes(candidates))
+    nothing = np.zeros_like(own)
+    (along, across), second = (nothing, nothing), (nothing, nothing, nothing)
+    if std > 0:
+        (along, across), second = _in_place(
+            position, candidates, z, skin, _steps(candidates, skin, std), own, thickness
+        )
+    return Sensitivity(
+        along=along,
+        across=across,
+        angle=np.where(straining, shear, aside),
+        tilt_along=nothing if straining.all() else np.where(straining, 0.0, read(np.cross(e1, d))),
+        tilt_across=nothing if straining.all() else np.where(straining, 0.0, read(np.cross(e2, d))),
+        gain=own,
+        transverse=np.where(straining, aside + CALIBRATION_POISSON * own, 0.0),
+        along_twice=second[0],
+        across_twice=second[1],
+        along_across=second[2],
+        turned_twice=np.where(straining, 2 * (aside - own), -own),
+    )
+
+
+def given_sensitivity(rows: np.ndarray) -> Sensitivity:
+    """That of channels whose rows (m, r) are given without a surface: their gain, and nothing else that is known."""
+    nothing = np.zeros_like(rows)
+    return Sensitivity(nothing, nothing, nothing, nothing, nothing, rows, nothing, nothing, nothing, nothing, nothing)
+
+
+def _steps(candidates: Candidates, skin: Skin, std: float) -> np.ndarray:
+    """How far (gauges,) [m] a gauge is moved: √3 σ, and on facets without nodes between corners out of its own."""
+    first = candidates.take(candidates.first)
+    size = skin.size[skin.index_of(first.element, first.facet)]
+    straight = np.array([not kind.edges for kind in FACETS])[first.kind]
+    return np.where(straight, np.maximum(REACH * std, BEYOND * size), REACH * std)
+
+
+def _in_place(
+    position: np.ndarray,
+    candidates: Candidates,
+    field: np.ndarray,
+    skin: Skin,
+    step: np.ndarray,
+    own: np.ndarray,
+    thickness: Thickness | None,
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]:
+    """First and second differences of the readings own (m, r) in the place, over steps (gauges,) [m] along e₁ and e₂: along e₁,
+    along e₂; twice along e₁, twice along e₂, along both."""
+    axes = installation_axes(candidates)
+
+    def at(*ways: int) -> tuple[np.ndarray, list[np.ndarray]]:
+        """Readings after steps these ways along e₁ and e₂, and how far (gauges,) they went along each, over the step."""
+        moved, _ = misplaced(position, candidates, skin, np.outer(step, ways))
+        went = moved.position[moved.first] - candidates.position[candidates.first]
+        return channel_rows(position, moved, field, facets=skin, thickness=thickness), [
+            np.sum(went * e, axis=1) / step for e in axes
+        ]
+
+    def over(length: np.ndarray, exists: np.ndarray) -> np.ndarray:
+        """One over a length (gauges,), for every channel; zero where it does not exist."""
+        return np.asarray(np.where(exists, 1 / np.where(exists, length, 1.0), 0.0)[candidates.gauge][:, None])
+
+    first, twice, ends = [], [], 2 * own
+    free = np.ones(candidates.gauges, dtype=bool)
+    for axis, ways in enumerate(((1, 0), (0, 1))):
+        further, ahead = at(*ways)
+        nearer, behind = at(*(-way for way in ways))
+        a, b = ahead[axis], -behind[axis]
+        both = (a > LEAST) & (b > LEAST)
+        first.append((further - nearer) * over(step * (a + b), a + b > LEAST))
+        bent = (further - own) * over(a, both) - (own - nearer) * over(b, both)
+        twice.append(2 * bent * over(step**2 * (a + b), both))
+        ends = ends - further - nearer
+        free &= (a > 1 - LEAST) & (b > 1 - LEAST)
+    for way in (1, -1):
+        corner, went = at(way, way)
+        ends = ends + corner
+        free &= (way * went[0] > 1 - LEAST) & (way * went[1] > 1 - LEAST)
+    return (first[0], first[1]), (twice[0], twice[1], ends * over(2 * step**2, free))
+
+
+def normals_of(position: np.ndarray, points: Points) -> np.ndarray:
+    """Outward unit normals (p, 3) of the facets at the points."""
+    n = np.zeros((len(points.kind), 3))
+    for kind, which, nodes in by_kind(points.kind, points.nodes):
+        _, J = facet_points(kind, position[nodes], points.local[which])
+        n[which] = normals(J)
+    return n
 
 
 @dataclass(frozen=True)

@@ -10,8 +10,8 @@ from scipy.spatial import cKDTree
 
 from strainsight.errors import InfeasibleError, UserError, blame, did_you_mean
 from strainsight.mesh.facets import Facets, facet_key
-from strainsight.mesh.lying_on import covered
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.projection import covered
 from strainsight.sensors.edges import near_segments, sharp_edges
 from strainsight.sensors.surface import facet_centres
 

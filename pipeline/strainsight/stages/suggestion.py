@@ -19,10 +19,9 @@ from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.joins import AveragingElement, BodyForce, RigidElement
-from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import without_modulus
-from strainsight.mesh.thin import GeneralShell, ShellSection
+from strainsight.mesh.thin import GeneralShell, Lamina, ShellSection
 from strainsight.mesh.thin_faces import with_faces, with_sides
 from strainsight.mesh.units import to_si, usual_units
 from strainsight.sensors.access import contact_faces

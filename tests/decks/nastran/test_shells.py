@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import DeckError
-from strainsight.mesh.laminates import Lamina, Laminate, Ply
+from strainsight.mesh.thin import Lamina, Laminate, Ply
 
 from ...refusals import refusal_table
 

@@ -11,10 +11,10 @@ from scipy.integrate._ivp.rk import DOP853, rk_step
 
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.smoother import smooth_first
-from strainsight.experiment.bench.inverse.smoothing import keep_for, smoothed_loads
+from strainsight.experiment.bench.inverse.filtering import keep_for, smoothed_loads
 from strainsight.experiment.bench.inverse.truth import drawn
 from strainsight.loads.input_models import Matern, RandomWalk
-from strainsight.multibody.equations import balance
+from strainsight.multibody.accelerations import balance
 from strainsight.multibody.inverse.loads import load_process, walks
 
 from .benches import bench, spring_step, springs

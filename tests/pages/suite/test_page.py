@@ -11,7 +11,6 @@ import numpy as np
 import pytest
 
 from strainsight.pages.page.sections import text_of
-from strainsight.pages.suite.cases import groups_of, series_of
 from strainsight.pages.suite.data import (
     CONTRADICTED,
     HOLDS,
@@ -27,7 +26,7 @@ from strainsight.pages.suite.data import (
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
 from strainsight.pages.suite.statements import comparisons_answer
-from strainsight.pages.suite.summary import counts, results_of
+from strainsight.pages.suite.summary import counts, groups_of, results_of, series_of
 
 from ...models import compute_once
 from ...shared import slowly

@@ -6,10 +6,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.decks.abaqus.cells import kind_index
-from strainsight.decks.abaqus.parts import Part, read_part
-from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.structure import MESH, Step, placement, read_structure
+from strainsight.decks.abaqus.parts import Part, kind_index, read_part
+from strainsight.decks.abaqus.scopes import MESH, Assembly, Scope, Step, placement, read_structure
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.mesh.model import FloatArray, IntArray
 

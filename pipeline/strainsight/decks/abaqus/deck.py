@@ -11,12 +11,12 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.abaqus.assembly import assemble
-from strainsight.decks.abaqus.cells import SOLIDS, THIN, USUAL
 from strainsight.decks.abaqus.contact import Contact, with_contact
 from strainsight.decks.abaqus.cyclic import with_whole_ring
 from strainsight.decks.abaqus.history import state_of
 from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import by_temperature
+from strainsight.decks.abaqus.parts import SOLIDS, THIN, USUAL
 from strainsight.decks.abaqus.preload import LARGE, STRESSED, preloads, stressed
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.sections import beam_blocks, read_sections, shell_blocks

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.decks.abaqus.preload import MODAL
-from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.structure import Step
+from strainsight.decks.abaqus.scopes import Assembly, Scope, Step
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import ENFORCED, HELD, plural
 from strainsight.errors import ChoiceError, DeckError

@@ -16,9 +16,8 @@ from strainsight.decks.text import parse_integer
 from strainsight.mesh.facets import Traction, consistent_forces
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.kinds.kind import Kind
-from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import FloatArray, IntArray
-from strainsight.mesh.thin import ShellSection
+from strainsight.mesh.thin import Laminate, ShellSection
 
 AXES = {"BX": 0, "BY": 1, "BZ": 2}
 """Label of a force per volume → its direction."""

@@ -14,8 +14,8 @@ from strainsight.decks.faults import OR_CONFIG, elastic_fault, lamina_fault
 from strainsight.decks.text import parse_real
 from strainsight.mesh.anisotropic import Anisotropic, Orientation, constants_fault, orthotropic, stiffness_fault
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem
-from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import FloatArray, Material
+from strainsight.mesh.thin import Lamina
 
 OURS = [0, 1, 2, 3, 5, 4]
 """Place in 11 22 33 12 13 23, the order of Abaqus, of ours, 11 22 33 12 23 31."""

@@ -19,14 +19,12 @@ from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import elastic_fault
 from strainsight.decks.text import parse_integer, parse_real
 from strainsight.errors import DeckError
-from strainsight.mesh.anisotropic import Orientation
-from strainsight.mesh.composite_solids import STACKED, CompositeSolid, Layer
+from strainsight.mesh.anisotropic import STACKED, CompositeSolid, Layer, Orientation
 from strainsight.mesh.coordinates import BASIC
 from strainsight.mesh.kinds import ELEMENTS
-from strainsight.mesh.laminates import Laminate, Ply
 from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.section_shapes import section_of_shape
-from strainsight.mesh.thin import BeamSection, ShellSection
+from strainsight.mesh.thin import BeamSection, Laminate, Ply, ShellSection
 
 SHAPES = {
     "RECT": ("a", "b"),

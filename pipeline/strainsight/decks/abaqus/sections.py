@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.decks.abaqus.cells import NODES
 from strainsight.decks.abaqus.materials import Materials, definitions, solid_orientation
+from strainsight.decks.abaqus.parts import NODES
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.section_cards import (
     beam_section,
@@ -20,12 +20,20 @@ from strainsight.decks.abaqus.section_cards import (
 from strainsight.decks.abaqus.text import Keyword
 from strainsight.decks.faults import OR_CONFIG, Doubt, coincident, folded, plural
 from strainsight.errors import DeckError
-from strainsight.mesh.anisotropic import Anisotropic, Orientation
-from strainsight.mesh.composite_solids import CompositeSolid
-from strainsight.mesh.laminates import Lamina, Laminate
+from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid, Orientation
 from strainsight.mesh.model import FloatArray, IntArray, Material, Region
 from strainsight.mesh.node_order import PARALLEL, plate_normals
-from strainsight.mesh.thin import BEAM_KINDS, CORNERS, SHELL_KINDS, BeamBlock, BeamSection, ShellBlock, ShellSection
+from strainsight.mesh.thin import (
+    BEAM_KINDS,
+    CORNERS,
+    SHELL_KINDS,
+    BeamBlock,
+    BeamSection,
+    Lamina,
+    Laminate,
+    ShellBlock,
+    ShellSection,
+)
 from strainsight.mesh.thin_faces import ALONG, axes_along
 
 FOR = {

@@ -7,11 +7,13 @@ from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from strainsight.decks.gmsh.numbers import Binary, Numbers, Text
 from strainsight.decks.gmsh.records import (
     NO_NODES,
+    Binary,
     Chunk,
     NodeRows,
+    Numbers,
+    Text,
     elements_2,
     elements_4,
     entity_groups,

@@ -12,12 +12,11 @@ import numpy as np
 
 from strainsight.decks.faults import ENFORCED, HELD, MISSING_END, effects, notes_and_doubts, spelt, turning_nodes
 from strainsight.decks.nastran.cards import Deck, origin, read_deck, together, unique_ids
+from strainsight.decks.nastran.case_control import count_parameters, lumped, mass_scale, sets
 from strainsight.decks.nastran.grids import BY_NODES, BY_POINTS, read_grids
 from strainsight.decks.nastran.loads import LOADS, PLATES, preloads, static_loads
 from strainsight.decks.nastran.materials import ANISOTROPIC
-from strainsight.decks.nastran.parameters import count_parameters, lumped, mass_scale
 from strainsight.decks.nastran.properties import properties
-from strainsight.decks.nastran.sets import sets
 from strainsight.decks.nastran.solids import SOLIDS, read_solids, straight_sides, with_middles
 from strainsight.decks.nastran.springs import MASSES, SPRINGS, point_masses, springs
 from strainsight.decks.nastran.supports import fixed_components
@@ -29,9 +28,8 @@ from strainsight.decks.nastran.unused import structural_lines, unused_systems
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import Relation
 from strainsight.mesh.kinds import FAMILIES
-from strainsight.mesh.laminates import scaled
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.thin import nodes_that_turn
+from strainsight.mesh.thin import nodes_that_turn, scaled
 
 TAKEN = {
     *(

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.decks.faults import IdTable
 from strainsight.decks.nastran.cards import Card, unique_ids
-from strainsight.decks.nastran.sets import expand
+from strainsight.decks.nastran.case_control import expand
 from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem, local_axes
 from strainsight.mesh.model import FloatArray, IntArray

@@ -10,9 +10,8 @@ import numpy as np
 
 from strainsight.decks.faults import PRELOAD, moment_note
 from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.decks.nastran.case_control import expand, large_displacements
 from strainsight.decks.nastran.grids import Grids, axes_at, resolved_system
-from strainsight.decks.nastran.parameters import large_displacements
-from strainsight.decks.nastran.sets import expand
 from strainsight.decks.text import Line
 from strainsight.mesh.coordinates import CoordinateSystem, local_axes
 from strainsight.mesh.facets import consistent_forces

@@ -7,9 +7,8 @@ import numpy as np
 from strainsight.decks.faults import OR_CONFIG, Doubt, elastic_fault, lamina_fault
 from strainsight.decks.nastran.cards import Card
 from strainsight.mesh.anisotropic import Anisotropic, constants_fault, orthotropic, stiffness_fault
-from strainsight.mesh.laminates import Lamina, Laminate, Ply
 from strainsight.mesh.model import Material
-from strainsight.mesh.thin import ShellSection
+from strainsight.mesh.thin import Lamina, Laminate, Ply, ShellSection
 
 
 def states_moduli(card: Card) -> bool:

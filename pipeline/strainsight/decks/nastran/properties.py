@@ -21,12 +21,10 @@ from strainsight.decks.nastran.materials import (
 )
 from strainsight.decks.nastran.solids import SOLIDS, composite_solid, layers_of
 from strainsight.decks.nastran.thin import PROPERTIES, Section, Thin
-from strainsight.mesh.anisotropic import Anisotropic, Orientation
-from strainsight.mesh.composite_solids import CompositeSolid
+from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid, Orientation
 from strainsight.mesh.coordinates import CoordinateSystem
-from strainsight.mesh.laminates import Lamina
 from strainsight.mesh.model import CellBlock, FloatArray, Material, Region
-from strainsight.mesh.thin import BeamSection, ShellSection
+from strainsight.mesh.thin import BeamSection, Lamina, ShellSection
 
 
 @dataclass(frozen=True)

@@ -12,15 +12,14 @@ from strainsight.decks.nastran.cards import Card, origin, unique_ids
 from strainsight.decks.nastran.grids import Grids, NodeTable, resolved_system
 from strainsight.decks.nastran.materials import plies_of
 from strainsight.decks.text import parse_integer
-from strainsight.mesh.anisotropic import Orientation
-from strainsight.mesh.composite_solids import STACKED, CompositeSolid, Layer
+from strainsight.mesh.anisotropic import STACKED, CompositeSolid, Layer, Orientation
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem
 from strainsight.mesh.joins import STRAIGHT, Relation
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, in_order
-from strainsight.mesh.laminates import Ply
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Origin
 from strainsight.mesh.node_order import left_handed
+from strainsight.mesh.thin import Ply
 
 SOLIDS = {
     card: {len(kind.nodes): kind for kind in ELEMENTS if kind.nastran == card}

@@ -9,8 +9,8 @@ import numpy as np
 
 from strainsight.decks.faults import ENFORCED, HELD, Doubt
 from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.decks.nastran.case_control import expand
 from strainsight.decks.nastran.grids import NodeTable
-from strainsight.decks.nastran.sets import expand
 from strainsight.decks.text import Line, parse_integer
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.model import IntArray

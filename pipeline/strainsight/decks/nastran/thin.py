@@ -37,10 +37,9 @@ from strainsight.decks.nastran.shells import (
     shell_section,
 )
 from strainsight.errors import DeckError
-from strainsight.mesh.laminates import Laminate
 from strainsight.mesh.model import CellBlock, IntArray, Origin
 from strainsight.mesh.scaling import resized
-from strainsight.mesh.thin import BeamBlock, BeamSection, Section, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamBlock, BeamSection, Laminate, Section, ShellBlock, ShellSection
 
 SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
     "PSHELL": lambda card, _: shell_section(card),

@@ -9,8 +9,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.decks.nastran.case_control import expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
-from strainsight.decks.nastran.sets import expand
 from strainsight.decks.nastran.supports import combined_sets, components, selections
 from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
 from strainsight.errors import DeckError

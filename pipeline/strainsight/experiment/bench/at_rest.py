@@ -11,9 +11,8 @@ from strainsight.config.bench.bench import BenchConfig, ReactionSensor
 from strainsight.errors import blame
 from strainsight.experiment.bench.bench import Bench, bench_of, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
-from strainsight.experiment.bench.rings import rings_in_time
 from strainsight.experiment.bench.sensors import instants_of, read_in_time, sensors_of
-from strainsight.experiment.bench.simulation import felt
+from strainsight.experiment.bench.simulation import felt, rings_in_time
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock, Mesh

@@ -8,22 +8,55 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor, Simulate
-from strainsight.config.bench.connections import Driven
+from strainsight.config.bench.connections import BearingForce, Driven
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
 from strainsight.experiment.bench.bench import Bench, bench_of, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
-from strainsight.experiment.bench.rings import rings_in_time
 from strainsight.experiment.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import Instant, reaction
+from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.coupled import coupled_modes
 from strainsight.multibody.initial import constraints_at, moving_constraints, project_position
 from strainsight.multibody.laws.actuators import Friction, TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
-from strainsight.records.bench import DriveMotion, ReducedBody, Simulated, Violation
+from strainsight.ordering import first_of_largest
+from strainsight.records.bench import DriveMotion, ReducedBody, RingMotion, Simulated, Violation, WorstInstant
 from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.record import record_from
+
+
+def rings_in_time(config: BenchConfig, bench: Bench, found: Trajectory) -> dict[str, RingMotion]:
+    """Displacement and load of every bearing in time, and its balls at the instant of the highest pressure."""
+    rings = {}
+    for element in bench.system.elements:
+        force = element.force
+        stated = config.forces[force.name]
+        if not isinstance(stated, BearingForce):
+            continue
+        bearing = bench.bearings[stated.bearing]
+        own = readings(bench.system, [RelationSensor(force.name, force.relations[:5])])
+        q = np.array([own.read(a, b)[0] for a, b in zip(found.q, found.v, strict=True)])
+        balls = [ball_loads(bearing, each) for each in q]
+        pressure = np.array([ball.pressure.max() for ball in balls])
+        worst = first_of_largest(pressure)
+        ellipse = max(float(ball.semi_axes.max()) for ball in balls)
+        if ellipse > bearing.ball_diameter / 2:
+            raise ConfigError(
+                f"a contact ellipse reaches {1e3 * ellipse:.4g} mm at t = {found.time[worst]:g} s, beyond the ball",
+                key=f"forces.{force.name}",
+                remedy="no such bearing carries these loads: check their size and the preload",
+            )
+        rings[force.name] = RingMotion(
+            displacement=q,
+            load=np.array([bearing_load(bearing, each, slopes=False).force for each in q]),
+            pressure=pressure,
+            worst=record_from(WorstInstant, balls[worst], time=float(found.time[worst])),
+        )
+    return rings
+
 
 Reading = Callable[[np.ndarray, np.ndarray, Instant], np.ndarray]
 """q, u and what (1.3) says there → the components of a sensor."""

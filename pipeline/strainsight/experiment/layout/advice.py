@@ -15,7 +15,7 @@ from strainsight.ordering import first_of_largest, tied_order
 from strainsight.placement.certificate import Certificate
 from strainsight.placement.criteria import Criterion
 from strainsight.placement.elimination import Elimination
-from strainsight.placement.recommendation import WORTH, gains, worth_keeping
+from strainsight.placement.score import WORTH, gains, worth_keeping
 from strainsight.records.placed import Budget
 from strainsight.runner.output import Table
 

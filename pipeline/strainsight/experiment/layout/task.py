@@ -15,9 +15,8 @@ from strainsight.experiment.layout.gauge_list import zone_of
 from strainsight.experiment.layout.load_cases import LoadCases
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.placement.criteria import CRITERIA, Criterion, Trace, criterion_of
+from strainsight.placement.criteria import CRITERIA, Criterion, Metric, Trace, criterion_of
 from strainsight.placement.limits import FIXED, Limits, limits_of
-from strainsight.placement.metric import Metric
 from strainsight.placement.scenario import Aggregate, Pool, of_last_states, slow_pools, thesis_weight, weight_of_pools
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.zones import inside

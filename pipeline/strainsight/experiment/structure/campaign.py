@@ -32,11 +32,18 @@ from strainsight.experiment.structure.filtered_test import (
     model_of,
 )
 from strainsight.experiment.structure.filtering import posteriors_of
-from strainsight.experiment.structure.measured import Measured, measured_of, settled_in
+from strainsight.experiment.structure.measured import (
+    Measured,
+    RecordSettings,
+    in_record,
+    measured_of,
+    records_of,
+    settled_in,
+    source_of,
+)
 from strainsight.experiment.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
 from strainsight.experiment.structure.observation import undetectable
 from strainsight.experiment.structure.problem import Problem, initial_covariance, problem_of, rests_on_loads_in_words
-from strainsight.experiment.structure.records_of_test import RecordSettings, in_record, records_of, source_of
 from strainsight.experiment.structure.surface import (
     damage_on_surface,
     displaced,

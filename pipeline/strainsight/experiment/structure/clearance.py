@@ -22,8 +22,8 @@ from strainsight.runner.output import Table
 from strainsight.sensors.access import room
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.edges import carrier_clearance, crowded, half_diagonal, obstacles, room_for, sides, tight
-from strainsight.sensors.misplaced import installation_axes
-from strainsight.sensors.sensitivity import sensitivity_rows
+from strainsight.sensors.installation import sensitivity_rows
+from strainsight.sensors.rows import installation_axes
 from strainsight.sensors.walk import Skin, skin_of
 from strainsight.sensors.zones import on_surface
 

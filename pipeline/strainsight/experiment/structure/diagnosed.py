@@ -18,9 +18,8 @@ from strainsight.estimation.record_check import RecordCheck, check_record
 from strainsight.estimation.suspect import ShiftedMode, Suspect
 from strainsight.experiment.recorded import delay_in_seconds
 from strainsight.experiment.structure.filtered_test import Filtering
-from strainsight.experiment.structure.measured import Measured
+from strainsight.experiment.structure.measured import Measured, RecordSettings
 from strainsight.experiment.structure.problem import Problem
-from strainsight.experiment.structure.records_of_test import RecordSettings
 from strainsight.measurements.units import required_unit
 from strainsight.records.estimated import ChannelsChecked
 from strainsight.rom.model import modal_basis

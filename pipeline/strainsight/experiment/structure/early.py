@@ -121,8 +121,7 @@ def _check_records(config: PlacementConfig, base: Path) -> None:
     """Channels and units of every record that is there; which sensor is which is known without motion sensors alone."""
     from strainsight.experiment.recorded import signals_of
     from strainsight.experiment.structure.early import odd_channels
-    from strainsight.experiment.structure.measured import check_quantities, wanted_of
-    from strainsight.experiment.structure.records_of_test import in_record, records_of
+    from strainsight.experiment.structure.measured import check_quantities, in_record, records_of, wanted_of
 
     settings = config.estimate
     assert settings is not None

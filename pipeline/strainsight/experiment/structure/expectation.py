@@ -15,8 +15,7 @@ from strainsight.experiment.layout.placement import Placed
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
 from strainsight.ordering import first_of_largest
-from strainsight.placement.recommendation import alike
-from strainsight.placement.score import score
+from strainsight.placement.score import alike, score
 from strainsight.records.placed import ByCase
 from strainsight.records.training import Screened, Training
 from strainsight.runner.output import Table

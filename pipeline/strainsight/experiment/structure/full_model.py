@@ -8,16 +8,22 @@ from pathlib import Path
 
 from strainsight.config.loads import Load
 from strainsight.config.mesh import Matrices, MeshFile
+from strainsight.config.placement import PlacementConfig
+from strainsight.contrib.mpi.session import OverMpi
 from strainsight.errors import DeckError, UserError, blame
+from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.results import model_of_results
 from strainsight.fem.affine import Parameter
 from strainsight.fem.factorisation import Factorise, factorise
 from strainsight.fem.model import FiniteElementModel, FullModel, build_model
 from strainsight.foreign.matrices.files import NOTED, read_matrix, read_numbering, symmetric
 from strainsight.foreign.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
+from strainsight.memory import available_memory
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import OF_MASS, with_value
 from strainsight.mesh.units import length_factor, mass_factor
+from strainsight.parallel.sweep import Sweep, in_threads, serial, threads
+from strainsight.processes import peak_memory
 
 READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free", "mesh.results", "solver")
 FILES = (
@@ -124,3 +130,22 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
             str(path),
         )
     return ready, said
+
+
+def solver_of(config: PlacementConfig, using: Resources) -> Factorise:
+    """PARDISO here, or MUMPS in the processes of MPI."""
+    return factorise if config.solver == "direct" else OverMpi(using.notice)
+
+
+def sweep_of(config: PlacementConfig, using: Resources) -> Sweep:
+    """Of samples that are factorised each: in threads, as the solver is compiled and a model is large to send; on a cluster where
+    there is one; one after the other where every one of them has the processes of MPI."""
+    if config.solver != "direct":
+        return serial
+    return in_threads(_fitting) if threads() > 1 else using.sweep
+
+
+def _fitting() -> int:
+    """How many at a time: of each as much beside what there is as this process has held at most, a factor included, as the
+    reference is factorised before a sweep begins."""
+    return min(threads(), max(1, int(available_memory() / (peak_memory() or 1))))

@@ -15,7 +15,7 @@ from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.pieces import parts
 from strainsight.fem.support import EXACT, links
 from strainsight.fem.thin import thin_mass
-from strainsight.mesh.composite_solids import CompositeSolid
+from strainsight.mesh.anisotropic import CompositeSolid
 from strainsight.mesh.joins import PointMass, Springs
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import Mesh

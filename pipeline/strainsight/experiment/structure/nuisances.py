@@ -35,8 +35,7 @@ from strainsight.records.training import Training, with_missed
 from strainsight.rom.modal_step import modal_step, simulate
 from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
-from strainsight.sensors.installation import InstallationStd
-from strainsight.sensors.sensitivity import COMMON, Sensitivity, given_sensitivity, sensitivity_rows
+from strainsight.sensors.installation import COMMON, InstallationStd, Sensitivity, given_sensitivity, sensitivity_rows
 
 SOURCE = {
     "along": "position",

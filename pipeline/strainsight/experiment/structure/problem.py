@@ -32,9 +32,8 @@ from strainsight.loads.linearisation import (
 from strainsight.placement.scenario import Scenario
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.rom.modal_step import Scheme, scheme_bias
+from strainsight.rom.modal_step import Scheme, hold_of_tones, scheme_bias
 from strainsight.rom.model import ReducedModel, accelerations, modal_basis
-from strainsight.rom.steady import hold_of_tones
 from strainsight.sensors.candidates import STRAIN
 
 REST_SHARE = 1e-3

@@ -24,10 +24,9 @@ from strainsight.records.reduced import Reduced
 from strainsight.records.training import CaseMotion, Screened, Training, with_missed
 from strainsight.rom.model import ReducedModel, accelerations
 from strainsight.sensors.candidates import ACCELERATION, Candidates
-from strainsight.sensors.installation import installation_variance
+from strainsight.sensors.installation import Sensitivity, given_sensitivity, installation_variance, sensitivity_rows
 from strainsight.sensors.points import surface_of
 from strainsight.sensors.screening import BEND, CLEARANCE, Screening, screen
-from strainsight.sensors.sensitivity import Sensitivity, given_sensitivity, sensitivity_rows
 
 COHERENCE = 0.01
 """Over the length of the training run: how long errors of installation are correlated in the white noise that stands for them. A

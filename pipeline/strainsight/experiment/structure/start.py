@@ -11,9 +11,8 @@ import numpy as np
 from strainsight.config.loads import Settle
 from strainsight.errors import ConfigError, UserError, blame
 from strainsight.loads.histories import Signal, Sweep, Tones, hold_coefficients, tones_of
-from strainsight.rom.modal_step import HOLD, simulate
+from strainsight.rom.modal_step import HOLD, simulate, steady_start
 from strainsight.rom.model import ReducedModel, modal_basis
-from strainsight.rom.steady import steady_start
 
 DECAYS = 3.0
 """Decay times 1/(ζω₁) after which what a start from rest has set off counts as gone: 5 % of it are left."""

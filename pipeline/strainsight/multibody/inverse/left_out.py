@@ -9,9 +9,8 @@ import numpy as np
 from scipy.linalg.lapack import dpstrf
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.multibody.accelerations import instant
+from strainsight.multibody.accelerations import input_slopes, instant
 from strainsight.multibody.coupled import tangent_space
-from strainsight.multibody.equations import input_slopes
 from strainsight.multibody.inverse.loads import LoadProcess, doublings_of, step_responses
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.step import Method, linear_step

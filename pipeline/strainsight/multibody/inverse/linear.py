@@ -10,8 +10,8 @@ from scipy.linalg import eigh
 
 from strainsight.fem.modes import signs, turned
 from strainsight.loads.observability import direction_in_words, undetectable_directions
+from strainsight.multibody.accelerations import input_slopes, parameter_slopes
 from strainsight.multibody.coupled import tangent_space
-from strainsight.multibody.equations import input_slopes, parameter_slopes
 from strainsight.multibody.inverse.loads import doublings_of, step_noise
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import white_force

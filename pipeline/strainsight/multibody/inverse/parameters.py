@@ -10,11 +10,10 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from strainsight.errors import InfeasibleError, NumericalError, did_you_mean
-from strainsight.multibody.accelerations import at_rest
+from strainsight.multibody.accelerations import at_rest, balance, input_slopes, parameter_slopes
 from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.coupled import tangent_space
-from strainsight.multibody.equations import balance, input_slopes, parameter_slopes
 from strainsight.multibody.initial import CONVERGED, FREE, ROUNDING, in_the_metric, refuse_free, static_equilibrium
 from strainsight.multibody.sensors import Readings
 from strainsight.multibody.system import System

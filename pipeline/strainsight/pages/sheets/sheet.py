@@ -8,9 +8,13 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.sheets.paper import HEIGHT, SIZE, THICK, WIDTH, Paper
 from strainsight.pages.sheets.views import (
+    HEIGHT,
     MINUS,
+    SIZE,
+    THICK,
+    WIDTH,
+    Paper,
     Placed,
     Projection,
     Sheet,

@@ -17,9 +17,8 @@ from strainsight.pages.bench.figures import STROKES, line_style, ratio_figure, s
 from strainsight.pages.chart.drawing import MUTED, SERIES, Drawing, figure, styled, svg
 from strainsight.pages.chart.panels import estimate_figure, legend_above, log_ticks, plain_ticks
 from strainsight.pages.placement.data import Trend
-from strainsight.pages.suite.cases import SINGULAR, Series, groups_of, numbered, series_of
 from strainsight.pages.suite.data import PlacementRun, Study, Suite, SuiteRun, metric_name, metric_words, metrics_of
-from strainsight.pages.suite.summary import Result, results_of
+from strainsight.pages.suite.summary import SINGULAR, Result, Series, groups_of, numbered, results_of, series_of
 from strainsight.pages.text import SUPERSCRIPTS, number, percent, short
 
 if TYPE_CHECKING:

@@ -35,8 +35,8 @@ from strainsight.pages.picture.layout import Layout
 from strainsight.pages.placement.page import FOOTER as PLACEMENTS
 from strainsight.pages.space.section import space_section
 from strainsight.pages.suite import statements, summary
-from strainsight.pages.suite.cases import numbered, observability_section
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun
+from strainsight.pages.suite.summary import numbered, observability_section
 from strainsight.pages.text import number, unbroken
 
 Cards = Mapping[str, str]

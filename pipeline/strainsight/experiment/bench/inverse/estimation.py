@@ -14,12 +14,10 @@ from strainsight.config.estimate import Channel
 from strainsight.errors import ConfigError
 from strainsight.experiment.bench.bench import Bench, bench_of
 from strainsight.experiment.bench.inverse.balls import ring_watch, rings_estimated
-from strainsight.experiment.bench.inverse.filtering import Filtered, by_bank, by_extended
-from strainsight.experiment.bench.inverse.hold_out import HeldOut, held_out
+from strainsight.experiment.bench.inverse.filtering import Filtered, SmoothedLoads, by_bank, by_extended
+from strainsight.experiment.bench.inverse.hold_out import HeldOut, held_out, undistinguished, unfollowed
 from strainsight.experiment.bench.inverse.installed import Observed, misread, observed, toleranced
-from strainsight.experiment.bench.inverse.refusals import undistinguished, unfollowed
 from strainsight.experiment.bench.inverse.rest import free_zero, zero_of
-from strainsight.experiment.bench.inverse.smoothing import SmoothedLoads
 from strainsight.experiment.bench.inverse.trial import Trial, trial_of
 from strainsight.experiment.bench.inverse.truth import (
     Reality,

@@ -20,8 +20,14 @@ from strainsight.multibody.sensors import StrainSensor as StrainRows
 from strainsight.records.bench import ReducedBody
 from strainsight.records.bench_estimated import BenchPlaced
 from strainsight.sensors.candidates import Candidates
-from strainsight.sensors.installation import InstallationStd, drawn_installation, installed_rows
-from strainsight.sensors.sensitivity import COMMON, SECOND, sensitivity_rows
+from strainsight.sensors.installation import (
+    COMMON,
+    SECOND,
+    InstallationStd,
+    drawn_installation,
+    installed_rows,
+    sensitivity_rows,
+)
 
 DRAWN = 5
 """Last word of the seed by which a seed's gauges are installed."""

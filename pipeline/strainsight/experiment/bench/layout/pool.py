@@ -43,9 +43,9 @@ from strainsight.sensors.candidates import (
     concatenate,
     principal_angles,
 )
+from strainsight.sensors.installation import SECOND, sensitivity_rows
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.screening import screen, strongest_first
-from strainsight.sensors.sensitivity import SECOND, sensitivity_rows
 
 UNFELT = 1e-12
 """Share of the strongest input's strain below which that of another is rounding."""
