@@ -153,6 +153,7 @@ def test_a_worker_that_computes_for_long_is_waited_for(cluster, monkeypatch):
         assert sweep(tasks.longer, [7.0], None) == [7.0]
 
 
+@pytest.mark.slow
 def test_distributed_is_not_installed(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert "pip install 'strainsight[dask]'" in refusal("127.0.0.1:8786")

@@ -124,6 +124,7 @@ factorise_complex(sparse.csr_array(sparse.diags_array([2.0 + 1j] * 50)))(np.ones
 """
 
 
+@pytest.mark.slow
 def test_the_solver_repeats_its_bits_and_more_threads_change_at_most_the_last_digits(tmp_path):
     """MKL takes its branch before its first computation, whichever solver makes that."""
     pytest.importorskip("pypardiso")

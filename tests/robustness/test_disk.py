@@ -68,6 +68,7 @@ def ran(words: list[str], **more) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, check=False, **more)
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_reported_and_what_was_there_stays(mounts, project, placed, tmp_path):
     (tmp_path / "results" / "beam").mkdir(parents=True)
     for name in ("import.h5", "import.vtkhdf"):

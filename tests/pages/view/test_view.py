@@ -44,6 +44,7 @@ def pictures():
     return [pixels(png) for png in viewing.screenshots([View("$\\bad{$ % \n |", replace(beam, gauges=gauges)), colours])]
 
 
+@pytest.mark.slow
 def test_a_picture_has_the_size_a_white_ground_and_every_gauge_with_its_id(beam, pictures):
     image, _ = pictures
     assert image.shape == (900, 1400, 3)
