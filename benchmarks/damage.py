@@ -32,7 +32,7 @@ from strainsight.experiment.structure.damage import Places, asked_places, damage
 from strainsight.experiment.structure.damage_drawn import may_walk_otherwise, walking, walks
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, tolerated
 from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance, problem_of, sample_std
-from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.start import loading_of
 from strainsight.experiment.structure.surface import Displaced, skin_of
 from strainsight.experiment.structure.tolerated_loads import field_beyond

@@ -19,7 +19,7 @@ from strainsight.errors import ConfigError, UserError
 from strainsight.experiment.layout.gauge_list import deck_frame, gauge_lines
 from strainsight.experiment.layout.workshop import Wiring, Workshop, catman_table, elements_of, labview_table
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges, read_bonded
-from strainsight.experiment.structure.placed import placement_output
+from strainsight.experiment.structure.placement import placement_output
 from strainsight.runner.artefact import Artefact
 from strainsight.sensors.edges import no_edges
 from strainsight_cli.main import app

@@ -31,7 +31,7 @@ from strainsight.experiment.structure.filtering import posteriors_of
 from strainsight.experiment.structure.measured import RecordSettings
 from strainsight.experiment.structure.nuisances import exact_frequencies_in_words
 from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
-from strainsight.experiment.structure.settings import unknown_units
+from strainsight.experiment.structure.references import unknown_units
 from strainsight.experiment.structure.surface import Skin, Virtual, grid_of, moment_of, resultants_of, virtual_labels
 from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import Unknowns

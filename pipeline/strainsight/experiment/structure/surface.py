@@ -20,7 +20,7 @@ from strainsight.estimation.smoother import Smoothed, Wanted
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.filtered_test import Filtering
 from strainsight.experiment.structure.nuisances import Tolerated
-from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.recovery import facet_strain, strain_matrix

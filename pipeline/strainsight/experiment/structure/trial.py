@@ -17,7 +17,7 @@ from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.filtering import Filtered, filtered, smoothed
 from strainsight.experiment.structure.nuisances import Tolerated
 from strainsight.experiment.structure.problem import Problem, initial_covariance, sample_std, settled_under
-from strainsight.experiment.structure.settings import unknown_units
+from strainsight.experiment.structure.references import unknown_units
 from strainsight.experiment.structure.start import Loading, loading_of
 from strainsight.experiment.structure.truth import Motion, ReadMotion, Truth
 from strainsight.loads.histories import instant_values
