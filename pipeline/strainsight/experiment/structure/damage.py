@@ -19,7 +19,7 @@ from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.surface import Skin, virtual_pool
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.stress import SurfaceModel
-from strainsight.records.damage import DamageAt, Damaged
+from strainsight.records.estimated import DamageAt, Damaged
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.surface import facet_centres
 

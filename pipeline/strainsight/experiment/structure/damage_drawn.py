@@ -25,7 +25,7 @@ from strainsight.experiment.structure.damage import (
 )
 from strainsight.experiment.structure.filtered_test import Filtered, Filtering, banks_of
 from strainsight.experiment.structure.surface import Skin
-from strainsight.records.damage import Damaged
+from strainsight.records.estimated import Damaged
 
 OTHER = {"random_walk": "integrated_random_walk", "integrated_random_walk": "random_walk"}
 DECISIVE = 10.0

@@ -36,8 +36,7 @@ from strainsight.experiment.structure.surface import Skin, Virtual, grid_of, mom
 from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import Unknowns
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.records.damage import Damaged
-from strainsight.records.estimated import Channels, Estimated, HoldOut, Offsets, Source
+from strainsight.records.estimated import Channels, Damaged, Estimated, HoldOut, Offsets, Source
 from strainsight.records.placed import budget_of_shares
 from strainsight.sensors.candidates import UNITS
 

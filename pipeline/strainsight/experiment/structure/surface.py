@@ -29,8 +29,7 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
-from strainsight.records.damage import DamageAt
-from strainsight.records.estimated import Moment, Resultant, VirtualStrain
+from strainsight.records.estimated import DamageAt, Moment, Resultant, VirtualStrain
 from strainsight.records.reduced import Reduced
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import STRAIN, Candidates

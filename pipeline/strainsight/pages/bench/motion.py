@@ -12,8 +12,7 @@ from strainsight.pages.bench.figures import line_style
 from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg, visible_instants
 from strainsight.pages.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
 from strainsight.pages.text import number, percent, prefix, quantity, short
-from strainsight.records.bench import DriveMotion, RingMotion
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import BenchPlaced, DriveMotion, RingMotion
 
 
 def loads_figure(motion: BenchMotion) -> Drawing:

@@ -18,8 +18,7 @@ from strainsight.pages.bench.data import (
     BenchStress,
     BenchUnknown,
 )
-from strainsight.records.bench import Simulated, SurfaceInTime
-from strainsight.records.bench_estimated import BenchEstimated, BenchPlaced, SensorMatch
+from strainsight.records.bench import BenchEstimated, BenchPlaced, SensorMatch, Simulated, SurfaceInTime
 from strainsight.records.record import read, unit_of
 from strainsight.runner.artefact import Artefact
 from strainsight.stages.pages.page import criteria_of, metrics_of, trend_of

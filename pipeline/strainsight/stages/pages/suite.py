@@ -25,7 +25,7 @@ from strainsight.pages.suite.data import (
 )
 from strainsight.pages.suite.statements import measured, side, target
 from strainsight.pages.suite.summary import Result, results_of
-from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.bench import BenchEstimated
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
 from strainsight.records.record import read

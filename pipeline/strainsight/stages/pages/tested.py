@@ -22,8 +22,7 @@ from strainsight.pages.tested.data import File, Findings, Map, Moment, Spectrum,
 from strainsight.pages.tested.first import title_of
 from strainsight.pages.text import capital
 from strainsight.pages.view.viewing import exaggerated
-from strainsight.records.damage import Damaged
-from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
+from strainsight.records.estimated import CampaignRecord, Damaged, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read, unit_of
 from strainsight.records.training import Training

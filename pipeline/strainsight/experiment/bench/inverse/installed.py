@@ -17,8 +17,7 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.sensors import Readings, readings
 from strainsight.multibody.sensors import StrainSensor as StrainRows
-from strainsight.records.bench import ReducedBody
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import BenchPlaced, ReducedBody
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.installation import (
     COMMON,
