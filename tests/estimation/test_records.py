@@ -147,9 +147,7 @@ def test_one_record_smooths_by_what_the_other_says_of_constants(measured):
 
 def test_motion_as_it_is_read_knows_nothing_of_other_records(measured):
     model, P, own = loaded_chain(), start()[:5, :5], nuisances(learned=False)
-    alone = Nuisances(
-        ("gain", "offset", "offset"), np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), np.vstack([SHARED, OWN])
-    )
+    alone = Nuisances(("gain", "offset", "offset"), np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), np.vstack([SHARED, OWN]))
     for r, bank in enumerate(campaign(model, P, measured, own)):
         by_itself = filter_bank(model, np.zeros(5), P, held_of(r), measured[r], alone)
         args = model, np.zeros(5), P, held_of(r), measured[r]

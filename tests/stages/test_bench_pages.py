@@ -18,7 +18,11 @@ CLAIM = {
     "equals": None, "unit": "",
 }  # fmt: skip
 RUNS = [
-    BenchRun("h0", "h0", numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-3, "same.d": True}, "simulate": {"off": 2e-16}}),
+    BenchRun(
+        "h0",
+        "h0",
+        numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-3, "same.d": True}, "simulate": {"off": 2e-16}},
+    ),
     BenchRun("h1", "h1", numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-2, "same.d": True}}),
     BenchRun("lost", "lost", numbers={"estimate": {"lost": 1}}),
 ]
