@@ -10,8 +10,8 @@ import pytest
 
 from strainsight.errors import ConfigError
 from strainsight.pages.bench.data import BenchEstimate, BenchRun
-from strainsight.stages.pages import suite
-from strainsight.stages.pages.suite import statements_of
+from strainsight.stages import suite
+from strainsight.stages.suite import statements_of
 
 CLAIM = {
     "key": "claims.0", "stage": "estimate", "times": 1.0, "against": None, "against_number": None, "above": None, "below": None,

@@ -24,10 +24,9 @@ from strainsight.pages.bench.figures import components_figure, mismatch, sensor_
 from strainsight.pages.bench.page import bench_figures, bench_page
 from strainsight.pages.bench.tables import placement_table
 from strainsight.pages.placement.data import Metric, Trend
-from strainsight.pages.suite.data import Statement, Study, Suite
+from strainsight.pages.suite.data import Statement, Study, Suite, measured, statements_table
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
-from strainsight.pages.suite.statements import measured, statements_table
 from strainsight.pages.suite.summary import counts
 
 from ...models import compute_once

@@ -13,7 +13,7 @@ from strainsight.pages.chart.drawing import gauge_colour
 from strainsight.pages.picture import scene
 from strainsight.pages.picture.geometry import arrow, free_end, seen_from, triangles, views
 from strainsight.pages.picture.layout import Layout, Load
-from strainsight.pages.picture.picture import LINES, spread_labels
+from strainsight.pages.picture.scene import LINES, spread_labels
 
 from ..conftest import layout, mixed_layout
 

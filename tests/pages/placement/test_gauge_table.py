@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.pages.datum import Frame
+from strainsight.pages.picture.layout import Frame
 from strainsight.pages.placement.gauge_table import cases_table, criteria_table, gauge_table
 
 

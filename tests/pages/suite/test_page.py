@@ -22,10 +22,10 @@ from strainsight.pages.suite.data import (
     Statement,
     Study,
     Suite,
+    comparisons_answer,
 )
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
-from strainsight.pages.suite.statements import comparisons_answer
 from strainsight.pages.suite.summary import counts, groups_of, results_of, series_of
 
 from ...models import compute_once

@@ -156,6 +156,11 @@ class BenchRun(Run):
         return self.numbers.get("estimate", {})
 
     @property
+    def is_estimated(self) -> bool:
+        """Whether a filter has run."""
+        return self.estimate is not None
+
+    @property
     def unknowns(self) -> tuple[BenchUnknown, ...]:
         """What was estimated."""
         return () if self.estimate is None else self.estimate.unknowns
