@@ -12,9 +12,9 @@ from strainsight.estimation import bank
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import Nuisances, discrepancy, no_nuisances
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import removed_of
+from strainsight.estimation.reduced import draw_truth
 
 from .chain import (
     NOISE,

@@ -18,7 +18,7 @@ from strainsight.estimation.conditional import (
     theta_at,
 )
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.motion import measure
+from strainsight.estimation.model import measure
 from strainsight.loads.input_models import Oscillator
 from strainsight.rom.modal_step import simulate
 

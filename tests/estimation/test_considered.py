@@ -14,9 +14,8 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
 from strainsight.estimation.consider_smoother import consider_smoothed
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.reduced import Biased, Driven
+from strainsight.estimation.reduced import Biased, Driven, draw_truth
 from strainsight.estimation.smoother import Wanted, smooth
 from strainsight.fem.affine import AffineOperator
 

@@ -30,8 +30,8 @@ from strainsight.estimation.decision import (
     samples_alike,
     word_of,
 )
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.smoother import smooth
 from strainsight.loads.input_models import Matern, Oscillator
 from strainsight.pages.text import number

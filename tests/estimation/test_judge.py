@@ -10,11 +10,10 @@ import pytest
 from strainsight.errors import ConfigError
 from strainsight.estimation import bank_filters
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_filters import noise_alone
 from strainsight.estimation.conditional import _linear_about, no_nuisances
-from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.judge import with_free_loads
-from strainsight.estimation.linear import LinearModels, plain_motion
+from strainsight.estimation.judge import noise_alone, with_free_loads
+from strainsight.estimation.parallel_filters import LinearModels, plain_motion
+from strainsight.estimation.reduced import draw_truth
 from strainsight.loads.input_models import (
     WALK,
     IntegratedRandomWalk,

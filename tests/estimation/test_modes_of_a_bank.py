@@ -14,7 +14,7 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.columns import Columns, weakest
 from strainsight.estimation.conditional import linear_models, no_nuisances, tuned
-from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.reduced import draw_truth
 from strainsight.fem.affine import AffineOperator
 from strainsight.sensors.candidates import ACCELERATION
 

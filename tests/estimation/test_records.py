@@ -11,10 +11,9 @@ from scipy.linalg import block_diag
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import FOLLOWED, filter_bank, filter_records
 from strainsight.estimation.bank_filters import bank_record
-from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances, each_its_own, no_nuisances
-from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.error_paths import bank_paths
+from strainsight.estimation.reduced import draw_truth
 
 from .chain import NOISE, ROWS, STEPS, H, chain, driven_chain, driven_start, forces, loaded_chain, start, states
 

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.reduced import Driven, driven_with_offsets
+from strainsight.estimation.reduced import Driven, draw_truth, driven_with_offsets
 from strainsight.estimation.sigma_point import points_of, regression, run_sigma_points
 from strainsight.estimation.smoother import smooth
 

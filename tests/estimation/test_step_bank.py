@@ -16,8 +16,7 @@ from strainsight.estimation.compiled import vectors
 from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.linear import plain_motion
-from strainsight.estimation.parallel_filters import advance, filters_of
+from strainsight.estimation.parallel_filters import advance, filters_of, plain_motion
 from strainsight.estimation.step_bank import StepBank, filter_constants
 from strainsight.runner.where import Where, opened
 

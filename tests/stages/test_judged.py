@@ -12,7 +12,7 @@ from strainsight.config.estimate import Estimate
 from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.decision import claims_of
-from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.reduced import draw_truth
 from strainsight.experiment.structure import filtered_test
 from strainsight.experiment.structure.diagnosed import judgement_of
 from strainsight.experiment.structure.filtered_test import Filtering, filtered_by_verdict

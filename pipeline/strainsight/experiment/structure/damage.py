@@ -12,7 +12,7 @@ from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.damage.loops import FKM, GOODMAN, NONE
 from strainsight.damage.sums import Curve, Interval, MeanStress, damage_of, equivalent_range, interval_of, one_number
 from strainsight.errors import UserError
-from strainsight.estimation.error_paths import Paths
+from strainsight.estimation.bank_smoother import Paths
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.candidates import rows_along

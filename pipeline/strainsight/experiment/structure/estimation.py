@@ -13,8 +13,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
 from strainsight.estimation.consistency import Tuning, Verdict, verdict
 from strainsight.estimation.decision import Decision
-from strainsight.estimation.model import physical
-from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.model import physical, surface_reading
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.structure.candidates import units_in_words

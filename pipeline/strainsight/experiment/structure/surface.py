@@ -13,8 +13,7 @@ from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, DeckError
-from strainsight.estimation.model import FilterModel, theta_of
-from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.model import FilterModel, surface_reading, theta_of
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, Wanted
 from strainsight.experiment.structure.candidates import rows_along

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig, StrainSensor
 from strainsight.errors import blame
-from strainsight.estimation.filter import FilterRun
+from strainsight.estimation.run import FilterRun
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.unknowns import asked
 from strainsight.experiment.bench.sensors import Sensors, gauges_of
