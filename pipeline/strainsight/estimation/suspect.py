@@ -1,4 +1,4 @@
-"""A record and the filter it is judged by: its evidence under a fault or none, whether it is believable, and its loudest parts."""
+"""A record and the filter it is judged by: its evidence under a fault or none, and the parts of it that speak loudest."""
 
 from __future__ import annotations
 
