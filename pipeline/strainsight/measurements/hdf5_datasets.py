@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
-from strainsight.measurements.records import plain
-from strainsight.measurements.sandbox import DAMAGED
+from strainsight.measurements.records import Signals, plain
 from strainsight.memory import require_memory
 
 MOST_SAMPLES = 200_000_000
@@ -30,13 +28,14 @@ _PACKING = {"scale_factor": 1.0, "add_offset": 0.0}
 INSTEAD = "write the samples into the file itself, one plain dataset a channel"
 
 
-def signals(path: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str | None]]:
+def signals(path: Path, names: Sequence[str]) -> Signals:
     """Values (T,) [unit of the file] of every name, NaN where missing, all as long as the first one, and their units.
 
-    Raises UserError for links to other files, shapes, types and packed values that cannot be imported, and for damage,
-    as far as the library survives it.
+    Raises UserError for links to other files, shapes, types and packed values that cannot be imported.
     """
-    with _opened(path) as file:
+    import h5py
+
+    with h5py.File(path, "r") as file:
         samples: int | None = None
         for name in names:
             values, unit = _signal(file, name, path, samples)
@@ -49,8 +48,10 @@ def declared(path: Path, names: Sequence[str]) -> list[int]:
 
     Raises UserError as `signals` does before it reads a sample, and where memory does not hold all of them.
     """
+    import h5py
+
     found, held = [], 0
-    with _opened(path) as file:
+    with h5py.File(path, "r") as file:
         samples: int | None = None
         for name in names:
             item, column = _checked(file, name, path, samples)
@@ -69,21 +70,6 @@ def _held(item: Any) -> int:
     """Bytes that are in memory while a column is read: its samples, and a row of the chunks that hold them, unpacked."""
     rows, columns = item.chunks or (0, 0)
     return int((item.shape[0] + rows * max(columns, item.shape[1])) * item.dtype.itemsize)
-
-
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """The file; what the library says of a damaged one is a UserError."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except UserError:
-        raise
-    except Exception as error:  # the library has no class of its own for damaged files
-        reason = f"cannot be read as HDF5: {' '.join(str(error).split())[:200]}"
-        raise UserError(reason, where=str(path), remedy=DAMAGED) from None
 
 
 def _checked(file: Any, name: str, path: Path, samples: int | None) -> tuple[Any, int | None]:

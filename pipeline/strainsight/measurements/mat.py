@@ -1,4 +1,4 @@
-"""Variables of a MAT file of version 4 to 7 by SciPy. Read in a child process, see daq_file.py; version 7.3: mat73.py."""
+"""Variables of a MAT file of version 4 to 7 by SciPy. Read in a child process, see reader.py; version 7.3: mat73.py."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from strainsight.errors import UserError, did_you_mean
 from strainsight.measurements import mat73
 from strainsight.measurements.assemble import numbers, one_unit
 from strainsight.measurements.mat_names import UNITS, one_line, parted
-from strainsight.measurements.records import plain
-from strainsight.measurements.sandbox import Signals
+from strainsight.measurements.records import Signals, plain
 
 
 def signals(path: Path, names: Sequence[str | None]) -> Signals:

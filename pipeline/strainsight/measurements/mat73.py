@@ -12,8 +12,7 @@ from strainsight.errors import UserError, did_you_mean
 from strainsight.measurements.assemble import numbers, one_unit
 from strainsight.measurements.hdf5_datasets import INSTEAD, MOST_SAMPLES, check_stored, datasets, resolved
 from strainsight.measurements.mat_names import UNITS, one_line, parted
-from strainsight.measurements.records import plain
-from strainsight.measurements.sandbox import Signals
+from strainsight.measurements.records import Signals, plain
 
 _LONGEST = 100
 """Signs of a unit."""

@@ -1,4 +1,4 @@
-"""Channels of an MDF file: found, scaled, their invalid samples taken out. Read in a child process, see daq_file.py.
+"""Channels of an MDF file: found, scaled, their invalid samples taken out. Read in a child process, see reader.py.
 
 asammdf gives raw values only: it would hand conversion formulas, which are text of the file, to `eval`.
 """
@@ -20,7 +20,7 @@ from strainsight.errors import UserError
 from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers
 from strainsight.measurements.hdf5_datasets import MOST_SAMPLES
 from strainsight.measurements.mdf_conversion import to_physical
-from strainsight.measurements.sandbox import DAMAGED, Signals
+from strainsight.measurements.records import DAMAGED, Signals
 
 _TIME = 1
 """Synchronisation type of a master channel that is a time."""

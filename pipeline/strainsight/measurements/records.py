@@ -4,14 +4,20 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
+
+DAMAGED = "export the test data again: the file is damaged or none"
+Signals = Iterator[tuple[np.ndarray, str | None]]
+"""Values (T,) and their unit, None where the file states none."""
+Read = Callable[[Path, Sequence[Any]], Signals]
+"""File, names → their signals; the first name is that of the time, None where the format has one of its own."""
 
 
 @dataclass(frozen=True)

@@ -1,4 +1,4 @@
-"""Channels of a TDMS file: found, scaled, on the clock of their waveform. Read in a child process, see daq_file.py."""
+"""Channels of a TDMS file: found, scaled, on the clock of their waveform. Read in a child process, see reader.py."""
 
 from __future__ import annotations
 
@@ -11,8 +11,7 @@ import numpy as np
 
 from strainsight.errors import UserError
 from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers, one_unit
-from strainsight.measurements.records import plain
-from strainsight.measurements.sandbox import DAMAGED, Signals
+from strainsight.measurements.records import DAMAGED, Signals, plain
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units")
 """Properties that hold a unit: of DAQmx and DIAdem, and what people write."""
