@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers, one_unit
-from strainsight.measurements.records import DAMAGED, Signals, plain
+from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers
+from strainsight.measurements.records import DAMAGED, Signals, one_unit, plain
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units")
 """Properties that hold a unit: of DAQmx and DIAdem, and what people write."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,8 @@ from strainsight.errors import DeckError
 from strainsight.mesh.joins import Relation
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.thin import nodes_that_turn, scaled
+from strainsight.mesh.thin import nodes_that_turn
+from strainsight.mesh.units import rescaled
 
 STRUCTURE = (
     "K2GG",
@@ -214,9 +214,9 @@ def read_nastran(
         position=grids.position,
         blocks=blocks,
         regions=found.regions,
-        materials={i: replace(material, density=scale * material.density) for i, material in found.materials.items()},
-        laminae={i: scaled(own, 1.0, scale) for i, own in found.laminae.items()},
-        anisotropic={i: replace(own, density=scale * own.density) for i, own in found.anisotropic.items()},
+        materials=rescaled(found.materials, mass=scale),
+        laminae=rescaled(found.laminae, mass=scale),
+        anisotropic=rescaled(found.anisotropic, mass=scale),
         orientations=found.orientations,
         composites=found.composites,
         fixed=fixed,

@@ -38,8 +38,8 @@ from strainsight.decks.nastran.shells import (
 )
 from strainsight.errors import DeckError
 from strainsight.mesh.model import CellBlock, IntArray, Origin
-from strainsight.mesh.scaling import resized
 from strainsight.mesh.thin import BeamBlock, BeamSection, Laminate, Section, ShellBlock, ShellSection
+from strainsight.mesh.units import rescaled
 
 SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
     "PSHELL": lambda card, _: shell_section(card),
@@ -158,7 +158,7 @@ def read_thin(
                 raise
             del properties[number]
             continue
-        sections[number] = resized(section, 1.0, scale)
+        sections[number] = rescaled(section, mass=scale)
     kept = np.isin(region, list(sections))
     left_out = Counter(card.name for card, there in zip(own, kept, strict=True) if not there)
     left_out.update(_unused(cards, properties))
