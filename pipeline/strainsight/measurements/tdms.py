@@ -16,18 +16,10 @@ from strainsight.measurements.records import DAMAGED, Signals, one_unit, plain
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units")
 """Properties that hold a unit: of DAQmx and DIAdem, and what people write."""
 _SCALE_TYPE = re.compile(r"NI_Scale\[\d+\]_Scale_Type")
-_SCALES = [
-    "Add",
-    "AdvancedAPI",
-    "Linear",
-    "Polynomial",
-    "RTD",
-    "Strain",
-    "Subtract",
-    "Table",
-    "Thermistor",
-    "Thermocouple",
-]
+_SCALES = (
+    *("Add", "AdvancedAPI", "Linear", "Polynomial", "RTD", "Strain", "Subtract", "Table", "Thermistor"),
+    *("Thermocouple",),
+)
 """Those that npTDMS applies."""
 
 
