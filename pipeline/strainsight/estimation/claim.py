@@ -9,9 +9,8 @@ import numpy as np
 from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 
 from strainsight.estimation.conditional import Nuisances, considers, discrepancy, known_ends, linear_models
-from strainsight.estimation.judge import with_free_loads
 from strainsight.estimation.model import FilterModel, augmented_jacobian, measured_jacobian, theta_of
-from strainsight.estimation.reduced import Settled, start_errors
+from strainsight.estimation.record import Settled, start_errors
 from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
 from strainsight.rom.modal_step import acceleration_map, modal_step
 
@@ -245,7 +244,7 @@ def bank_claim(
     apart = model.beside_free_loads
     stated = model.process[:n, :n], Q
     if apart:
-        free = with_free_loads(model, len(u))
+        free = model.with_free_loads(len(u))
         judged = free.process[:n, :n], starts(free, covariance)[2][:, :n, :n]
     else:
         judged = stated

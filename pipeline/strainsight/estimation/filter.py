@@ -189,15 +189,8 @@ def run_filter(
 
 
 def samples_by_step(model: FilterModel, known: np.ndarray, measurement: np.ndarray) -> np.ndarray:
-    """Samples (T, …, m) of every step, NaN where none is taken, of a measurement (T/every, …, m).
-
-    Raises ValueError where the known loads (T, HOLD, n_known) end before the samples.
-    """
-    samples = np.asarray(measurement, dtype=float)
-    if model.every > 1:
-        spread = np.full((len(samples) * model.every, *samples.shape[1:]), np.nan)
-        spread[model.every - 1 :: model.every] = samples
-        samples = spread
+    """`FilterModel.by_step`. Raises ValueError where the known loads (T, HOLD, n_known) end before the samples."""
+    samples = model.by_step(measurement)
     if len(known) < len(samples):
         raise ValueError(f"known loads for {len(known)} steps, samples for {len(samples)}")
     return samples

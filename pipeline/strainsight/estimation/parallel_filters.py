@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import TypeVar
 
 import numpy as np
 
@@ -241,12 +241,8 @@ def compilable(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def joined_models(parts: Sequence[LinearModels]) -> LinearModels:
     """Models of the same ν, one behind the other."""
-
-    def all_of(of: Sequence[Any], name: str) -> np.ndarray:
-        return np.concatenate([getattr(one, name) for one in of])
-
-    motion = Motion(*(all_of([own.motion for own in parts], entry.name) for entry in fields(Motion)))
-    return replace(parts[0], motion=motion, **{name: all_of(parts, name) for name in BY_MODEL})
+    by_model = {name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_MODEL}
+    return replace(parts[0], motion=joined([part.motion for part in parts]), **by_model)
 
 
 def agree(*sized: tuple[np.ndarray, tuple[int, ...]]) -> None:
@@ -296,9 +292,13 @@ class Filters:
         return Filters(*(getattr(self, entry.name).copy() for entry in fields(self)))
 
 
-def joined_filters(parts: Sequence[Filters]) -> Filters:
-    """Filters of the same ν, one behind the other."""
-    return Filters(*(np.concatenate([getattr(one, entry.name) for one in parts]) for entry in fields(Filters)))
+R = TypeVar("R", bound="Filters | States | Motion")
+
+
+def joined(parts: Sequence[R], axis: int = 0) -> R:
+    """Parts of one kind as one, every array joined along an axis."""
+    names = [entry.name for entry in fields(parts[0])]
+    return type(parts[0])(*(np.concatenate([getattr(part, name) for part in parts], axis=axis) for name in names))
 
 
 def _of_states(
@@ -325,12 +325,24 @@ class States:
 
     def first(self, count: int) -> States:
         """At the first instants."""
-        return States(*(own[:, :count] for own in (self.x, self.P, self.V, self.nu, self.left)))
+        return States(*(each[:, :count] for each in (self.x, self.P, self.V, self.nu, self.left)))
 
 
-def one_passage(parts: Sequence[States]) -> States:
-    """Parts of one record, one behind the other."""
-    return States(*(np.concatenate([getattr(own, entry.name) for own in parts], axis=1) for entry in fields(States)))
+@dataclass(frozen=True)
+class Data:
+    """What filters are given of L steps: known (L, p) in each of them and known_end (L, p₁) at its end, samples (L, m) with NaN
+    where none, noise (L, m) and discrepancy (m,) their variances."""
+
+    known: np.ndarray
+    known_end: np.ndarray
+    samples: np.ndarray
+    noise: np.ndarray
+    discrepancy: np.ndarray
+
+    def of(self, span: slice) -> Data:
+        """Of some steps."""
+        parts = (each[span] for each in (self.known, self.known_end, self.samples, self.noise))
+        return Data(*parts, self.discrepancy)
 
 
 @dataclass(frozen=True)
@@ -374,11 +386,7 @@ def filters_of(
 def advance(
     models: LinearModels,
     filters: Filters,
-    known: np.ndarray,
-    known_end: np.ndarray,
-    measurement: np.ndarray,
-    noise: np.ndarray,
-    discrepancy: np.ndarray,
+    data: Data,
     keep: bool,
     states: bool = True,
     less: np.ndarray | None = None,
@@ -398,15 +406,13 @@ def advance(
 
     where a filter that takes its readings for exact would follow what gauges make of their tolerances the more, the quieter
     they are.
-    known (L, p), known_end (L, p₁), measurement (L, m) with NaN where missing, noise (L, m) variances of the samples, with
-    discrepancy (m,) on top of them, which S of what is kept is without; keep: whether states are returned; states: and not mean
-    and covariance of ν alone; less (L, d): information on ν that is taken off in every step (`noise_alone`). Changes `filters`
-    in place.
+    keep: whether states are returned, S of which is without the discrepancy; states: and not mean and covariance of ν alone;
+    less (L, d): information on ν that is taken off in every step (`noise_alone`). Changes `filters` in place.
     Sources: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
     """
     B, m, n = models.H.shape
     less = np.zeros((0, models.nuisances)) if less is None else less
-    L, d, second = len(measurement), models.nuisances, len(filters.x_c)
+    L, d, second = len(data.samples), models.nuisances, len(filters.x_c)
     kept, whole = L if keep else 0, L if keep and states else 0
     agree(
         (filters.x, (B, n)),
@@ -415,33 +421,34 @@ def advance(
         (filters.x_c, (B if second else 0, n)),
         (filters.P_c, (second, n, n)),
         (filters.V_c, (second, d, n)),
-        (known, (L, models.motion.fed.shape[-1])),
-        (known_end, (L, models.F.shape[-1])),
-        (measurement, (L, m)),
-        (noise, (L, m)),
-        (discrepancy, (m,)),
+        (data.known, (L, models.motion.fed.shape[-1])),
+        (data.known_end, (L, models.F.shape[-1])),
+        (data.samples, (L, m)),
+        (data.noise, (L, m)),
+        (data.discrepancy, (m,)),
         (less, (L if len(less) else 0, d)),
     )
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
     nu, left, fit = np.zeros((B, kept, d)), np.zeros((B, kept, d, d)), np.zeros((B, L))
     ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))
-    own, (motion, reading, beyond) = filters, models.compiled
-    data = compilable(known, known_end, measurement, noise, discrepancy, less)
+    state = (
+        filters.x,
+        filters.P,
+        filters.V,
+        filters.gain,
+        filters.variance,
+        filters.S,
+        filters.calm,
+        filters.nu,
+        filters.left,
+    )
+    considering = filters.x_c, filters.P_c, filters.V_c
+    read = compilable(data.known, data.known_end, data.samples, data.noise, data.discrepancy, less)
+    out = fit, nu, left, x, P, V
     from strainsight.estimation.compiled.filters import take_steps  # not before: numba takes a second to import
 
     def part(span: np.ndarray) -> None:
-        take_steps(  # type: ignore[no-untyped-call]
-            span,
-            motion,
-            reading,
-            beyond,
-            (own.x, own.P, own.V, own.gain, own.variance, own.S, own.calm, own.nu, own.left),
-            (own.x_c, own.P_c, own.V_c),
-            data,
-            (kept > 0, whole > 0),
-            (fit, nu, left, x, P, V),
-            ahead,
-        )
+        take_steps(span, *models.compiled, state, considering, read, (kept > 0, whole > 0), out, ahead)  # type: ignore[no-untyped-call]
 
     count = min(threads(), max(1, B * L // APART))
     spans = [span for span in np.array_split(np.arange(B), count) if len(span)]

@@ -46,10 +46,10 @@ class FilterRun:
     lost: np.ndarray
     log_likelihood: np.ndarray
     last: np.ndarray
-    covariance: np.ndarray | None
-    jacobian: np.ndarray | None
-    rows: np.ndarray | None
-    adjusted: np.ndarray | None
+    covariance: np.ndarray | None = None
+    jacobian: np.ndarray | None = None
+    rows: np.ndarray | None = None
+    adjusted: np.ndarray | None = None
     process: np.ndarray | None = None
     noise: np.ndarray | None = None
     fit: np.ndarray | None = None

@@ -14,8 +14,7 @@ from dataclasses import dataclass, fields, replace
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.estimation.bank import DEPTH, SPACING
-from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice
+from strainsight.estimation.lattice import DEPTH, SPACING, Bank, Lattice, first_lattice, next_lattice
 from strainsight.estimation.mixture import Standing, log_normal
 from strainsight.estimation.run import FilterRun
 
