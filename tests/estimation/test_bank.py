@@ -161,11 +161,12 @@ def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
     offset = np.array([[NOISE, 0.0], [0.0, 3 * NOISE]])
     nuisances = Nuisances(("first", "second"), np.zeros((2, 2, 4)), np.zeros((2, 2, 1)), offset)
 
-    def run(values, own=no_nuisances(model)):
+    def run(values, own):
         return filter_bank(BankRecord(model, np.zeros(4), P, forces(), values, own)).run
 
-    plain, found = run(y[:, 0]), run(y[:, 0], nuisances)
-    moved = np.stack([run(y[:, 0] + own).mean - plain.mean for own in offset])
+    none = no_nuisances(model)
+    plain, found = run(y[:, 0], none), run(y[:, 0], nuisances)
+    moved = np.stack([run(y[:, 0] + own, none).mean - plain.mean for own in offset])
     scale = plain.std.max(axis=0)
     np.testing.assert_allclose(found.mean / scale, plain.mean / scale, atol=1e-9)
     np.testing.assert_allclose(found.std, np.sqrt(plain.std**2 + np.sum(moved**2, axis=0)), rtol=1e-7)

@@ -19,6 +19,7 @@ from strainsight.estimation.conditional import (
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import Data, LinearModels
 
+
 @dataclass(frozen=True)
 class Settled:
     """The known loads have been sums of tones for so long that nothing of their beginning is left at t = 0.
