@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.config.estimate import Channel, Estimate, GaugeChannel
 from strainsight.errors import ConfigError, StrainsightError
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.record import Settled
 from strainsight.experiment.recorded import delay_in_seconds, signals_of
 from strainsight.experiment.structure.problem import Problem, settled_at
 from strainsight.experiment.structure.start import tones_in
