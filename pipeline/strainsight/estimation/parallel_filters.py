@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from strainsight.estimation.linear import LinearModels, agree, compilable
-from strainsight.parallel.sweep import threads
+from strainsight.parallel import threads
 
 KEPT = 4_000_000
 """Numbers that are kept of the filters at a time."""

@@ -61,7 +61,7 @@ from strainsight.experiment.structure.suspected import (
 )
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.parallel.sweep import Sweep
+from strainsight.parallel import Sweep
 from strainsight.records.damage import Damaged
 from strainsight.records.estimated import HoldOut, Posterior
 from strainsight.records.reduced import Reduced

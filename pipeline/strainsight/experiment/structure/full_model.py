@@ -22,7 +22,7 @@ from strainsight.memory import available_memory
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import OF_MASS, with_value
 from strainsight.mesh.units import length_factor, mass_factor
-from strainsight.parallel.sweep import Sweep, in_threads, serial, threads
+from strainsight.parallel import Sweep, in_threads, serial, threads
 from strainsight.processes import peak_memory
 
 READS = ("mesh.length_unit", "mesh.mass_unit", "mesh.matrices", "mesh.free", "mesh.results", "solver")

@@ -22,13 +22,13 @@ from strainsight.experiment.structure.settings import (
 )
 from strainsight.experiment.structure.training import refuse_damping
 from strainsight.fem.affine import DAMPING, Parameter, at_their_references
+from strainsight.fem.factorisation import relief_of
 from strainsight.fem.loads import misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, nodal
 from strainsight.fem.modes import modes as lowest_modes
-from strainsight.fem.relief import relief_of
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import shapes
-from strainsight.parallel.sweep import watched
+from strainsight.parallel import watched
 from strainsight.records.reduced import FromResults, HeldOut, Misaligned, Modes, ReadyBasis, Reduced
 from strainsight.records.training import Training
 from strainsight.rom.model import quasi_static
