@@ -102,6 +102,7 @@ def _sweeps(key: str, study: Study, runs: Sequence[SuiteRun]) -> list[Drawing]:
     return drawings
 
 
+@styled()
 def _sweep(
     key: str,
     study: Study,
@@ -113,28 +114,24 @@ def _sweep(
     groups = list(dict.fromkeys(run.group for run in runs))
     at = np.array([np.nan if run.at is None else run.at for run in runs])
     place, zero = _places(at)
-    with styled():
-        drawn, *panels = figure(1.2 + 1.5 * len(wanted) + 0.1 * len(groups), (1.0,) * len(wanted))
-        for axes, (name, claimed, label) in zip(panels, wanted, strict=True):
-            drawn_values: list[FloatArray] = []
-            for g, group in enumerate(groups):
-                own = np.array(
-                    [i for i, run in enumerate(runs) if run.group == group and not np.isnan(at[i])], dtype=int
-                )
-                own = own[np.argsort(at[own], kind="stable")]
-                values = _values(runs, own, name)
-                style = line_style(g)
-                axes.plot(place[own], values, marker="o", ms=4.5, **style, label=short(group, 30) if group else None)
-                drawn_values.append(values)
-                if claimed is not None:
-                    axes.plot(place[own], _values(runs, own, claimed), color=style["color"], lw=1.1, ls=(0, (1, 1.5)))
-            _scale(axes, np.concatenate(drawn_values))
-            axes.set_ylabel(f"{short(label, 22)}\n[{'–' if claimed else 'SI'}]")
-        _over(panels[-1], place, at, zero)
-        panels[-1].set_xlabel(short(study.over or "", 48))
-        if any(groups):
-            legend_above(panels[0], 2)
-        image = svg(drawn)
+    drawn, *panels = figure(1.2 + 1.5 * len(wanted) + 0.1 * len(groups), (1.0,) * len(wanted))
+    for axes, (name, claimed, label) in zip(panels, wanted, strict=True):
+        drawn_values: list[FloatArray] = []
+        for g, group in enumerate(groups):
+            own = np.array([i for i, run in enumerate(runs) if run.group == group and not np.isnan(at[i])], dtype=int)
+            own = own[np.argsort(at[own], kind="stable")]
+            values = _values(runs, own, name)
+            style = line_style(g)
+            axes.plot(place[own], values, marker="o", ms=4.5, **style, label=short(group, 30) if group else None)
+            drawn_values.append(values)
+            if claimed is not None:
+                axes.plot(place[own], _values(runs, own, claimed), color=style["color"], lw=1.1, ls=(0, (1, 1.5)))
+        _scale(axes, np.concatenate(drawn_values))
+        axes.set_ylabel(f"{short(label, 22)}\n[{'–' if claimed else 'SI'}]")
+    _over(panels[-1], place, at, zero)
+    panels[-1].set_xlabel(short(study.over or "", 48))
+    if any(groups):
+        legend_above(panels[0], 2)
     caption = f"{what.capitalize()} over {study.over}, one line a group of runs."
     if any(claimed for _, claimed, _ in wanted):
         caption = f"Error of the {what} over {study.over}; dotted: the standard deviation that the filter claims."
@@ -146,7 +143,7 @@ def _sweep(
         for name, _, label in wanted
     )
     return Drawing(
-        key, f"{study.name}: {what} over {study.over}", caption, f"Line chart over {study.over}. {text}.", image
+        key, f"{study.name}: {what} over {study.over}", caption, f"Line chart over {study.over}. {text}.", svg(drawn)
     )
 
 
@@ -218,6 +215,7 @@ def suite_figures(report: Suite) -> tuple[Drawing, ...]:
     return tuple(drawings)
 
 
+@styled()
 def pbh_figure(series: tuple[Series, ...]) -> Drawing:
     """Condition of the scaled PBH matrix at λ = 0: a group a set of unknowns, a colour an excitation."""
     groups = groups_of(series)
@@ -227,32 +225,30 @@ def pbh_figure(series: tuple[Series, ...]) -> Drawing:
     known = values[np.isfinite(values) & (values > 0)]
     end = 10 ** (np.log10(known.max(initial=10.0)) * 1.22 + 0.3)
     low = min(1.0, float(known.min(initial=1.0)))
-    with styled():
-        drawn, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
-        axes.set_xscale("log")
-        axes.set_xlim(low, end)
-        step = 0.84 / len(series)
-        for j, entry in enumerate(series):
-            at = np.arange(len(groups)) + (j - (len(series) - 1) / 2) * step
-            width = np.where(np.isnan(values[:, j]), low, np.minimum(values[:, j], end))
-            axes.barh(
-                at, np.maximum(width - low, 0.0), left=low, height=0.86 * step, color=COLOURS[j % len(COLOURS)], lw=0,
-                alpha=1.0 if j < len(COLOURS) else 0.5, label=_series_label(entry),
-            )  # fmt: skip
-            for y, value, reach in zip(at, values[:, j], width, strict=True):
-                if not np.isnan(value):
-                    axes.annotate(
-                        _rounded(value), (reach, y), (-3 if reach >= end else 3, 0), textcoords="offset points",
-                        va="center", ha="right" if reach >= end else "left", fontsize=7.5,
-                    )  # fmt: skip
-        axes.set_yticks(range(len(groups)), [short(group, 26) for group in groups])
-        axes.set_ylim(len(groups) - 0.45, -0.55)
-        axes.grid(visible=False, axis="y")
-        axes.xaxis.set_major_formatter(lambda value, _: _power(value))
-        axes.minorticks_off()
-        axes.set_xlabel("condition of the scaled PBH matrix at λ = 0 [–]")
-        legend_above(axes, columns=1)
-        image = svg(drawn)
+    drawn, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
+    axes.set_xscale("log")
+    axes.set_xlim(low, end)
+    step = 0.84 / len(series)
+    for j, entry in enumerate(series):
+        at = np.arange(len(groups)) + (j - (len(series) - 1) / 2) * step
+        width = np.where(np.isnan(values[:, j]), low, np.minimum(values[:, j], end))
+        axes.barh(
+            at, np.maximum(width - low, 0.0), left=low, height=0.86 * step, color=COLOURS[j % len(COLOURS)], lw=0,
+            alpha=1.0 if j < len(COLOURS) else 0.5, label=_series_label(entry),
+        )  # fmt: skip
+        for y, value, reach in zip(at, values[:, j], width, strict=True):
+            if not np.isnan(value):
+                axes.annotate(
+                    _rounded(value), (reach, y), (-3 if reach >= end else 3, 0), textcoords="offset points",
+                    va="center", ha="right" if reach >= end else "left", fontsize=7.5,
+                )  # fmt: skip
+    axes.set_yticks(range(len(groups)), [short(group, 26) for group in groups])
+    axes.set_ylim(len(groups) - 0.45, -0.55)
+    axes.grid(visible=False, axis="y")
+    axes.xaxis.set_major_formatter(lambda value, _: _power(value))
+    axes.minorticks_off()
+    axes.set_xlabel("condition of the scaled PBH matrix at λ = 0 [–]")
+    legend_above(axes, columns=1)
     caption = (
         "The longer the bar, the harder the unknowns are to distinguish from each other and from the motion; a colour is "
         "one excitation, the number at its end the condition. Compare bars of one colour. “input” is all unknown loads."
@@ -264,47 +260,47 @@ def pbh_figure(series: tuple[Series, ...]) -> Drawing:
         for group, row in zip(groups, values, strict=True)
     ]
     alt = f"Bar chart of condition numbers at {len(series)} excitations: {'; '.join(parts)}."
-    return Drawing("pbh", "Condition of every set of unknowns", caption, alt, image)
+    return Drawing("pbh", "Condition of every set of unknowns", caption, alt, svg(drawn))
 
 
+@styled()
 def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     """The error of every unknown of every run on a bar up to where that of a σ that holds ends, the repeats as small dots."""
-    with styled():
-        drawn, axes = figure(1.0 + 0.3 * len(rows))
-        smallest = min(max(result.error or 0.0, 1e-6) for _, result in rows)
-        smallest = min([smallest, *[result.std for _, result in rows if _reach(result) and result.std]])
-        low = 100 * smallest / 3
-        axes.set_xscale("log")
-        for y, (_, result) in enumerate(rows):
-            assert result.error is not None
-            if reach := _reach(result):
-                axes.barh(y, max(100 * reach - low, 0.0), left=low, height=0.66, color=SERIES[0], alpha=0.22, lw=0)
-            if (repeats := result.unknown.repeats) is not None:
-                off = 100 * np.abs(repeats.error[np.isfinite(repeats.error)])
-                axes.plot(np.maximum(off, low), np.full(len(off), y), "|", color=MUTED, ms=7, mew=1.0)
-            axes.plot(
-                max(100 * result.error, low), y, "X" if result.verdicts else "o",
-                color=SERIES[1 if result.verdicts else 0], ms=7, mec="white", mew=0.6,
-            )  # fmt: skip
-        _error_key(axes)
-        axes.set_yticks(range(len(rows)), [f"{i} {short(result.unknown.name, 16)}" for i, result in rows])
-        axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.set_xlim(left=low)
-        axes.grid(visible=False, axis="y")
-        plain_ticks(axes, "x")
-        axes.set_xlabel("relative error [%]")
-        axes.set_ylabel("run and unknown")
-        legend_above(axes, columns=2)
-        image = svg(drawn)
+    drawn, axes = figure(1.0 + 0.3 * len(rows))
+    smallest = min(max(result.error or 0.0, 1e-6) for _, result in rows)
+    smallest = min([smallest, *[result.std for _, result in rows if _reach(result) and result.std]])
+    low = 100 * smallest / 3
+    axes.set_xscale("log")
+    for y, (_, result) in enumerate(rows):
+        assert result.error is not None
+        if reach := _reach(result):
+            axes.barh(y, max(100 * reach - low, 0.0), left=low, height=0.66, color=SERIES[0], alpha=0.22, lw=0)
+        if (repeats := result.unknown.repeats) is not None:
+            off = 100 * np.abs(repeats.error[np.isfinite(repeats.error)])
+            axes.plot(np.maximum(off, low), np.full(len(off), y), "|", color=MUTED, ms=7, mew=1.0)
+        axes.plot(
+            max(100 * result.error, low), y, "X" if result.verdicts else "o",
+            color=SERIES[1 if result.verdicts else 0], ms=7, mec="white", mew=0.6,
+        )  # fmt: skip
+    _error_key(axes)
+    axes.set_yticks(range(len(rows)), [f"{i} {short(result.unknown.name, 16)}" for i, result in rows])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_xlim(left=low)
+    axes.grid(visible=False, axis="y")
+    plain_ticks(axes, "x")
+    axes.set_xlabel("relative error [%]")
+    axes.set_ylabel("run and unknown")
+    legend_above(axes, columns=2)
     caption = (
         "The bar ends where the error may if the claimed σ holds: one beyond it is no bad luck. Loads are smoothed; strokes "
         "are the repeats with other noise and other starts, which are filtered, also those of loads. Crosses are overconfident "
         "or not identified."
     )
     text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, result in rows)
-    return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {text}.", image)
+    return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {text}.", svg(drawn))
 
 
+@styled()
 def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
     """The metric over its value with the whole pool against the gauges left, a line a run; equal lines are drawn once."""
     shared: list[tuple[list[int], PlacementRun, Trend]] = []
@@ -317,27 +313,25 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         else:
             shared.append(([index], run, trend))
     metrics = metrics_of(run for _, run, _ in lines)
-    with styled():
-        drawn, axes = figure(3.1 + 0.18 * len(shared))
-        top = 1.0
-        for place, (numbers, run, trend) in enumerate(shared):
-            scale = trend.value[0]
-            colour, stroke = COLOURS[place % len(COLOURS)], STROKES[place // len(COLOURS) % len(STROKES)]
-            curve = np.where(np.isfinite(trend.value), trend.value, np.nan) / scale
-            label = f"{', '.join(map(str, numbers))}  {short(run.label, 40)}"
-            axes.plot(trend.count, curve, color=colour, ls=stroke, lw=1.7, label=label)
-            axes.plot([trend.count[-1]], [trend.final / scale], "o", color=colour, ms=6)
-            top = max(top, float(np.nanmax(curve)))
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        if top < 1.05:
-            axes.set_ylim(0.97, 1.1)
-        plain_ticks(axes, "x")
-        plain_ticks(axes, "y")
-        axes.set_xlabel("gauges left [–]")
-        axes.set_ylabel(f"{metric_name(metrics)} over all gauges' [–]")
-        legend_above(axes, columns=1)
-        image = svg(drawn)
+    drawn, axes = figure(3.1 + 0.18 * len(shared))
+    top = 1.0
+    for place, (numbers, run, trend) in enumerate(shared):
+        scale = trend.value[0]
+        colour, stroke = COLOURS[place % len(COLOURS)], STROKES[place // len(COLOURS) % len(STROKES)]
+        curve = np.where(np.isfinite(trend.value), trend.value, np.nan) / scale
+        label = f"{', '.join(map(str, numbers))}  {short(run.label, 40)}"
+        axes.plot(trend.count, curve, color=colour, ls=stroke, lw=1.7, label=label)
+        axes.plot([trend.count[-1]], [trend.final / scale], "o", color=colour, ms=6)
+        top = max(top, float(np.nanmax(curve)))
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    if top < 1.05:
+        axes.set_ylim(0.97, 1.1)
+    plain_ticks(axes, "x")
+    plain_ticks(axes, "y")
+    axes.set_xlabel("gauges left [–]")
+    axes.set_ylabel(f"{metric_name(metrics)} over all gauges' [–]")
+    legend_above(axes, columns=1)
     caption = (
         f"{metric_words(metrics)}, while gauges are taken away, read from right to left, over its value with the whole "
         "pool; dots are the chosen sets after exchange. A flat line: a few gauges already know all that can be known."
@@ -346,7 +340,9 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         f"{numbered(tuple(numbers))} {number(trend.final / trend.value[0], 3)} times with {int(trend.count[-1])} gauges"
         for numbers, _, trend in shared
     )
-    return Drawing("trends", "What every gauge is worth", caption, f"Line chart of the metric's growth: {ends}.", image)
+    return Drawing(
+        "trends", "What every gauge is worth", caption, f"Line chart of the metric's growth: {ends}.", svg(drawn)
+    )
 
 
 def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
