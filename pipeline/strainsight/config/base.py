@@ -271,6 +271,35 @@ class Section(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
 
+class TimeSpan(Section):
+    """The length and the time step of a run."""
+
+    duration: Duration = Field(description="Length of the run [s].")
+    time_step: TimeStep = Field(description="Time step [s].")
+
+
+class NamedRun(Section):
+    """What every run has."""
+
+    name: RunName = Field(description="Name of the run; its results go to results/NAME.")
+    seed: Seed = Field(0, description="Seed of everything that is drawn at random [-].")
+
+
+class CoordinateSystem(Section):
+    """A right-handed system, z = x × y."""
+
+    origin: Point = Field((0.0, 0.0, 0.0), description="Its origin [m; of a datum in the deck's unit of length].")
+    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of x [-].")
+    y: DirectionVector = Field(
+        (0.0, 1.0, 0.0), description="A direction in the plane of x and y, on the side of y [-]."
+    )
+
+
+def expert(*default: Any, **settings: Any) -> Any:
+    """A `Field` that no shipped example sets: the template leaves it out, and the reference has it among the expert keys."""
+    return Field(*default, json_schema_extra={"expert": True}, **settings)
+
+
 def with_defaults(section: type[Section], description: str) -> Any:
     """A field that may be left out: its section then has all its defaults."""
     factory: Any = section

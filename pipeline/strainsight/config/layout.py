@@ -23,6 +23,7 @@ from strainsight.config.base import (
     Size,
     Text,
     Vector,
+    expert,
 )
 from strainsight.errors import did_you_mean
 
@@ -62,15 +63,15 @@ class BoxZone(Section):
 class CylinderZone(Section):
     """A cylinder without ends."""
 
-    point: Point = Field(description="A point on its axis [m].")
-    axis: DirectionVector = Field(description="Direction of its axis [-].")
-    radius: Annotated[Positive, Plausible(1e-6, 100.0, "m")] = Field(description="Radius [m].")
+    point: Point = expert(description="A point on its axis [m].")
+    axis: DirectionVector = expert(description="Direction of its axis [-].")
+    radius: Annotated[Positive, Plausible(1e-6, 100.0, "m")] = expert(description="Radius [m].")
 
 
 class InCylinder(Section):
     """The inside of a cylinder without ends."""
 
-    cylinder: CylinderZone = Field(description="The cylinder.")
+    cylinder: CylinderZone = expert(description="The cylinder.")
 
 
 class ConeZone(Section):
@@ -102,7 +103,7 @@ class NearSetZone(Section):
 class NearEdgesZone(Section):
     """The surroundings of edges."""
 
-    near_edges: Size = Field(description="Nearer than this to an edge of the body [m].")
+    near_edges: Size = expert(description="Nearer than this to an edge of the body [m].")
 
 
 class ShellFaceZone(Section):
@@ -162,20 +163,20 @@ Keep = Annotated[
 class ZoneLimit(Section):
     """So many gauges in a zone, and no more."""
 
-    zone: Zone = Field(description="The zone.")
-    count: Annotated[int, Plausible(0, 1000)] = Field(ge=0, description="Most gauges in it [-].")
+    zone: Zone = expert(description="The zone.")
+    count: Annotated[int, Plausible(0, 1000)] = expert(ge=0, description="Most gauges in it [-].")
 
 
 class LayoutSettings(Section):
     """The layout: its size, its limits, its criterion, and how it is searched."""
 
     keep: Keep
-    criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = Field(
+    criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = expert(
         "trace",
         description="What the layout makes small, of the covariance of the unknowns: the sum of their variances; the volume of "
         "what stays uncertain, which no unit changes; or the variance of the combination of them that is known worst.",
     )
-    metric_over: tuple[Name, ...] = Field(
+    metric_over: tuple[Name, ...] = expert(
         (),
         description="Unknowns that the criterion covers; empty: all. The others are estimated beside them, however "
         "badly.",
@@ -185,16 +186,20 @@ class LayoutSettings(Section):
         description="Least distance between gauges of the layout [m]. With gauges.type of a structure: the longer side of its "
         "carrier.",
     )
-    at_most: tuple[ZoneLimit, ...] = Field((), description="Most gauges in some zones.")
-    budget: Annotated[Positive | None, PRICE] = Field(
+    at_most: tuple[ZoneLimit, ...] = expert((), description="Most gauges in some zones.")
+    budget: Annotated[Positive | None, PRICE] = expert(
         None, description="What the gauges may cost together, by their `price`; null: no limit."
     )
+    aggregate: Literal["mean", "worst"] = Field(
+        "mean",
+        description="How instants, parameter samples and load cases of a structure, or poses of a bench, are put together.",
+    )
     certificate: bool = Field(True, description="Compute a lower bound on what any layout of that size can reach.")
-    exchange: bool = Field(True, description="Exchange gauges after the elimination until none helps.")
-    optimise: Literal["metric", "worst_failure"] = Field(
+    exchange: bool = expert(True, description="Exchange gauges after the elimination until none helps.")
+    optimise: Literal["metric", "worst_failure"] = expert(
         "metric", description="metric: the criterion; worst_failure: the same after the worst failure of any one gauge."
     )
-    prove: Annotated[NotNegative, DURATION] = Field(
+    prove: Annotated[NotNegative, DURATION] = expert(
         0.0,
         description="Time for a branch and bound that improves the layout or proves it best [s]; 0: none. What it reaches "
         "without a proof depends on the machine.",

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
-from strainsight.config.base import COMPARED, Problem, RunName, Section, Text
+from strainsight.config.base import COMPARED, Problem, RunName, Section, Text, expert
 
 Texts = Annotated[tuple[Text, ...], Field(min_length=1)]
 
@@ -33,18 +33,29 @@ class Measure(Section):
     unit: str = Field("", description="What stands behind the number on the page, as in N or of the weight.")
 
 
-class Claim(Measure):
-    """A statement about numbers of runs: confirmed where all of them are within the bounds, contradicted otherwise."""
+class Explained(Section):
+    """What may need a reason."""
 
-    text: Text = Field(description="The statement.")
     why: str = Field(
         "",
-        description="Why it holds or does not, in words that the page shows below the verdict; where it does not, the "
-        "page marks that none is given.",
+        description="Why it holds or does not, or why nothing is measured, in words that the page shows below the verdict; "
+        "where it does not hold, the page marks that none is given.",
     )
 
 
-class Comparison(Section):
+class Noted(Section):
+    """What may have a note."""
+
+    note: str = Field("", description="A sentence that the page shows with it.")
+
+
+class Claim(Measure, Explained):
+    """A statement about numbers of runs: confirmed where all of them are within the bounds, contradicted otherwise."""
+
+    text: Text = Field(description="The statement.")
+
+
+class Comparison(Explained):
     """What a source says, what comes out under its settings, and what under ours."""
 
     source: Text = Field(description="Where it stands, as in figure 2.4.")
@@ -52,11 +63,6 @@ class Comparison(Section):
     printed: str = Field("", description="Its number, in words.")
     as_printed: Measure | None = Field(None, description="Numbers of runs under the settings of the source.")
     ours: Measure | None = Field(None, description="Numbers of runs under settings of our own.")
-    why: str = Field(
-        "",
-        description="Why it holds or does not, or why nothing is measured, in words that the page shows below the verdict; "
-        "where it does not hold, the page marks that none is given.",
-    )
 
 
 def as_texts(value: str | Sequence[str]) -> tuple[str, ...]:
@@ -100,17 +106,16 @@ def _problems(key: str, own: Measure) -> Iterator[Problem]:
         yield Problem(f"{key}.against_number", what, "give against: RUN, or leave it out", at_key=True)
 
 
-class Study(Section):
+class Study(Noted):
     """A question that several runs answer together; what is not listed here is a study by its name in runs[].study alone."""
 
     name: Text = Field(description="Name of the study, as in runs[].study; the heading on the page.")
-    note: str = Field("", description="A sentence that the page shows below the heading.")
     over: Text | None = Field(
         None,
         description="Dotted key of the runs' configs whose number they vary, as in estimate.time_step: figures over it, a line a "
         "group.",
     )
-    numbers: tuple[Text, ...] = Field(
+    numbers: tuple[Text, ...] = expert(
         (),
         description="Numbers of `estimate`, of a placement `validate`, that are drawn over it, as in slope.Fz; without any: the "
         "error of every unknown beside its claimed standard deviation.",
@@ -133,31 +138,32 @@ DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 OWN = {"name": "give name: NAME beside config:", "kind": "the kind of a config is its own"}
 
 
-class SuiteRun(Section):
+class Overriding(Section):
+    """What is put over a config."""
+
+    overrides: dict[str, JsonValue] = Field(
+        {}, alias="set", description="Dotted key → value, put over the config of the run, or of every run, as by --set."
+    )
+
+
+class SuiteRun(Overriding, Noted):
     """One run of a suite."""
 
     config: Text = Field(description="Config of the run, from the folder of the suite's file.")
     label: Text = Field(description="What the page calls the run.")
     name: RunName | None = Field(None, description="Name of the run in place of its config's own.")
-    overrides: dict[str, JsonValue] = Field(
-        {}, alias="set", description="Dotted key → value, put over the config as by --set."
-    )
     until: Text = Field("report", description="Last stage to run.")
-    note: str = Field("", description="A sentence that the page shows with the run.")
     study: Text | None = Field(None, description="Name of the study; its runs share a heading and their figures.")
     group: str = Field("", description="Runs of one group are one line in figures over a varied key.")
 
 
-class SuiteConfig(Section):
+class SuiteConfig(Overriding):
     """Runs that belong together: each is brought up to date, then one page shows them side by side."""
 
     kind: Literal["suite"] = Field(description="Which pipeline.")
     name: RunName = Field(description="Name of the suite; its page and numbers go to results/NAME.")
     title: Text = Field(description="Title of the page.")
-    overrides: dict[str, JsonValue] = Field(
-        {}, alias="set", description="Dotted key → value, put over the config of every run as by --set."
-    )
-    suffix: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]*$", max_length=50)] = Field(
+    suffix: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]*$", max_length=50)] = expert(
         "", description="Put behind the name of every run: letters, digits, - and _."
     )
     jobs: int = Field(

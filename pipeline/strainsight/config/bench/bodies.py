@@ -20,29 +20,29 @@ from strainsight.config.base import (
     Frequency,
     Id,
     Name,
+    NamedRun,
     Plausible,
     Point,
     Positive,
-    RunName,
     Section,
-    Seed,
     Text,
     Vector,
     YoungsModulus,
+    expert,
     with_defaults,
 )
 from strainsight.config.mesh import MeshFile, NodeId
-from strainsight.config.placement import ModalDamping, RayleighDamping
+from strainsight.config.placement import Damped
 
 
 class Pose(Section):
     """Where a body or a frame stands."""
 
     origin: Point = Field((0.0, 0.0, 0.0), description="Origin [m].")
-    x_axis: DirectionVector = Field(
+    x_axis: DirectionVector = expert(
         (1.0, 0.0, 0.0), description="Direction of the x axis [-]; its length does not matter."
     )
-    y_axis: DirectionVector = Field(
+    y_axis: DirectionVector = expert(
         (0.0, 1.0, 0.0), description="Direction of the y axis [-]; its part along the x axis does not matter."
     )
 
@@ -53,25 +53,30 @@ class Inertia(Section):
     xx: Annotated[Positive, INERTIA] = Field(description="About the x axis [kg m²].")
     yy: Annotated[Positive, INERTIA] = Field(description="About the y axis [kg m²].")
     zz: Annotated[Positive, INERTIA] = Field(description="About the z axis [kg m²].")
-    xy: Annotated[float, INERTIA] = Field(0.0, description="−∫ρxy [kg m²].")
-    xz: Annotated[float, INERTIA] = Field(0.0, description="−∫ρxz [kg m²].")
-    yz: Annotated[float, INERTIA] = Field(0.0, description="−∫ρyz [kg m²].")
+    xy: Annotated[float, INERTIA] = expert(0.0, description="−∫ρxy [kg m²].")
+    xz: Annotated[float, INERTIA] = expert(0.0, description="−∫ρxz [kg m²].")
+    yz: Annotated[float, INERTIA] = expert(0.0, description="−∫ρyz [kg m²].")
 
 
-class RigidBody(Section):
+class Moving(Section):
+    """Where a body is at the start, and how it moves."""
+
+    pose: Pose = with_defaults(Pose, "Where a body without supports stands at the start, in global coordinates.")
+    velocity: Annotated[Vector, VELOCITY] = expert(
+        (0.0, 0.0, 0.0), description="Velocity of its origin at the start [m/s]."
+    )
+    spin: Annotated[Vector, SPIN] = expert(
+        (0.0, 0.0, 0.0), description="Angular velocity at the start, in global axes [rad/s]."
+    )
+
+
+class RigidBody(Moving):
     """A rigid body."""
 
     type: Literal["rigid"] = Field(description="Kind of body.")
     mass: Annotated[Positive, Plausible(1e-6, 1e8, "kg")] = Field(description="Mass [kg].")
     centre: Point = Field((0.0, 0.0, 0.0), description="Centre of mass in body axes [m].")
     inertia: Inertia = Field(description="Moments of inertia.")
-    pose: Pose = with_defaults(Pose, "Where it stands at the start, in global coordinates.")
-    velocity: Annotated[Vector, VELOCITY] = Field(
-        (0.0, 0.0, 0.0), description="Velocity of its origin at the start [m/s]."
-    )
-    spin: Annotated[Vector, SPIN] = Field(
-        (0.0, 0.0, 0.0), description="Angular velocity at the start, in global axes [rad/s]."
-    )
 
 
 class Modulus(Section):
@@ -83,7 +88,7 @@ class Modulus(Section):
     value: YoungsModulus = Field(description="Its value in this bench [Pa].")
 
 
-class FlexibleBody(Section):
+class FlexibleBody(Moving, Damped):
     """A body reduced from a finite-element mesh after Craig and Bampton."""
 
     type: Literal["flexible"] = Field(description="Kind of body.")
@@ -94,18 +99,8 @@ class FlexibleBody(Section):
     modes: Annotated[Annotated[int, Field(ge=0)] | None, Plausible(0, 500)] = Field(
         None, description="Modes with held interfaces to keep [-]; null: as many as `cutoff` asks for, or 10."
     )
-    cutoff: Frequency | None = Field(None, description="Keep the body's frequencies below this to 0.5 % instead [Hz].")
-    damping: Annotated[ModalDamping | RayleighDamping, Field(discriminator="type")] = Field(
-        description="Structural damping."
-    )
+    cutoff: Frequency | None = expert(None, description="Keep the body's frequencies below this to 0.5 % instead [Hz].")
     moduli: dict[Name, Modulus] = Field({}, description="Young's moduli that stay free, by name.")
-    pose: Pose = with_defaults(Pose, "Where a body without supports stands at the start, in global coordinates.")
-    velocity: Annotated[Vector, VELOCITY] = Field(
-        (0.0, 0.0, 0.0), description="Velocity of its origin at the start [m/s]."
-    )
-    spin: Annotated[Vector, SPIN] = Field(
-        (0.0, 0.0, 0.0), description="Angular velocity at the start, in global axes [rad/s]."
-    )
 
 
 Body = Annotated[RigidBody | FlexibleBody, Field(discriminator="type")]
@@ -157,14 +152,14 @@ class Bearing(Section):
         description="What a change of ball or groove does: follow: the contact point at the free angle stays; fixed: the "
         "groove centres stay, and the change becomes interference.",
     )
-    youngs_modulus: Annotated[Positive, Plausible(1e10, 1e12, "Pa")] = Field(
+    youngs_modulus: Annotated[Positive, Plausible(1e10, 1e12, "Pa")] = expert(
         2.08e11, description="Young's modulus of balls and rings [Pa]."
     )
-    poisson_ratio: float = Field(0.3, gt=-1, lt=0.5, description="Poisson's ratio of balls and rings [-].")
-    density: Annotated[Positive, DENSITY] = Field(
+    poisson_ratio: float = expert(0.3, gt=-1, lt=0.5, description="Poisson's ratio of balls and rings [-].")
+    density: Annotated[Positive, DENSITY] = expert(
         7850.0, description="Density of the balls [kg/m³], for their centrifugal force."
     )
-    speed: Annotated[float, SPIN] = Field(
+    speed: Annotated[float, SPIN] = expert(
         0.0, description="Speed of the inner ring, for the centrifugal force [rad/s]."
     )
     pressure_limit: Annotated[Positive, Plausible(1e8, 1e10, "Pa")] = Field(
@@ -172,22 +167,27 @@ class Bearing(Section):
         description="Contact pressure beyond which a warning says so [Pa]: 4200 MPa is what presses a hardened raceway in by "
         "1e-4 of the ball (ISO 76).",
     )
-    first_ball: Annotated[float, ANGLE] = Field(
+    first_ball: Annotated[float, ANGLE] = expert(
         0.0, description="Station of the first ball, from the y axis towards z [deg]."
     )
 
 
-class LoadCase(Section):
+class OfBearings(Section):
+    """What holds for one bearing, for some, or for all."""
+
+    bearing: Bearings = Field(None, description="Name of the bearing, or a list of them; null: every one.")
+
+
+class LoadCase(OfBearings):
     """A load on the inner ring, the outer ring held."""
 
     force: Annotated[tuple[float, float, float], FORCE] = Field(
         (0.0, 0.0, 0.0), description="Along the bearing's axis x, y and z [N]."
     )
     moment: Annotated[tuple[float, float], MOMENT] = Field((0.0, 0.0), description="About y and z [N m].")
-    bearing: Bearings = Field(None, description="Name of the bearing it loads, or a list of them; null: every one.")
 
 
-class Curve(Section):
+class Curve(OfBearings):
     """A load-displacement curve: one displacement of the inner ring runs, the others are held at zero."""
 
     along: Literal["x", "y", "z", "tilt_y", "tilt_z"] = Field(description="Which displacement.")
@@ -195,15 +195,19 @@ class Curve(Section):
         description="It runs from −reach to reach [m or rad]; at the pitch circle at most the ball diameter."
     )
     points: int = Field(41, ge=3, le=10001, description="Points of the curve [-].")
-    bearing: Bearings = Field(None, description="Name of the bearing it is of, or a list of them; null: every one.")
 
 
-class BearingConfig(Section):
+class BearingLoads(Section):
+    """What the stage `bearing` computes of bearings alone."""
+
+    cases: dict[Name, LoadCase] = Field(
+        {}, description="Loads to compute the displacement, stiffness and ball loads of a bearing alone for."
+    )
+    curves: tuple[Curve, ...] = Field((), description="Load-displacement curves of a bearing alone.")
+
+
+class BearingConfig(NamedRun, BearingLoads):
     """A bearing alone: load-displacement curves, stiffness, loads of every ball."""
 
     kind: Literal["bearing"] = Field(description="Which pipeline.")
-    name: RunName = Field(description="Name of the run; its results go to results/NAME.")
-    seed: Seed = Field(0, description="Seed of everything that is drawn at random [-].")
     bearings: Annotated[dict[Name, Bearing], Field(min_length=1)] = Field(description="Bearings, by name.")
-    cases: dict[Name, LoadCase] = Field({}, description="Loads to find the displacement, stiffness and ball loads for.")
-    curves: tuple[Curve, ...] = Field((), description="Load-displacement curves.")
