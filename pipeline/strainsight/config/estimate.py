@@ -88,32 +88,28 @@ class DamageSettings(Section):
     )
     hot_spots: Annotated[int, Field(ge=1, le=1000)] = expert(10, description="Places listed [-].")
 
-
-def damage_problems(own: DamageSettings, key: str) -> Iterator[Problem]:
-    """Contradictions within the section."""
-    curve, mean = own.curve, own.mean_stress
-    if curve.second_slope is not None and curve.knee is None:
-        yield Problem(f"{key}.curve.second_slope", "there is no knee", f"state {key}.curve.knee, or leave it out", True)
-    if curve.cut_off is not None and curve.knee is not None and curve.cut_off <= curve.knee:
-        yield Problem(
-            f"{key}.curve.cut_off",
-            f"{curve.cut_off:g} cycles are not beyond the knee, {curve.knee:g}",
-            "state more, or leave it out",
-        )
-    if curve.cut_off is not None and curve.knee is not None and curve.second_slope is None:
-        yield Problem(
-            f"{key}.curve.cut_off", "nothing below the knee does damage", "state second_slope, or leave it out", True
-        )
-    for rule, name, value in (
-        ("goodman", "tensile_strength", mean.tensile_strength),
-        ("fkm", "sensitivity", mean.sensitivity),
-    ):
-        if mean.rule == rule and value is None:
-            yield Problem(f"{key}.mean_stress", f"{rule} needs {name}", f"state {key}.mean_stress.{name}")
-        if mean.rule != rule and value is not None:
+    def problems(self) -> Iterator[Problem]:
+        curve, mean = self.curve, self.mean_stress
+        if curve.second_slope is not None and curve.knee is None:
             yield Problem(
-                f"{key}.mean_stress.{name}", f"the rule is {mean.rule}", f"leave it out, or set rule: {rule}", True
+                "curve.second_slope",
+                "there is no knee",
+                "state estimate.damage.curve.knee, or leave it out",
+                at_key=True,
             )
+        if curve.cut_off is not None and curve.knee is not None and curve.cut_off <= curve.knee:
+            what = f"{curve.cut_off:g} cycles are not beyond the knee, {curve.knee:g}"
+            yield Problem("curve.cut_off", what, "state more, or leave it out")
+        if curve.cut_off is not None and curve.knee is not None and curve.second_slope is None:
+            what = "nothing below the knee does damage"
+            yield Problem("curve.cut_off", what, "state second_slope, or leave it out", at_key=True)
+        for rule, name in (("goodman", "tensile_strength"), ("fkm", "sensitivity")):
+            stated = getattr(mean, name) is not None
+            if mean.rule == rule and not stated:
+                yield Problem("mean_stress", f"{rule} needs {name}", f"state estimate.damage.mean_stress.{name}")
+            if mean.rule != rule and stated:
+                remedy = f"leave it out, or set rule: {rule}"
+                yield Problem(f"mean_stress.{name}", f"the rule is {mean.rule}", remedy, at_key=True)
 
 
 BridgeKind = Literal[

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import Field, Tag, ValidationError
@@ -199,23 +199,32 @@ def fitting_type(side: float) -> str | None:
 Angles = Annotated[tuple[float, ...], Field(min_length=1), ANGLE]
 
 
-class AxisDirection(Section):
+class Angled(Section):
+    """What measures along several angles."""
+
+    angles: Angles = Field(
+        (0.0,),
+        description="Angles from the direction, of an axis as it is projected on the facet, right-handed about the outward "
+        "normal [deg]; a candidate each, or the grids of a rosette.",
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        # A gauge turned by half a turn is the same gauge.
+        if len({angle % 180 for angle in self.angles}) < len(self.angles):
+            yield Problem("angles", "two angles are the same direction", "remove one of them")
+
+
+class AxisDirection(Angled):
     """Gauges along an axis projected on the facet, and turned by angles."""
 
     type: Literal["axis"] = Field(description="Kind of direction.")
     axis: DirectionVector = Field(description="Axis in global coordinates [-]; its length does not matter.")
-    angles: Angles = Field(
-        (0.0,),
-        description="Angles from the projected axis, right-handed about the outward normal [deg]; a candidate each, or the "
-        "grids of a rosette.",
-    )
 
 
-class PrincipalDirection(Section):
+class PrincipalDirection(Angled):
     """Gauges along the direction that strains most in the training run, facet by facet, and turned by angles."""
 
     type: Literal["principal"] = Field(description="Kind of direction.")
-    angles: Angles = Field((0.0,), description="Angles from it, right-handed about the outward normal [deg].")
 
 
 Direction = Annotated[AxisDirection | PrincipalDirection, Field(discriminator="type")]
@@ -270,12 +279,8 @@ class Named(Section):
     name: Name | None = Field(None, description="What it is called wherever it is named; null: the next free number.")
 
 
-class BondedGauge(BondedGrid):
+class BondedGauge(BondedGrid, Angled):
     """A gauge that is already bonded, and so in every layout."""
-
-    angles: Angles = expert(
-        (0.0,), description="Angles of its grids from the direction, right-handed about the outward normal [deg]."
-    )
 
 
 class NamedGauge(BondedGauge, Named):
@@ -290,10 +295,32 @@ class BridgeArm(BondedGrid):
     )
 
 
+def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
+    """What arms with these signs have that a Wheatstone bridge has not, and the remedy; None: they are one."""
+    count = f"{len(signs)} arm{'s' * (len(signs) != 1)}"
+    if len(signs) < 2:
+        return count, "give two to four arms; one alone is a gauge: position, direction"
+    if not {*signs} <= {1, -1}:
+        return f"an arm of sign {next(s for s in signs if s not in (1, -1)):g}", "give 1 or -1"
+    for sign in (1, -1):
+        if (alike := list(signs).count(sign)) > 2:
+            return (
+                f"{alike} arms of sign {sign}",
+                "give at most two of either sign: arms 1 and 3 raise the output, 2 and 4 lower it",
+            )
+    if 1 not in signs:
+        return f"{count}, none of sign 1", "turn all signs, and state sign: -1 of the channel in estimate"
+    return None
+
+
 class BondedBridge(Named):
     """A Wheatstone bridge that is already bonded: one reading, the signed sum of the strains of its arms."""
 
     arms: tuple[BridgeArm, ...] = Field(description="Two to four arms, at most two of either sign.")
+
+    def problems(self) -> Iterator[Problem]:
+        if problem := bridge_problem([arm.sign for arm in self.arms]):
+            yield Problem("arms", f"a bridge of {problem[0]}", problem[1])
 
 
 NamedGaugeOrBridge = Annotated[

@@ -22,14 +22,10 @@ from strainsight.config.base import (
     Section,
     Size,
     Text,
-    Vector,
+    box_problem,
     expert,
 )
 from strainsight.errors import did_you_mean
-
-NO_LENGTH = "a vector of length zero"
-FOR_EXAMPLE = "give a vector such as [1, 0, 0]"
-
 
 NAMED = "name"
 """Tag of a member of a union that is a plain text."""
@@ -58,6 +54,9 @@ class BoxZone(Section):
     """A box."""
 
     box: tuple[Point, Point] = Field(description="[[x, y, z], [x, y, z]]: lower and upper corner [m].")
+
+    def problems(self) -> Iterator[Problem]:
+        yield from box_problem("box", self.box)
 
 
 class CylinderZone(Section):
@@ -135,25 +134,6 @@ Zone = Annotated[
 ]
 
 
-def zone_problems(key: str, zones: Sequence[Any]) -> Iterator[Problem]:
-    for i, zone in enumerate(zones):
-        yield from zone_problem(f"{key}.{i}", zone)
-
-
-def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
-    if any(low >= high for low, high in zip(*box, strict=True)):
-        yield Problem(key, "the lower corner is not below the upper one", "give [[lowest], [highest]] x, y, z")
-
-
-def zone_problem(key: str, zone: Any) -> Iterator[Problem]:
-    if isinstance(zone, BoxZone):
-        yield from box_problem(f"{key}.box", zone.box)
-    elif isinstance(zone, InCylinder) and not any(zone.cylinder.axis):
-        yield Problem(f"{key}.cylinder.axis", NO_LENGTH, FOR_EXAMPLE)
-    elif isinstance(zone, FacingZone) and not any(zone.normal_cone.axis):
-        yield Problem(f"{key}.normal_cone.axis", NO_LENGTH, FOR_EXAMPLE)
-
-
 Keep = Annotated[
     Count,
     Field(ge=1, description="Gauges to bond [-], those already bonded among them; with a budget at most so many."),
@@ -205,22 +185,22 @@ class LayoutSettings(Section):
         "without a proof depends on the machine.",
     )
 
+    def problems(self) -> Iterator[Problem]:
+        if self.prove > 0 and self.optimise != "metric":
+            yield Problem("prove", "a proof is of the metric, not of the worst failure", "remove one of the two keys")
+
 
 def layout_problems(
     place: LayoutSettings, unknowns: Sequence[str], among: str, bonded: int, key: str
 ) -> Iterator[Problem]:
     """Contradictions between the limits, the criterion and the search; unknowns: those that the key `among` names; bonded:
     how many gauges are there already by the config's `key`."""
-    for i, limit in enumerate(place.at_most):
-        yield from zone_problem(f"place.at_most.{i}.zone", limit.zone)
     for i, name in enumerate(place.metric_over):
         if name not in unknowns:
             remedy = did_you_mean(name, unknowns, f"{among} has {', '.join(unknowns)}")
             yield Problem(f"place.metric_over.{i}", f"'{name}' is not estimated", remedy)
         elif name in place.metric_over[:i]:
             yield Problem(f"place.metric_over.{i}", f"'{name}' is named twice", "remove one of them")
-    if place.prove > 0 and place.optimise != "metric":
-        yield Problem("place.prove", "a proof is of the metric, not of the worst failure", "remove one of the two keys")
     if place.keep < bonded:
         what = f"{place.keep} gauges, and {bonded} are bonded already ({key})"
         yield Problem("place.keep", what, f"keep at least {bonded}")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -28,6 +28,7 @@ from strainsight.config.base import (
     Seed,
     Text,
     TimeStep,
+    exactly_one,
     expert,
     known,
     with_defaults,
@@ -68,6 +69,10 @@ class MultiSine(Oscillation):
     highest: Frequency = Field(description="Highest frequency [Hz].")
     count: Count = Field(ge=1, description="Number of sines [-].")
     seed: Seed = Field(0, description="Seed of the phases [-].")
+
+    def problems(self) -> Iterator[Problem]:
+        if self.lowest > self.highest:
+            yield Problem("lowest", f"{self.lowest:g} Hz is above the highest, {self.highest:g} Hz", "swap them")
 
 
 class Recorded(Section):
@@ -183,6 +188,45 @@ class Load(Section):
     signal: LoadSignal = Field(description="What the load looks like in training and validation.")
     process_noise: InputNoise = with_defaults(InputNoise, "How an unknown load is modelled in the filter.")
 
+    def problems(self) -> Iterator[Problem]:
+        places = {"node": self.node, "set": self.set, "deck_load": self.deck_load}
+        if self.gravity is not None or self.rotation is not None:
+            yield from self._on_all_mass(places)
+        else:
+            yield from exactly_one("", places)
+            yield from self._in_one_place()
+        if not self.known and isinstance(self.signal, Recorded) and self.process_noise.frequency is None:
+            what = "an unknown load from a recorded signal needs a typical frequency"
+            yield Problem("process_noise", what, "give process_noise.frequency of the load [Hz]", at_key=True)
+
+    def _on_all_mass(self, places: Iterable[str]) -> Iterator[Problem]:
+        """Gravity or a rotation, which acts everywhere."""
+        kind, *others = [name for name in ("gravity", "rotation") if getattr(self, name) is not None]
+        rest = (*places, "direction", "moment", "bearing", "pressure", "factor")
+        for name in (*others, *(name for name in rest if getattr(self, name) is not None)):
+            yield Problem(name, f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
+
+    def _in_one_place(self) -> Iterator[Problem]:
+        """A direction, or what stands instead of one."""
+        if self.factor and self.deck_load is None:
+            yield Problem("factor", "is of a load of the deck", "remove the key, or name a deck_load", at_key=True)
+        kind, *others = [name for name in ("moment", "bearing", "pressure") if getattr(self, name) is not None] or [""]
+        if others:
+            yield Problem(others[0], f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
+        if not kind and self.direction is None and self.deck_load is None:
+            yield Problem("direction", "missing", "give a vector such as [0, 0, 1]", at_key=True)
+        elif not kind and self.direction is not None and self.deck_load is not None:
+            yield Problem("direction", "a load of the deck has its own direction", "remove the key", at_key=True)
+        elif kind and self.deck_load is not None:
+            what = "a load of the deck is no moment" if kind == "moment" else "a load of the deck has its own forces"
+            yield Problem(kind, what, "remove the key", at_key=True)
+        elif kind and self.direction is not None:
+            subjects = {"moment": "a moment has an axis", "bearing": "a bearing load has a vector of its own"}
+            what = f"{subjects.get(kind, 'a pressure acts inward')} and no direction"
+            yield Problem("direction", what, "remove one of the two keys", at_key=True)
+        if kind in ("bearing", "pressure") and self.set is None:
+            yield Problem(kind, "acts on a face", "give `set` the name of one of mesh.faces", at_key=True)
+
     @property
     def unit(self) -> str:
         """Of its signal and of all that is estimated of it."""
@@ -196,12 +240,6 @@ UNITS = {"moment": "N m", "pressure": "Pa", "factor": "1", "gravity": "m/s²", "
 def unit_of(load: Mapping[str, object]) -> str:
     """Of a load by its keys."""
     return next((unit for key, unit in UNITS.items() if load[key] is not None), "N")
-
-
-def signal_problems(key: str, signal: LoadSignal) -> Iterator[Problem]:
-    """Contradictions within a signal."""
-    if isinstance(signal, MultiSine) and signal.lowest > signal.highest:
-        yield Problem(f"{key}.lowest", f"{signal.lowest:g} Hz is above the highest, {signal.highest:g} Hz", "swap them")
 
 
 class CaseLoad(TypicalMotion):
@@ -271,7 +309,6 @@ def load_case_problems(
 
 
 def _entry(key: str, entry: CaseLoad, load: Load) -> Iterator[Problem]:
-    yield from signal_problems(f"{key}.signal", entry.signal)
     stated = entry.frequency if entry.frequency is not None else load.process_noise.frequency
     if not load.known and isinstance(entry.signal, Recorded) and stated is None:
         yield Problem(

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -19,11 +20,14 @@ from strainsight.config.base import (
     Plausible,
     Point,
     Positive,
+    Problem,
     Section,
     Size,
     Text,
     Vector,
     YoungsModulus,
+    box_problem,
+    exactly_one,
     expert,
 )
 
@@ -74,6 +78,22 @@ class Material(OfRegions):
         None, description="Axes of an orthotropic material; null: x, y and z of the mesh."
     )
 
+    def problems(self) -> Iterator[Problem]:
+        """Three of each constant, or one E and ν."""
+        three = {
+            "youngs_modulus": isinstance(self.youngs_modulus, tuple),
+            "poisson_ratio": isinstance(self.poisson_ratio, tuple),
+            "shear_modulus": self.shear_modulus is not None,
+        }
+        if any(three.values()) and not all(three.values()):
+            stated, lacking = (
+                ", ".join(name for name, is_set in three.items() if is_set == which) for which in (True, False)
+            )
+            remedy = "give [E1, E2, E3], [ν12, ν13, ν23] and [G12, G13, G23], or one E and ν and no shear_modulus"
+            yield Problem("", f"{stated} of an orthotropic material, and not {lacking}", remedy, at_key=True)
+        elif self.axes is not None and not all(three.values()):
+            yield Problem("axes", "an isotropic material has no axes", "remove the key", at_key=True)
+
 
 class ElementSection(OfRegions):
     """What makes elements solid that are no solids: with a thickness triangles and quadrangles are shells, with an area lines
@@ -110,6 +130,28 @@ class ElementSection(OfRegions):
         "of its area.",
     )
 
+    def problems(self) -> Iterator[Problem]:
+        """The section of shells, or that of beams or rods."""
+        yield from exactly_one("", {"thickness": self.thickness, "area": self.area})
+        of_beams = [n for n in ("second_moments", "torsion", "direction", "size") if getattr(self, n) is not None]
+        if self.area is None:
+            for name in of_beams:
+                yield Problem(name, "is of beams, which have an area", "remove the key", at_key=True)
+        elif self.offset:
+            yield Problem("offset", "is of shells, which have a thickness", "remove the key", at_key=True)
+        elif self.second_moments is None:
+            for name in (name for name in ("direction", "size") if name in of_beams):
+                what = "is of beams, which have second_moments; this is a rod"
+                yield Problem(name, what, "give second_moments, or remove the key", at_key=True)
+        else:
+            yy, zz, yz = (*self.second_moments, 0.0)[:3]
+            if yz**2 >= yy * zz:
+                what = f"∫yz dA of {yz:g} m⁴ is too large for ∫y² dA and ∫z² dA, {yy:g} and {zz:g} m⁴"
+                yield Problem("second_moments", what, "its square is below their product in every section")
+            for name, remedy in (("torsion", "give J [m⁴]"), ("direction", "give a vector such as [0, 0, 1]")):
+                if name not in of_beams:
+                    yield Problem(name, "missing: beams need it beside second_moments", remedy, at_key=True)
+
 
 class Support(Section):
     """Components that are held at zero, or springs to the ground, beside those of the file."""
@@ -123,6 +165,18 @@ class Support(Section):
         "components, or three along x, y and z. It is that of the whole support: in equal parts on the nodes of a set, evenly "
         "over the area of a face. It is no part of a modulus that is estimated.",
     )
+
+    def problems(self) -> Iterator[Problem]:
+        yield from exactly_one("", {"node": self.node, "set": self.set})
+        if self.stiffness is None:
+            return
+        values = self.stiffness if isinstance(self.stiffness, tuple) else (self.stiffness,)
+        if min(values) < 0 or max(values) == 0:
+            yield Problem("stiffness", "no positive stiffness", "give one in N/m; without `stiffness` it is held")
+        if len(values) > 1 and self.components != (1, 2, 3):
+            yield Problem("components", "three stiffnesses are those along x, y and z", "remove the key", at_key=True)
+        if len({component > 3 for component in self.components}) > 1:
+            yield Problem("components", "one stiffness for [N/m] and [N m/rad]", "make two supports of it")
 
 
 class Face(Section):
@@ -139,6 +193,12 @@ class Face(Section):
         None, description="[[x, y, z], [x, y, z]]: lower and upper corner [m]; facets whose centre lies between them."
     )
     radius: Size | None = Field(None, description="Bores and cylinders of this radius [m], to 2 %.")
+
+    def problems(self) -> Iterator[Problem]:
+        if not (self.near or self.normal or self.box or self.radius):
+            yield Problem("", "says of no face which it is", "give near, normal, box or radius", at_key=True)
+        if self.box is not None:
+            yield from box_problem("box", self.box)
 
 
 class Tie(Section):
@@ -360,3 +420,23 @@ class MeshFile(Section):
         description="Modes and static responses from another program, in place of stiffness and mass: supports and materials of "
         "the mesh are then not needed.",
     )
+
+    def problems(self) -> Iterator[Problem]:
+        if self.sections and self.matrices is not None:
+            yield Problem("sections", "stiffness and mass are those of mesh.matrices", "remove the key", at_key=True)
+        for i, support in enumerate(self.supports):
+            if support.stiffness is not None and max(support.components) > 3 and support.set in self.faces:
+                what = "a face has no rotations"
+                yield Problem(f"supports.{i}.components", what, "give the stiffness of translations, or a node")
+            if support.stiffness is not None and self.matrices is not None:
+                what = "the stiffness is that of mesh.matrices"
+                yield Problem(f"supports.{i}.stiffness", what, "put the spring there", at_key=True)
+        claimed: dict[object, str] = {}
+        for name, material in self.materials.items():
+            for region in ("all",) if isinstance(material.regions, str) else material.regions:
+                if (other := claimed.setdefault(region, name)) != name:
+                    yield Problem(
+                        f"materials.{name}.regions", f"region {region} is of material {other} too", "keep one"
+                    )
+        if len(self.materials) > 1 and "all" in claimed:
+            yield Problem(f"materials.{claimed['all']}.regions", "'all' beside other materials", "name the regions")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -24,6 +25,7 @@ from strainsight.config.base import (
     Plausible,
     Point,
     Positive,
+    Problem,
     Section,
     Text,
     TimeSpan,
@@ -111,6 +113,15 @@ class MaterialParameter(Section):
         description="δ: how fast the parameter may drift, relative to its guess [1/√s; 1/s under the thesis's rules of "
         "process_noise], in the steady filter that ranks layouts and where filter.drift lets it; else it is a constant.",
     )
+
+    def problems(self) -> Iterator[Problem]:
+        low, high = self.range
+        if low >= high:
+            what = f"the lowest value {low:g} is not below the highest {high:g}"
+            yield Problem("range", what, "give [lowest, highest]")
+        elif isinstance(self.guess, float) and not low <= self.guess <= high:
+            what = f"{self.guess:g} lies outside the range {low:g} to {high:g}"
+            yield Problem("guess", what, "widen the range of the parameter, or guess within it")
 
 
 class ModalDamping(Section):

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
-from strainsight.config.base import COMPARED, Problem, RunName, Section, Text, expert
+from strainsight.config.base import COMPARED, Problem, RunName, Section, Text, expert, section_problems
 
 Texts = Annotated[tuple[Text, ...], Field(min_length=1)]
 
@@ -31,6 +31,18 @@ class Measure(Section):
     below: Annotated[float | None, COMPARED] = Field(None, description="It has to be smaller than this.")
     equals: bool | None = Field(None, description="For a number that is true or false: which of them it has to be.")
     unit: str = Field("", description="What stands behind the number on the page, as in N or of the weight.")
+
+    def problems(self) -> Iterator[Problem]:
+        bounds = [value for value in (self.above, self.below) if value is not None]
+        if self.equals is None and not bounds:
+            yield Problem("", "has no bound", "give above, below or both, or equals: true or false", at_key=True)
+        elif self.equals is not None and (bounds or self.against is not None or self.times != 1):
+            yield Problem("equals", "goes with no other bound and no ratio", "leave one of them out")
+        elif len(bounds) == 2 and not bounds[0] < bounds[1]:
+            yield Problem("above", f"{bounds[0]:g} is not smaller than below, {bounds[1]:g}", "swap them")
+        if self.against_number is not None and self.against is None:
+            what = "there is no run to compare with"
+            yield Problem("against_number", what, "give against: RUN, or leave it out", at_key=True)
 
 
 class Explained(Section):
@@ -64,6 +76,11 @@ class Comparison(Explained):
     as_printed: Measure | None = Field(None, description="Numbers of runs under the settings of the source.")
     ours: Measure | None = Field(None, description="Numbers of runs under settings of our own.")
 
+    def problems(self) -> Iterator[Problem]:
+        if self.as_printed is None and self.ours is None and not self.why:
+            remedy = "give as_printed or ours, or why there is nothing to measure"
+            yield Problem("", "nothing is measured, and nothing says why", remedy, at_key=True)
+
 
 def as_texts(value: str | Sequence[str]) -> tuple[str, ...]:
     """One text or a list as a tuple."""
@@ -77,33 +94,6 @@ def measures_of(claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> d
         sides = {"as_printed": row.as_printed, "ours": row.ours}
         found |= {f"comparisons.{i}.{side}": own for side, own in sides.items() if own is not None}
     return found
-
-
-def measure_problems(claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> Iterator[Problem]:
-    """What is wrong with them by themselves."""
-    for key, own in measures_of(claims, comparisons).items():
-        yield from _problems(key, own)
-    for i, row in enumerate(comparisons):
-        if row.as_printed is None and row.ours is None and not row.why:
-            yield Problem(
-                f"comparisons.{i}",
-                "nothing is measured, and nothing says why",
-                "give as_printed or ours, or why there is nothing to measure",
-                at_key=True,
-            )
-
-
-def _problems(key: str, own: Measure) -> Iterator[Problem]:
-    bounds = [value for value in (own.above, own.below) if value is not None]
-    if own.equals is None and not bounds:
-        yield Problem(key, "has no bound", "give above, below or both, or equals: true or false", at_key=True)
-    elif own.equals is not None and (bounds or own.against is not None or own.times != 1):
-        yield Problem(f"{key}.equals", "goes with no other bound and no ratio", "leave one of them out")
-    elif len(bounds) == 2 and not bounds[0] < bounds[1]:
-        yield Problem(f"{key}.above", f"{bounds[0]:g} is not smaller than below, {bounds[1]:g}", "swap them")
-    if own.against_number is not None and own.against is None:
-        what = "there is no run to compare with"
-        yield Problem(f"{key}.against_number", what, "give against: RUN, or leave it out", at_key=True)
 
 
 class Study(Noted):
@@ -195,7 +185,7 @@ def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
         yield from _lines({f"comparisons.{i}.{key}": getattr(row, key) for key in ("source", "says", "printed", "why")})
     yield from _lines({f"{key}.unit": own.unit for key, own in measures_of(config.claims, config.comparisons).items()})
     yield from study_problems(config.studies, [run.study for run in config.runs if run.study is not None])
-    yield from measure_problems(config.claims, config.comparisons)
+    yield from section_problems(config)
 
 
 def _lines(texts: Mapping[str, str]) -> Iterator[Problem]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -18,6 +19,7 @@ from strainsight.config.base import (
     NotNegative,
     Plausible,
     Positive,
+    Problem,
     Section,
     Stress,
     TimeSpan,
@@ -186,6 +188,10 @@ class SurfaceField(OnFlexibleBody):
         description="Von Mises stress that the body may carry [Pa]; the page compares the largest one with it and begins with it "
         "where it is exceeded; null: none is stated.",
     )
+
+    def problems(self) -> Iterator[Problem]:
+        if self.every is not None and self.instants is not None:
+            yield Problem("every", "every and instants are both given", "give one of them")
 
 
 class BenchConfig(NamedRun, BearingLoads):

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
+import numpy as np
 from pydantic import Field
 
 from strainsight.config.base import (
@@ -24,6 +26,7 @@ from strainsight.config.base import (
     Plausible,
     Point,
     Positive,
+    Problem,
     Section,
     Text,
     Vector,
@@ -33,6 +36,15 @@ from strainsight.config.base import (
 )
 from strainsight.config.mesh import MeshFile, NodeId
 from strainsight.config.placement import Damped
+
+FARTHEST = 1e8
+"""[m] from the origin, beyond which a place is known to less than 10 nm: to no more than a bearing moves."""
+PARALLEL = 1e-6
+"""Sine of the least angle between the two axes of a pose."""
+GYRATION = (1e-7, 1e7)
+"""[m] within which a radius of gyration is one: beyond, turning weighs nothing beside moving, or moving beside turning."""
+LARGEST_PRELOAD = 0.02
+"""Share of the ball diameter: as oversize several times what hard steel bears, as clearance a worn-out bearing."""
 
 
 class Pose(Section):
@@ -46,6 +58,17 @@ class Pose(Section):
         (0.0, 1.0, 0.0), description="Direction of the y axis [-]; its part along the x axis does not matter."
     )
 
+    def problems(self) -> Iterator[Problem]:
+        farthest = float(np.max(np.abs(self.origin)))
+        if farthest > FARTHEST:
+            what = f"{farthest:g} m from the origin, where a number has steps of {np.spacing(farthest):.1g} m"
+            remedy = f"give places in metres, about an origin near the bench (within {FARTHEST:g} m)"
+            yield Problem("origin", what, remedy)
+        if any(self.x_axis) and any(self.y_axis):
+            x, y = (np.array(v) / np.linalg.norm(v) for v in (self.x_axis, self.y_axis))
+            if np.linalg.norm(np.cross(x, y)) < PARALLEL:
+                yield Problem("y_axis", "is parallel to the x axis", "give another direction")
+
 
 class Inertia(Section):
     """Moments of inertia about the centre of mass, in body axes [kg m²]: xx = ∫ρ(y² + z²), xy = −∫ρxy."""
@@ -56,6 +79,18 @@ class Inertia(Section):
     xy: Annotated[float, INERTIA] = expert(0.0, description="−∫ρxy [kg m²].")
     xz: Annotated[float, INERTIA] = expert(0.0, description="−∫ρxz [kg m²].")
     yz: Annotated[float, INERTIA] = expert(0.0, description="−∫ρyz [kg m²].")
+
+    @property
+    def trace(self) -> float:
+        """Sum of the moments [kg m²]."""
+        return self.xx + self.yy + self.zz
+
+    def problems(self) -> Iterator[Problem]:
+        tensor = np.array([[self.xx, self.xy, self.xz], [self.xy, self.yy, self.yz], [self.xz, self.yz, self.zz]])
+        least = np.linalg.eigvalsh(0.5 * self.trace * np.eye(3) - tensor)[0]
+        if least < -1e-9 * self.trace:
+            what = "one principal moment is larger than the sum of the two others, which no body has"
+            yield Problem("", what, "give the moments about the centre of mass, with xy = −∫ρxy")
 
 
 class Moving(Section):
@@ -77,6 +112,18 @@ class RigidBody(Moving):
     mass: Annotated[Positive, Plausible(1e-6, 1e8, "kg")] = Field(description="Mass [kg].")
     centre: Point = Field((0.0, 0.0, 0.0), description="Centre of mass in body axes [m].")
     inertia: Inertia = Field(description="Moments of inertia.")
+
+    def problems(self) -> Iterator[Problem]:
+        """√(½ tr I / m): the joints are distinguished in the metric of the mass, where a lever is one beside this radius."""
+        radius = float(np.sqrt(self.inertia.trace / 2) / np.sqrt(self.mass))
+        low, high = GYRATION
+        if not low <= radius <= high:
+            yield Problem(
+                "mass",
+                f"{self.mass:g} kg with moments of inertia of {self.inertia.trace:.3g} kg m² in sum is a radius of gyration of "
+                f"{radius:.3g} m, not within {low:g} to {high:g} m",
+                "give mass and moments of the same body, in kg and kg m²",
+            )
 
 
 class Modulus(Section):
@@ -101,6 +148,16 @@ class FlexibleBody(Moving, Damped):
     )
     cutoff: Frequency | None = expert(None, description="Keep the body's frequencies below this to 0.5 % instead [Hz].")
     moduli: dict[Name, Modulus] = Field({}, description="Young's moduli that stay free, by name.")
+
+    def problems(self) -> Iterator[Problem]:
+        if self.modes is not None and self.cutoff is not None:
+            yield Problem("cutoff", "modes and cutoff are both given", "give one of them")
+        for key in ("matrices", "results"):
+            if getattr(self.mesh, key) is not None:
+                what = "a body of a bench is reduced from its solids"
+                yield Problem(f"mesh.{key}", what, f"leave mesh.{key} out")
+        if self.mesh.free:
+            yield Problem("mesh.free", "a body of a bench is free in any case", "remove the key", at_key=True)
 
 
 Body = Annotated[RigidBody | FlexibleBody, Field(discriminator="type")]
@@ -170,6 +227,33 @@ class Bearing(Section):
     first_ball: Annotated[float, ANGLE] = expert(
         0.0, description="Station of the first ball, from the y axis towards z [deg]."
     )
+
+    def problems(self) -> Iterator[Problem]:
+        """What `multibody.bearing.geometry` refuses too, for whoever builds a bearing without a config: only here the file, the
+        line and all problems can be listed at once, and a config knows no kernel."""
+        half = self.ball_diameter / 2
+        limit = LARGEST_PRELOAD * self.ball_diameter
+        if abs(self.preload) > limit:
+            yield Problem(
+                "preload",
+                f"{self.preload:g} m is beyond {limit:g} m, {100 * LARGEST_PRELOAD:g} % of the ball diameter",
+                "give the oversize of the balls on their radius in metres (clearance: negative); usual are 1e-5 to 1e-4 m",
+            )
+        for radius in RADII:
+            value = getattr(self, radius)
+            if not value > half:
+                what = f"{value:g} m is not above half the ball diameter, {half:g} m"
+                yield Problem(
+                    radius,
+                    what,
+                    "a groove is wider than its ball: usual radii are 1.03 to 1.06 times half the diameter",
+                )
+            elif not value > half + self.preload and self.preload <= limit:
+                what = f"balls of {half:g} m in radius with {self.preload:g} m of oversize do not pass {radius}, {value:g} m"
+                yield Problem("preload", what, f"take less than {value - half:.6g} m, or a wider groove")
+        if self.ball_diameter * self.balls > np.pi * self.pitch_diameter:
+            what = f"{self.balls} balls of {self.ball_diameter:g} m do not fit on a circle of {self.pitch_diameter:g} m"
+            yield Problem("balls", what, f"take at most {int(np.pi * self.pitch_diameter / self.ball_diameter)}")
 
 
 class OfBearings(Section):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -20,6 +21,7 @@ from strainsight.config.base import (
     NotNegative,
     Plausible,
     Positive,
+    Problem,
     Section,
     Vector,
     expert,
@@ -159,6 +161,13 @@ class Drive(Section):
     start: Annotated[float, Plausible(0.0, 1e3, "rad or m")] = expert(
         0.0, description="Where it is at t = 0 if its rate is given [rad or m]."
     )
+
+    def problems(self) -> Iterator[Problem]:
+        if self.of == "position" and self.start:
+            yield Problem("start", "the history says where it starts", "leave start out, or say of: rate")
+        if self.of == "rate" and self.signal.type == "sweep":
+            what = "a sweep of a rate has no position in closed form"
+            yield Problem("signal", what, "give a sweep of the position, or the rate from a file")
 
 
 class Follower(Section):
