@@ -31,13 +31,13 @@ from strainsight.sensors.candidates import (
     DISPLACEMENT,
     ROSETTE,
     STRAIN,
-    UNITS,
     candidates,
     channels_of_gauges,
     concatenate,
     grouped,
     motion_candidates,
     principal_angles,
+    units_in_words,
 )
 from strainsight.sensors.rows import channel_rows, fits
 from strainsight.sensors.surface import facet_centres
@@ -262,11 +262,6 @@ class Channels:
     def of(self, gauges: np.ndarray) -> np.ndarray:
         """Channels (..., c) of gauges (...), −1 where a gauge has fewer than the c of the largest."""
         return channels_of_gauges(self.gauge, gauges)
-
-
-def units_in_words(quantity: np.ndarray) -> str:
-    """The unit of an array over channels of these quantities: "strain", or "strain or m/s^2" where they differ."""
-    return " or ".join(UNITS[kind] for kind in np.unique(quantity))
 
 
 def training_units(quantity: np.ndarray) -> dict[str, str]:

@@ -11,7 +11,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.claim import bank_claim, covariance_recursion
 from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList
-from strainsight.experiment.layout.placement import Placed
+from strainsight.experiment.layout.placement import Placement
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
 from strainsight.ordering import first_of_largest
@@ -90,15 +90,17 @@ def worst_case(found: Sequence[Expectation], acts: Sequence[np.ndarray]) -> Expe
     return Expectation(std, without, budget)
 
 
-def cases_of(found: Placed, expected: Sequence[Expectation]) -> ByCase:
+def cases_of(placement: Placement, expected: Sequence[Expectation]) -> ByCase:
     """The load cases of a layout: weight, metric, expected σ; expected: one a case, of the layout."""
-    task, cases = found.task, found.task.cases
+    task, cases = placement.task, placement.task.cases
     assert cases is not None
     names, every = task.unknowns.names, range(len(cases.names))
     metric = task.metrics[task.criterion.name]
     cost = [
         score(
-            [task.pools[i].under(metric[case]) for i in np.flatnonzero(cases.of == case)], found.final, task.aggregate
+            [task.pools[i].under(metric[case]) for i in np.flatnonzero(cases.of == case)],
+            placement.final,
+            task.aggregate,
         )
         for case in every
     ]

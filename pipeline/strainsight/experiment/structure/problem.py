@@ -9,7 +9,6 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.config.loads import Settle
 from strainsight.config.placement import Place, PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
@@ -20,7 +19,7 @@ from strainsight.experiment.structure.candidates import Channels, channels_of
 from strainsight.experiment.structure.references import unknowns_of
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.training import Run, run_as_stated, typical_of
-from strainsight.loads.histories import Signal, instant_values
+from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import WALK, Unknowns
 from strainsight.loads.linearisation import (
     Rule,
@@ -50,17 +49,15 @@ SILENT = 1e12
 class Problem:
     """One estimation problem before its gauges are chosen.
 
-    model; unknowns; signals of all inputs by name; settle: how motions under them begin; x (steps + 1, 2n) and loading of
-    the training run; Q (n*, n*) process intensity of the filter, frozen_Q that of the placement, which differs where the
-    thesis's printed numbers are asked for; printed: whether they are; channels of all candidates; scheme of the time step,
-    form of the covariance and iterations of the update of the extended filter; method of the filter; drifting: whether
-    parameters drift in it, or are constants.
+    model; unknowns; run: the training run, with its motion x (steps + 1, 2n) and loading; Q (n*, n*) process intensity of the
+    filter, frozen_Q that of the placement, which differs where the thesis's printed numbers are asked for; printed: whether they
+    are; channels of all candidates; scheme of the time step, form of the covariance and iterations of the update of the extended
+    filter; method of the filter; drifting: whether parameters drift in it, or are constants.
     """
 
     model: ReducedModel
     unknowns: Unknowns
-    signals: Mapping[str, Signal]
-    settle: Settle
+    run: Run
     x: np.ndarray
     loading: Loading
     Q: np.ndarray
@@ -82,6 +79,11 @@ class Problem:
     def h(self) -> float:
         """Step [s] of the training run."""
         return self.loading.h
+
+    @property
+    def acts(self) -> np.ndarray:
+        """Which unknowns act in the run (u,) bool: all but its silent loads."""
+        return np.array([name not in self.run.silent for name in self.unknowns.names])
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -150,8 +152,7 @@ def problem_in(
     return Problem(
         model,
         unknowns,
-        run.signals,
-        run.settle,
+        run,
         x,
         loading,
         Q,
