@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
 
 import numpy as np
 
 from strainsight.config import layout as stated
+from strainsight.config.gauges import AxisDirection, PrincipalDirection, SensorSites
 from strainsight.config.placement import Datum
-from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
+from strainsight.mesh.facets import LOWER, UPPER, Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.pages.datum import Frame
 from strainsight.runner.output import Table
-from strainsight.sensors.candidates import ACCELERATION, STRAIN, UNITS, Candidates
+from strainsight.sensors.candidates import (
+    ACCELERATION,
+    ROSETTE,
+    STRAIN,
+    UNITS,
+    Candidates,
+    candidates,
+    principal_angles,
+)
 from strainsight.sensors.edges import EdgeDimensions, edge_dimensions, facet_keys, no_edges
+from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, On, OnElements, ShellFace, Zone
 
 
@@ -280,6 +291,32 @@ def frame_of(unit: str, datum: Datum) -> Frame:
     z = np.cross(x, datum.y)
     z /= np.linalg.norm(z)
     return Frame(unit, length_factor(unit), np.array(datum.origin), np.array([x, np.cross(z, x), z]))
+
+
+def zones_of(sites: SensorSites) -> dict[str, list[Zone]]:
+    """Zones to include and to exclude, by these words."""
+    return {name: [zone_of(entry) for entry in getattr(sites, name)] for name in ("include", "exclude")}
+
+
+def strain_candidates(
+    mesh: Mesh,
+    facets: Facets,
+    sites: SensorSites,
+    direction: AxisDirection | PrincipalDirection,
+    basis: np.ndarray,
+    moment: Callable[[np.ndarray], np.ndarray],
+    key: str,
+    rosette: bool = False,
+    length: float = 0.0,
+) -> Candidates:
+    """Strain gauges on the facets that the sites of `key` admit, along an axis or the principal directions of a moment (r, r)
+    of the coordinates of the basis (3 nodes, r); moment: of rows (3 f, r) of gauges at 0°, 45° and 90° on the f facets."""
+    axis, turn, zones = direction.axis if isinstance(direction, AxisDirection) else None, None, zones_of(sites)
+    zoned = partial(candidates, mesh, facets, axis, surface=sites.surface, **zones, key=key)
+    if axis is None:
+        rows = channel_rows(mesh.position, zoned(ROSETTE, rosette=True), basis, facets=facets)
+        turn = principal_angles(rows.reshape(-1, len(ROSETTE), basis.shape[1]), moment(rows))
+    return zoned(direction.angles, rosette=rosette, length=length, turn=turn)
 
 
 def zone_of(entry: stated.Zone) -> Zone:

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.gauges import AxisDirection, BondedBridge, Gauges, NamedGauge
+from strainsight.config.gauges import BondedBridge, Gauges, NamedGauge
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, InfeasibleError, blame
-from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, zone_of
+from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, strain_candidates, zone_of, zones_of
 from strainsight.experiment.recorded import named_regions
 from strainsight.experiment.structure.bonded_gauges import STRAIN_KINDS, BondedPlace, read_bonded
 from strainsight.experiment.structure.references import families
@@ -29,22 +29,21 @@ from strainsight.sensors.bridges import StrainGauges, bridges
 from strainsight.sensors.candidates import (
     ACCELERATION,
     DISPLACEMENT,
-    ROSETTE,
     STRAIN,
-    candidates,
     channels_of_gauges,
     concatenate,
     grouped,
     motion_candidates,
-    principal_angles,
     units_in_words,
 )
-from strainsight.sensors.rows import channel_rows, fits
+from strainsight.sensors.rows import fits
 from strainsight.sensors.surface import facet_centres
 from strainsight.sensors.walk import skin_of
 from strainsight.sensors.zones import admissible, inside
 
 FILE = "gauges.fixed_file"
+NUMBERS_AT_A_TIME = 2**22
+"""Readings that are held in memory at a time, of all instants and some channels."""
 
 
 @dataclass(frozen=True)
@@ -90,8 +89,7 @@ def candidates_on_surface(
                     ACCELERATION if sensors.quantity == "acceleration" else DISPLACEMENT,
                     sensors.axes,
                     surface=sensors.surface,
-                    include=[zone_of(entry) for entry in sensors.include],
-                    exclude=[zone_of(entry) for entry in sensors.exclude],
+                    **zones_of(sensors),
                     every=sensors.every,
                     array=array,
                     key=key,
@@ -116,32 +114,15 @@ def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[s
 
 def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, moment: np.ndarray) -> StrainGauges:
     """Gauges, rosettes or bridges on the facets that the config admits."""
-    direction, length = gauges.direction, gauges.grid_length
-    assert direction is not None  # the config asks for one where gauges are not given
-    include, exclude = ([zone_of(entry) for entry in zones] for zones in (gauges.include, gauges.exclude))
-    axis, turn = direction.axis if isinstance(direction, AxisDirection) else None, None
+    length = gauges.grid_length
+    assert gauges.direction is not None  # the config asks for one where gauges are not given
     with blame("gauges.surface"):
-        if axis is None:
-            base = candidates(
-                mesh, facets, None, ROSETTE, exclude, gauges.surface, include=include, rosette=True, length=0.0
-            )
-            rows = channel_rows(mesh.position, base, basis, facets=facets).reshape(-1, len(ROSETTE), basis.shape[1])
-            turn = principal_angles(rows, moment)
-        pool = candidates(
-            mesh,
-            facets,
-            axis,
-            direction.angles,
-            exclude,
-            gauges.surface,
-            include=include,
-            rosette=gauges.rosette,
-            length=length,
-            turn=turn,
+        pool = strain_candidates(
+            mesh, facets, gauges, gauges.direction, basis, lambda rows: moment, "gauges", gauges.rosette, length
         )
         found = StrainGauges(pool)
         if gauges.bridge is not None:
-            keep, _, _ = admissible(mesh, facets, surface=gauges.surface, include=include, exclude=exclude)
+            keep, _, _ = admissible(mesh, facets, surface=gauges.surface, **zones_of(gauges))
             found = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
             pool = found.candidates
     if length == 0:
@@ -215,18 +196,15 @@ def _entry(gauges: Gauges, file: Path, name: str, place: BondedPlace) -> BondedE
             key=FILE,
             remedy="remove its line",
         )
-    if place.arms:
-        arms = [
-            (
-                BondedEntry(arm.position.tolist(), arm.direction.tolist(), _length(gauges, arm.length), key=FILE),
-                arm.sign,
-            )
-            for arm in place.arms
-        ]
-        return bridge_of(arms, name, name)
-    return BondedEntry(
-        place.position.tolist(), place.direction[0].tolist(), _length(gauges, place.length), place.angles, name, FILE
-    )
+    grids = [
+        BondedEntry(position, direction, _length(gauges, length), key=FILE)
+        for position, direction, length in zip(
+            place.position.tolist(), place.direction.tolist(), place.length, strict=True
+        )
+    ]
+    if place.bridge:
+        return bridge_of(list(zip(grids, place.sign.tolist(), strict=True)), name, name)
+    return replace(grids[0], angles=place.angles, name=name)
 
 
 def _length(gauges: Gauges, stated: float | None) -> float:
@@ -305,6 +283,19 @@ def readings(
     if moving.any():
         reading[:, moving] = accelerations(model, theta, x, u) @ rows[moving].T
     return reading
+
+
+def reading_sizes(
+    model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, x: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """RMS and largest of the `readings` of every channel (m,) at the references, some channels at a time."""
+    count = max(1, NUMBERS_AT_A_TIME // len(x))
+    rms, peak = np.empty((2, len(rows)))
+    for first in range(0, len(rows), count):
+        part = slice(first, first + count)
+        reading = readings(model, model.reference, rows[part], quantity[part], x, u)
+        rms[part], peak[part] = np.sqrt(np.mean(reading**2, axis=0)), np.abs(reading).max(axis=0)
+    return rms, peak
 
 
 def largest_of_quantity(peak: np.ndarray, quantity: np.ndarray) -> np.ndarray:

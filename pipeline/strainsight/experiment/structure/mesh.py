@@ -16,7 +16,7 @@ from strainsight.decks.faults import LINEAR, PRELOAD, short, spelt
 from strainsight.decks.reader import read_mesh
 from strainsight.decks.text import LARGEST_ID
 from strainsight.errors import ConfigError, DeckError, InfeasibleError, StrainsightError, UserError, blame
-from strainsight.experiment.layout.gauge_list import zone_of
+from strainsight.experiment.layout.gauge_list import zones_of
 from strainsight.fem.checks import Quality, check_geometry, check_inverted, check_mesh, element_quality
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.equations import turning_nodes
@@ -380,10 +380,9 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
     own = config.gauges
     if own.given is not None:
         return
-    include, exclude = ([zone_of(entry) for entry in zones] for zones in (own.include, own.exclude))
     free = np.zeros(0, dtype=int)
     with suppress(InfeasibleError):  # no facet at all: `train` names that
-        free, _, _ = admissible(mesh, facets, surface=own.surface, include=include, exclude=exclude)
+        free, _, _ = admissible(mesh, facets, surface=own.surface, **zones_of(own))
     found = contact_faces(mesh, facets, faces)
     named = {name: {*facet_key(*own.T).tolist()} for name, own in mesh.faces.items()}
     for i, face in enumerate(found.face):

@@ -69,30 +69,20 @@ def full_model(
     config: the section `mesh`, of which READS are read; loads: those whose static responses results are read for; by: who
     factorises its stiffness.
     """
-    built = _built(config, mesh, parameters, files, loads)
-    return replace(built, model=replace(built.model, factorise=by))
-
-
-def _built(
-    config: MeshFile,
-    mesh: Mesh,
-    parameters: Sequence[Parameter],
-    files: Mapping[str, Path],
-    loads: Mapping[str, Load] | None,
-) -> FullModel:
     if config.results is not None:
         full = model_of_results(config, mesh, parameters, files, loads)
-        return replace(full, model=_with_densities(full.model, parameters))
-    if config.matrices is None:
+        full = replace(full, model=_with_densities(full.model, parameters))
+    elif config.matrices is None:
         with blame("mesh.file"), mesh.located():
-            model = _with_densities(build_model(mesh, parameters, free=config.free), parameters)
+            full = FullModel(_with_densities(build_model(mesh, parameters, free=config.free), parameters))
         if config.free:
-            _whole_mass(model)
-        return FullModel(model)
-    ready, said = _read(config.matrices, config, files)
-    with blame("mesh.matrices.numbering"), mesh.located():
-        full = build_ready_model(mesh, ready)
-    return replace(full, notes=(*said, *full.notes))
+            _whole_mass(full.model)
+    else:
+        ready, notes = _read(config.matrices, config, files)
+        with blame("mesh.matrices.numbering"), mesh.located():
+            full = build_ready_model(mesh, ready)
+        full = replace(full, notes=(*notes, *full.notes))
+    return replace(full, model=replace(full.model, factorise=by))
 
 
 def _with_densities(model: FiniteElementModel, parameters: Sequence[Parameter]) -> FiniteElementModel:

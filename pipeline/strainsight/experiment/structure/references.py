@@ -14,7 +14,7 @@ from strainsight.config.loads import InputNoise, Load
 from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, InfeasibleError, UserError, blame
-from strainsight.experiment.layout.gauge_list import zone_of
+from strainsight.experiment.layout.gauge_list import zones_of
 from strainsight.experiment.recorded import named_regions
 from strainsight.fem.affine import DAMPING, Parameter
 from strainsight.fem.by_region import regions_of
@@ -363,13 +363,10 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     if not mesh.has_surface or config.gauges.given is not None:
         return
     facets = exterior_facets(mesh)
-    sites = {"gauges": config.gauges} | {f"motion_sensors.{name}": own for name, own in config.motion_sensors.items()}
-    for key, own in sites.items():
-        include, exclude = ([zone_of(entry) for entry in zones] for zones in (own.include, own.exclude))
-        with suppress(
-            InfeasibleError
-        ):  # what leaves no facet is named by `train`: an import is there to look at the faces
-            admissible(mesh, facets, surface=own.surface, include=include, exclude=exclude, key=key)
+    for key, sensors in families(config).items():
+        # what leaves no facet is named by `train`: an import is there to look at the faces
+        with suppress(InfeasibleError):
+            admissible(mesh, facets, surface=sensors.surface, **zones_of(sensors), key=key)
 
 
 def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:

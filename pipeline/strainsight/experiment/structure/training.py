@@ -20,7 +20,7 @@ from strainsight.experiment.structure.candidates import (
     OnSurface,
     candidates_on_surface,
     free_thicknesses,
-    readings,
+    reading_sizes,
     rows_along,
     thickness_of_guess,
 )
@@ -133,8 +133,6 @@ def typical_of(
 
 AT_A_TIME = 1000
 """Arms of bridges whose readings in time are held in memory."""
-NUMBERS_AT_A_TIME = 2**22
-"""Readings that are held in memory at a time, of all instants and some channels."""
 LEAST_PERIODS = 1e-3
 """Periods of the last mode in a training run. In fewer the stiffness adds less than (2π 1e-3)²/2, a fifty-thousandth, to
 what the mass does, in every mode: no gauge tells a modulus, and the Riccati equation of 4e-5 periods is beyond double
@@ -243,14 +241,9 @@ def _motion(run: Run, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _sizes(own: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> tuple[np.ndarray, np.ndarray]:
-    """RMS and largest reading of all channels (m,) in a run, some channels at a time."""
-    model, count = reduced.model, max(1, NUMBERS_AT_A_TIME // len(own.x))
-    rms, peak = np.empty((2, len(rows)))
-    for first in range(0, len(rows), count):
-        part = slice(first, first + count)
-        with np.errstate(over="ignore", invalid="ignore"):  # refused below
-            found = readings(model, model.reference, rows[part], pool.quantity[part], own.x, own.u)
-            rms[part], peak[part] = np.sqrt(np.mean(found**2, axis=0)), np.abs(found).max(axis=0)
+    """RMS and largest reading of all channels (m,) in a run."""
+    with np.errstate(over="ignore", invalid="ignore"):  # refused below
+        rms, peak = reading_sizes(reduced.model, rows, pool.quantity, own.x, own.u)
     with blame(own.run.key):
         refuse_readings(peak)
     return rms, peak

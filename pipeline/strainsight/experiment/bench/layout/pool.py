@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
@@ -26,7 +25,7 @@ from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked, corre
 from strainsight.experiment.bench.layout.strained import Known
 from strainsight.experiment.bench.loads import load_units, loads_of
 from strainsight.experiment.bench.sensors import motion_sensor
-from strainsight.experiment.layout.gauge_list import zone_of
+from strainsight.experiment.layout.gauge_list import strain_candidates
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import at_rest, measured
@@ -38,11 +37,8 @@ from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import (
     ACCELERATION,
     DISPLACEMENT,
-    ROSETTE,
     Candidates,
-    candidates,
     concatenate,
-    principal_angles,
 )
 from strainsight.sensors.installation import SECOND, sensitivity_rows
 from strainsight.sensors.rows import channel_rows
@@ -158,17 +154,15 @@ def gauge_pool(body: PlacedBody, static: np.ndarray) -> GaugePool:
     Raises InfeasibleError where no facet is left, or an input strains none of them.
     """
     mesh, basis, place, inputs = body.mesh, body.basis, body.place, body.inputs
-    facets, key = exterior_facets(mesh), "place"
-    include, exclude = ([zone_of(entry) for entry in zones] for zones in (place.include, place.exclude))
-    axis, turn = place.direction.axis if place.direction.type == "axis" else None, None
-    zoned = partial(candidates, exclude=exclude, surface=place.surface, include=include, key=key)
+    facets = exterior_facets(mesh)
+
+    def moment(rows: np.ndarray) -> np.ndarray:
+        alike = np.hstack(static / _strength(rows @ static, inputs))
+        return np.asarray(alike @ alike.T)
+
     with blame("place.surface"):
-        if axis is None:
-            base = zoned(mesh, facets, None, ROSETTE, rosette=True)
-            rows = channel_rows(mesh.position, base, basis, facets=facets)
-            alike = np.hstack(static / _strength(rows @ static, inputs))
-            turn = principal_angles(rows.reshape(-1, len(ROSETTE), basis.shape[1]), alike @ alike.T)
-        pool = concatenate([_bonded(mesh, facets, place), zoned(mesh, facets, axis, place.direction.angles, turn=turn)])
+        gauges = strain_candidates(mesh, facets, place, place.direction, basis, moment, "place")
+        pool = concatenate([_bonded(mesh, facets, place), gauges])
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
     response = rows @ static
     size = np.abs(response) / _strength(response, inputs)
