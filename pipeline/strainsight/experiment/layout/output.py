@@ -41,8 +41,8 @@ CLUSTER = 0.05
 def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
     """The record of a placement, of a structure or a bench; more: what only its kind has."""
     task, result, certificate = placement.task, placement.elimination, placement.layout.certificate
-    pool, there, criterion = task.pool, task.pool.channels >= 0, task.criterion
-    solved = [own.scenario for own in result.pools]
+    pool, exists, criterion = task.pool, task.pool.channels >= 0, task.criterion
+    solved = [solution.scenario for solution in result.pools]
     several = solved[0].H.ndim == 3
     greedy = pool.gauges_of(result.kept)
     cost = {metric_key(criterion.name): result.cost}
@@ -50,14 +50,14 @@ def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
         augmented=Augmented(
             state=task.states,
             F=np.array([s.F for s in solved]),
-            H=np.array([s.H[there] if several else s.H for s in solved]),
+            H=np.array([s.H[exists] if several else s.H for s in solved]),
             Q=np.array([s.Q for s in solved]),
-            R=np.array([s.r[there] if several else s.r for s in solved]),
+            R=np.array([s.r[exists] if several else s.r for s in solved]),
             weight=np.array([s.weight for s in solved]),
-            scale=np.array([own.scale for own in result.pools]),
+            scale=np.array([solution.scale for solution in result.pools]),
         ),
         pool=PoolTable(
-            candidate=pool.first, channel=pool.channels[there], row=np.nonzero(there)[0], gauges=pool.gauges
+            candidate=pool.first, channel=pool.channels[exists], row=np.nonzero(exists)[0], gauges=pool.gauges
         ),
         elimination=Removals(
             removed=result.removed,
@@ -98,7 +98,7 @@ def layout_output(
     deck; numbers, attributes, tables: those of the case beside."""
     task, listed, std, names = placement.task, placement.listed, placement.expected.std, placement.task.unknowns.names
     criterion, certificate = task.criterion, placement.layout.certificate
-    grid, own = _pool_grid(placement)
+    grid, grid_attributes = _pool_grid(placement)
     parts = [f"{len(task.pool.gauges)} → {len(placement.gauges)}"]
     if certificate:
         over = "" if task.whole is None else f" of all {len(task.whole.limits.size)}"
@@ -111,7 +111,11 @@ def layout_output(
     units = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
     return Output(
         datasets=grid | written(record, units, Place("", what=criterion.symbol)),
-        attributes={**own, "/augmented": {"aggregate": task.aggregate, "criterion": criterion.name}, **attributes},
+        attributes={
+            **grid_attributes,
+            "/augmented": {"aggregate": task.aggregate, "criterion": criterion.name},
+            **attributes,
+        },
         summary={**_summary(placement), **{f"std.{name}": value for name, value in std.items()}, **numbers},
         message=", ".join(parts),
         tables=(
@@ -224,12 +228,17 @@ def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, 
     head += ["sign"] * bridged
     rows = [[*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted]]
     lines = gauge_lines(listed)
-    for own, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
-        i = own.gauge
-        numbers = [*np.round([*own.position, *own.normal, *own.direction], 12) + 0.0, own.angle, own.length, own.peak]
+    for line, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
+        i = line.gauge
+        numbers = [
+            *np.round([*line.position, *line.normal, *line.direction], 12) + 0.0,
+            line.angle,
+            line.length,
+            line.peak,
+        ]
         bonded = "yes" if listed.bonded[i] else "no"
-        words = [listed.labels[i], listed.kind[i], listed.family[i], bonded, str(own.element), str(own.facet)]
+        words = [listed.labels[i], listed.kind[i], listed.family[i], bonded, str(line.element), str(line.facet)]
         missing = [f"{values[i]:.9g}" for values in without.values()]
-        tail = [listed.unit[i], *[own.sign] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
+        tail = [listed.unit[i], *[line.sign] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
         rows.append([*words, *(f"{x:.9g}" for x in numbers), *tail])
     return csv_bytes(rows)

@@ -56,23 +56,23 @@ def read_bonded(path: Path) -> dict[str, BondedPlace]:
     1 or −1, of the arms of a bridge; others are passed over. Raises DeckError for a column that is missing, what is no number, a
     direction without length, a gauge that is there twice, a rosette without a normal, and arms that are no bridge.
     """
-    found: dict[str, list[tuple[int, dict[str, str]]]] = {}
+    rows: dict[str, list[tuple[int, dict[str, str]]]] = {}
     last = ""
     for line, cells in csv_columns(path, NEEDED):
         name = cells["gauge"]
         if not name:
             raise DeckError("a line without the name of a gauge", where=f"{path}:{line}", remedy="name it")
-        if name in found and name != last:
+        if name in rows and name != last:
             raise DeckError(
                 f"gauge {name} is there twice",
                 where=f"{path}:{line}",
                 remedy="give each its own name; grids of a rosette stand one behind the other",
             )
         last = name
-        found.setdefault(name, []).append((line, cells))
-    if not found:
+        rows.setdefault(name, []).append((line, cells))
+    if not rows:
         raise DeckError("no gauge in the file", where=str(path), remedy=f"one line a gauge: {','.join(NEEDED)}")
-    return {name: _place(path, name, lines) for name, lines in found.items()}
+    return {name: _place(path, name, lines) for name, lines in rows.items()}
 
 
 def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> BondedPlace:
@@ -161,19 +161,19 @@ def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarra
         _check_kept(file)
         with blame(KEY):
             places = read_bonded(file)
-    found = {}
+    numbers = {}
     for i, entry in enumerate(config.estimate.channels):
         name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
         if name not in named and name not in placed:
             raise absent(key, name, [*placed, *named], places)
-        found[name] = number = named[name] if name in named else placed[name]
+        numbers[name] = number = named[name] if name in named else placed[name]
         if name in named:
             continue
         if places is None and not config.estimate.as_placed:
             raise place_unknown(name)
         if places is not None:
             _check_place(config, key, name, training.candidates, number, places)
-    return found
+    return numbers
 
 
 def _check_kept(file: Path) -> None:
@@ -197,9 +197,11 @@ def place_unknown(name: str) -> ConfigError:
     )
 
 
-def absent(key: str, name: str, there: Sequence[str], places: Mapping[str, BondedPlace] | None = None) -> ConfigError:
+def absent(
+    key: str, name: str, existing: Sequence[str], places: Mapping[str, BondedPlace] | None = None
+) -> ConfigError:
     """Of a channel of a gauge that is not among those that are there."""
-    listed = list(dict.fromkeys(there))
+    listed = list(dict.fromkeys(existing))
     known = f"there are {', '.join(listed[:12])}{' …' * (len(listed) > 12)}"
     if places is not None and name in places:
         was = f": it was bonded at {_xyz(places[name].position[0])} m"

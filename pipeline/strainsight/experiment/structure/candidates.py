@@ -74,8 +74,8 @@ def candidates_on_surface(
     fixed = fixed_gauges(config.gauges, files.get("gauges.fixed_file"))
     if fixed:
         with blame("gauges.fixed"):
-            there, distance = bonded(mesh, facets, fixed, float(config.gauges.snap_tolerance))
-        parts.append(there)
+            bonded_pool, distance = bonded(mesh, facets, fixed, float(config.gauges.snap_tolerance))
+        parts.append(bonded_pool)
     strain = _strain_gauges(mesh, facets, config.gauges, basis, moment)
     parts.append(strain.candidates)
     for array, (key, sensors) in enumerate(families(config).items()):
@@ -103,13 +103,13 @@ def candidates_on_surface(
 def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[str, ...]:
     """Keys of excluded zones without a facet in them: a box in millimetres, more often than not."""
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
-    found = []
+    empty = []
     for key, sensors in families(config).items():
         for i, entry in enumerate(sensors.exclude):
             with blame(f"{key}.exclude.{i}"):
                 if not inside(zone_of(entry), mesh, facets, centre, normal).any():
-                    found.append(f"{key}.exclude.{i}")
-    return tuple(found)
+                    empty.append(f"{key}.exclude.{i}")
+    return tuple(empty)
 
 
 def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, moment: np.ndarray) -> StrainGauges:
@@ -120,13 +120,13 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
         pool = strain_candidates(
             mesh, facets, gauges, gauges.direction, basis, lambda rows: moment, "gauges", gauges.rosette, length
         )
-        found = StrainGauges(pool)
+        strain = StrainGauges(pool)
         if gauges.bridge is not None:
             keep, _, _ = admissible(mesh, facets, surface=gauges.surface, **zones_of(gauges))
-            found = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
-            pool = found.candidates
+            strain = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
+            pool = strain.candidates
     if length == 0:
-        return found
+        return strain
     well = fits(mesh.position, pool, facets)
     if not well.any():
         raise ConfigError(
@@ -135,19 +135,19 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
             remedy="a shorter grid",
         )
     kept = pool.take(np.flatnonzero(well))
-    return replace(found, candidates=kept, left_out=pool.gauges - kept.gauges)
+    return replace(strain, candidates=kept, left_out=pool.gauges - kept.gauges)
 
 
-def _bridged(found: StrainGauges, pattern: str) -> StrainGauges:
+def _bridged(bridged: StrainGauges, pattern: str) -> StrainGauges:
     """Raises InfeasibleError where no place has one opposite."""
-    if not len(found.candidates):
+    if not len(bridged.candidates):
         raise InfeasibleError(
-            f"no place has one opposite for the arms of a {pattern} bridge: behind none of {found.alone} is a facet that takes a "
-            "gauge along its direction",
+            f"no place has one opposite for the arms of a {pattern} bridge: behind none of {bridged.alone} is a facet that "
+            "takes a gauge along its direction",
             key="gauges.bridge",
             remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or remove it",
         )
-    return found
+    return bridged
 
 
 def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
@@ -181,10 +181,10 @@ def _stated(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> BondedE
     return bridge_of(arms, name, name or str(i + 1))
 
 
-def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, said: str) -> BondedEntry:
-    """A bridge of arms with their signs, one of them 1 at least, the first of which becomes its place; said: what messages call
+def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, called: str) -> BondedEntry:
+    """A bridge of arms with their signs, one of them 1 at least, the first of which becomes its place; called: what messages call
     it."""
-    named = [(replace(arm, name=f"{said}, arm {k + 1},"), sign) for k, (arm, sign) in enumerate(arms)]
+    named = [(replace(arm, name=f"{called}, arm {k + 1},"), sign) for k, (arm, sign) in enumerate(arms)]
     (first, _), *others = sorted(named, key=lambda arm: -arm[1])
     return replace(first, name=name, arms=others)
 
@@ -309,10 +309,10 @@ SMALL = 1e-4
 
 def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str, float]) -> tuple[Parameter, ...]:
     """The parameters that are a thickness, at their references [m]."""
-    own = {name: entry for name, entry in config.parameters.items() if entry.property == THICKNESS}
+    thicknesses = {name: entry for name, entry in config.parameters.items() if entry.property == THICKNESS}
     return tuple(
         Parameter(name, THICKNESS, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range)
-        for name, entry in own.items()
+        for name, entry in thicknesses.items()
     )
 
 
@@ -323,7 +323,7 @@ def thickness_of_guess(config: PlacementConfig, mesh: Mesh, reference: Mapping[s
 
 def thickness_at(mesh: Mesh, free: Sequence[Parameter], theta: Mapping[str, float]) -> Thickness | None:
     """Of the shells at θ [m]; None where no thickness is free."""
-    return thickness_of(mesh, [(own.regions, theta[own.name]) for own in free]) if free else None
+    return thickness_of(mesh, [(parameter.regions, theta[parameter.name]) for parameter in free]) if free else None
 
 
 def rows_along(
@@ -336,17 +336,17 @@ def rows_along(
     as a row is a sum over points, each on a shell of one thickness. Linear in it on shells that are flat around a node, and else
     rational, as faces are longer or shorter than the middle.
     read: shells of another thickness → rows (m, r) as they read then."""
-    reference = {own.name: own.reference for own in free}
+    reference = {parameter.name: parameter.reference for parameter in free}
     first = read(thickness_at(mesh, free, reference))
     size = np.abs(first).max(axis=1, initial=0.0, keepdims=True)
     size = np.maximum(size, SMALL * size.max(initial=0.0))  # rows that are zero but for rounding
     change = NO_CHANGE
-    for own in free:
+    for parameter in free:
 
         def at(theta: Mapping[str, float]) -> np.ndarray:
             return read(thickness_at(mesh, free, {**reference, **theta})) / size
 
-        found = interpolated(at, [own])
-        terms = {label: size * X for label, X in found.terms.items()}
-        change = AffineOperator(0.0, {**change.terms, **terms}, {**change.coefficients, **found.coefficients})
+        slope = interpolated(at, [parameter])
+        terms = {label: size * X for label, X in slope.terms.items()}
+        change = AffineOperator(0.0, {**change.terms, **terms}, {**change.coefficients, **slope.coefficients})
     return first, change

@@ -60,7 +60,7 @@ def observed_of(
     for motion in excitations:
         _, peak = reading_sizes(model, sensed.rows, sensed.quantity, motion.x, motion.u)
         with blame("observe"):
-            found = cases(
+            case_table = cases(
                 model,
                 model.reference,
                 motion.x,
@@ -76,7 +76,7 @@ def observed_of(
                 instants=config.place.instants,
                 seed=config.seed,
             )
-        table.append(found)
+        table.append(case_table)
     return Observed(
         excitation=tuple(motion.label for motion in excitations),
         case=tuple(case.label for case in table[0]),
@@ -91,9 +91,9 @@ def observed_of(
 def _excitations(
     config: PlacementConfig, model: ReducedModel, training: Training, amplitude: dict[str, float]
 ) -> list[Excitation]:
-    found = [
-        Excitation(label, np.hstack([own.coordinate, own.velocity]), own.load)
-        for label, own in zip(sorted(training.cases) or ["training run"], training.motions, strict=True)
+    excitations = [
+        Excitation(label, np.hstack([motion_of_case.coordinate, motion_of_case.velocity]), motion_of_case.load)
+        for label, motion_of_case in zip(sorted(training.cases) or ["training run"], training.motions, strict=True)
     ]
     for frequency in config.observe.frequencies:
         duration = max(config.train.duration, 5 / frequency)
@@ -101,8 +101,8 @@ def _excitations(
         signals = [Sine(frequency, amplitude[name], 0.0) for name in model.inputs]
         loading = loading_of(config.train.settle, signals, duration / steps, steps)
         motion = motion_of(model, model.reference, loading)
-        found.append(Excitation(f"{frequency:g} Hz", motion, instant_values(loading.held)))
-    return found
+        excitations.append(Excitation(f"{frequency:g} Hz", motion, instant_values(loading.held)))
+    return excitations
 
 
 def mat_file(

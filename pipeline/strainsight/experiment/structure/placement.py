@@ -237,7 +237,7 @@ def _subject(
     price = prices(config, pool, candidates)
     with blame("place.keep"):
         limits = layout_limits(config.place, pool, mesh, candidates, price)
-    moved = [np.cov(own.x[:, : own.model.size], rowvar=False) for own in problems]
+    moved = [np.cov(case.x[:, : case.model.size], rowvar=False) for case in problems]
     covariance = np.average(moved, axis=0, weights=[run.weight for run in cases]) if len(moved) > 1 else moved[0]
     return _Structure(
         config,
@@ -324,14 +324,14 @@ def pool_of(kept: np.ndarray, channels: Channels, candidates: Candidates, symmet
         partner = mirror_partners(candidates, symmetry.point, symmetry.normal)
     bonded = np.zeros(channels.gauges, dtype=bool)
     bonded[candidates.gauge[candidates.bonded]] = True
-    there = np.zeros(channels.gauges, dtype=bool)
-    there[kept] = True
+    kept_gauges = np.zeros(channels.gauges, dtype=bool)
+    kept_gauges[kept] = True
     pairs = []
     for gauge in kept:
         other = int(partner[gauge])
         if bonded[gauge] or other == gauge:
             pairs.append((int(gauge), -1))
-        elif other > gauge and there[other] and not bonded[other]:
+        elif other > gauge and kept_gauges[other] and not bonded[other]:
             pairs.append((int(gauge), other))
     if not pairs:
         raise InfeasibleError(

@@ -300,7 +300,7 @@ def placement_output(placement: BenchPlacement, mesh: Mesh, length_unit: str) ->
     numbers: dict[str, Scalar] = {"candidates": len(candidates)}
     if len(placement.layouts) > 1:
         numbers |= _named("random", inputs, np.median(record.random_std, axis=0))
-    rows = [(name, own.metric, *own.std) for name, own in placement.layouts.items()]
+    rows = [(name, layout.metric, *layout.std) for name, layout in placement.layouts.items()]
     heads = [f"σ({name})" for name in inputs]
     layouts = tuple((name, *(f"{value:.4g}" for value in values)) for name, *values in rows)
     tables = [Table("layouts", ("layout", placement.task.criterion.symbol, *heads), layouts)]
