@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
+from typing import TypedDict
 
 import numpy as np
 
@@ -293,9 +294,18 @@ def frame_of(unit: str, datum: Datum) -> Frame:
     return Frame(unit, length_factor(unit), np.array(datum.origin), np.array([x, np.cross(z, x), z]))
 
 
-def zones_of(sites: SensorSites) -> dict[str, list[Zone]]:
-    """Zones to include and to exclude, by these words."""
-    return {name: [zone_of(entry) for entry in getattr(sites, name)] for name in ("include", "exclude")}
+class Sites(TypedDict):
+    """Where sensors may go: a surface, and zones to include and to exclude."""
+
+    surface: str
+    include: list[Zone]
+    exclude: list[Zone]
+
+
+def sites_of(config: SensorSites) -> Sites:
+    """The sites of a config, as functions of candidates take them."""
+    include, exclude = ([zone_of(entry) for entry in zones] for zones in (config.include, config.exclude))
+    return Sites(surface=config.surface, include=include, exclude=exclude)
 
 
 def strain_candidates(
@@ -311,12 +321,12 @@ def strain_candidates(
 ) -> Candidates:
     """Strain gauges on the facets that the sites of `key` admit, along an axis or the principal directions of a moment (r, r)
     of the coordinates of the basis (3 nodes, r); moment: of rows (3 f, r) of gauges at 0°, 45° and 90° on the f facets."""
-    axis, turn, zones = direction.axis if isinstance(direction, AxisDirection) else None, None, zones_of(sites)
-    zoned = partial(candidates, mesh, facets, axis, surface=sites.surface, **zones, key=key)
+    axis, turn = direction.axis if isinstance(direction, AxisDirection) else None, None
+    zoned = partial(candidates, mesh, facets, axis, **sites_of(sites), key=key)
     if axis is None:
-        rows = channel_rows(mesh.position, zoned(ROSETTE, rosette=True), basis, facets=facets)
+        rows = channel_rows(mesh.position, zoned(angles=ROSETTE, rosette=True), basis, facets=facets)
         turn = principal_angles(rows.reshape(-1, len(ROSETTE), basis.shape[1]), moment(rows))
-    return zoned(direction.angles, rosette=rosette, length=length, turn=turn)
+    return zoned(angles=direction.angles, rosette=rosette, length=length, turn=turn)
 
 
 def zone_of(entry: stated.Zone) -> Zone:

@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.config.gauges import BondedBridge, Gauges, NamedGauge
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, InfeasibleError, blame
-from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, strain_candidates, zone_of, zones_of
+from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, sites_of, strain_candidates, zone_of
 from strainsight.experiment.recorded import named_regions
 from strainsight.experiment.structure.bonded_gauges import STRAIN_KINDS, BondedPlace, read_bonded
 from strainsight.experiment.structure.references import families
@@ -88,8 +88,7 @@ def candidates_on_surface(
                     facets,
                     ACCELERATION if sensors.quantity == "acceleration" else DISPLACEMENT,
                     sensors.axes,
-                    surface=sensors.surface,
-                    **zones_of(sensors),
+                    **sites_of(sensors),
                     every=sensors.every,
                     array=array,
                     key=key,
@@ -122,7 +121,7 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
         )
         strain = StrainGauges(pool)
         if gauges.bridge is not None:
-            keep, _, _ = admissible(mesh, facets, surface=gauges.surface, **zones_of(gauges))
+            keep, _, _ = admissible(mesh, facets, **sites_of(gauges))
             strain = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
             pool = strain.candidates
     if length == 0:

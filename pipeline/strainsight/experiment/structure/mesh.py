@@ -16,7 +16,7 @@ from strainsight.decks.faults import LINEAR, PRELOAD, short, spelt
 from strainsight.decks.reader import read_mesh
 from strainsight.decks.text import LARGEST_ID
 from strainsight.errors import ConfigError, DeckError, InfeasibleError, StrainsightError, UserError, blame
-from strainsight.experiment.layout.gauge_list import zones_of
+from strainsight.experiment.layout.gauge_list import sites_of
 from strainsight.fem.checks import Quality, check_geometry, check_inverted, check_mesh, element_quality
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.equations import turning_nodes
@@ -382,7 +382,7 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
         return
     free = np.zeros(0, dtype=int)
     with suppress(InfeasibleError):  # no facet at all: `train` names that
-        free, _, _ = admissible(mesh, facets, surface=gauges.surface, **zones_of(gauges))
+        free, _, _ = admissible(mesh, facets, **sites_of(gauges))
     contact = contact_faces(mesh, facets, faces)
     named = {name: {*facet_key(*gauges.T).tolist()} for name, gauges in mesh.faces.items()}
     for i, face in enumerate(contact.face):

@@ -14,7 +14,7 @@ from strainsight.config.loads import InputNoise, Load
 from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, InfeasibleError, UserError, blame
-from strainsight.experiment.layout.gauge_list import zones_of
+from strainsight.experiment.layout.gauge_list import sites_of
 from strainsight.experiment.recorded import named_regions
 from strainsight.fem.affine import DAMPING, Parameter
 from strainsight.fem.by_region import regions_of
@@ -372,7 +372,7 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     for key, sensors in families(config).items():
         # what leaves no facet is named by `train`: an import is there to look at the faces
         with suppress(InfeasibleError):
-            admissible(mesh, facets, surface=sensors.surface, **zones_of(sensors), key=key)
+            admissible(mesh, facets, **sites_of(sensors), key=key)
 
 
 def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
