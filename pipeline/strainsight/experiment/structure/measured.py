@@ -208,7 +208,7 @@ def settled_in(problem: Problem, test: Measured) -> Settled:
     def refused(what: str) -> ConfigError:
         return ConfigError(what, key="estimate.start", remedy="take moving, or rest where the structure stood still")
 
-    unknown, tones = problem.unknowns.inputs, tones_of(list(problem.signals.values()))
+    unknown, tones = problem.unknowns.inputs, tones_of(list(problem.run.signals.values()))
     if problem.method != "bank":
         raise refused(f"filter.method: {problem.method} cannot begin in a settled motion")
     if unknown:
