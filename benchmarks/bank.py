@@ -14,12 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 from benchmarks.filter import E0, HEIGHT, LENGTH, MODES, WIDTH, cantilever
+from tests.estimation.truth import draw_truth
 
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import Unknowns
 from strainsight.runner.where import Where, opened
