@@ -16,7 +16,6 @@ import numpy as np
 
 from strainsight.estimation.bank_filters import (
     BankProblem,
-    BankRecord,
     LinearStanding,
     Passed,
     about_samples,
@@ -32,6 +31,7 @@ from strainsight.estimation.lattice import DEPTH, SPACING, Bank, Lattice, first_
 from strainsight.estimation.mixture import C, Mixture, Weights
 from strainsight.estimation.parallel_filters import KEPT
 from strainsight.estimation.peak import best_points, density_of, peaks_of_problem
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.run import FilterRun, Keep
 
 FEW = 3

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, BankRecord, about_samples, filtered_at
+from strainsight.estimation.bank_filters import BankProblem, about_samples, filtered_at
 from strainsight.estimation.lattice import Lattice, loose_points, one_point
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import LOST
 from strainsight.rom.model import modal_basis
 
