@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.pages.arrays import FloatArray, IntArray
-from strainsight.pages.chart.drawing import VERMILION, gauge_colour, ink_on
+from strainsight.pages.chart.drawing import INK, VERMILION, gauge_colour, ink_on
 from strainsight.pages.picture.geometry import (
     areas,
     arrow_mesh,
@@ -31,17 +31,17 @@ from strainsight.pages.picture.geometry import (
     triangles,
     views,
 )
-from strainsight.pages.picture.layout import Gauge, Layout
-from strainsight.pages.picture.scene import CREASES, DRAWN_FACETS, OFF_SCREEN, across, aim, answer
+from strainsight.pages.picture.layout import Gauge, PictureLayout
+from strainsight.pages.picture.scene import CLAMP, CREASES, DRAWN_FACETS, OFF_SCREEN, STEEL, across, aim, answer
 from strainsight.pages.text import short
 from strainsight.pages.view.viewing import DOTS, FACETS, NO_DISPLAY, POINTS, Panel, View
 
-STEEL, LINES, POOL, CLAMP, INK = "#c3ccd6", "#5d6a79", "#7b8794", "#8a4fb5", "#1c2430"
+LINES, POOL = "#5d6a79", "#7b8794"
 LENGTH = 0.07
 """Of a gauge's arrow, over the size of the structure."""
 
 
-def carried(layout: Layout, panel: Panel) -> Layout:
+def carried(layout: PictureLayout, panel: Panel) -> PictureLayout:
     """The layout with its points displaced; gauges and loads go with the points nearest to them."""
     if not len(panel.shift):
         return layout
@@ -67,12 +67,14 @@ def carried(layout: Layout, panel: Panel) -> Layout:
     )
 
 
-def add_panel(plotter: Any, view: View, layout: Layout, panel: Panel, triangle: IntArray, bar: int | None) -> None:
+def add_panel(
+    plotter: Any, view: View, layout: PictureLayout, panel: Panel, triangle: IntArray, bar: int | None
+) -> None:
     """Structure, dots, gauges and loads of one panel; bar: number of its scalar bar, None: without one."""
     import pyvista as pv
 
     points = layout.points
-    size = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
+    size = layout.size
     coloured = _colours(view, panel, bar) if len(panel.values) else None
     if len(triangle):
         surface = surface_mesh(points, triangle)
@@ -91,17 +93,17 @@ def add_panel(plotter: Any, view: View, layout: Layout, panel: Panel, triangle: 
             plotter.add_mesh(wires, color=LINES, line_width=1, opacity=0.5, lighting=False)
     if len(layout.bars):
         plotter.add_mesh(line_mesh(points, layout.bars), color=CREASES, line_width=3, lighting=False)
-    for own, colour, width in ((layout.loose, LINES, 9), (layout.pool, POOL, 5), (layout.fixed, CLAMP, 8)):
-        if len(own):
-            plotter.add_mesh(pv.PolyData(own), color=colour, point_size=width, lighting=False)
+    for shape, colour, width in ((layout.loose, LINES, 9), (layout.pool, POOL, 5), (layout.fixed, CLAMP, 8)):
+        if len(shape):
+            plotter.add_mesh(pv.PolyData(shape), color=colour, point_size=width, lighting=False)
     if view.on == DOTS and coloured is not None and len(view.dots):
         round_ones = coloured | {"ambient": 1.0, "diffuse": 0.0}
         plotter.add_mesh(
             pv.PolyData(view.dots), scalars=panel.values, point_size=10, render_points_as_spheres=True, **round_ones
         )
     for i, gauge in enumerate(layout.gauges):
-        for own in gauge_arrows(gauge, LENGTH * size):
-            plotter.add_mesh(own, color=gauge_colour(i), ambient=0.5)
+        for shape in gauge_arrows(gauge, LENGTH * size):
+            plotter.add_mesh(shape, color=gauge_colour(i), ambient=0.5)
     for load in layout.loads:
         plotter.add_mesh(arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
 
@@ -144,27 +146,19 @@ def gauge_arrows(gauge: Gauge, length: float) -> list[Any]:
     its own thickness."""
     import pyvista as pv
 
-    arrows = []
-    base = np.asarray(gauge.position, dtype=float) + 0.06 * length * np.asarray(gauge.normal, dtype=float)
-    arms = [(arm.position + 0.06 * length * arm.normal, arm.direction) for arm in gauge.arms]
-    for start, direction in arms or [(base, direction) for direction in gauge.channels]:
-        if np.any(direction):
-            arrows.append(
-                pv.Arrow(
-                    start=start - 0.5 * length * direction,
-                    direction=direction,
-                    scale=length,
-                    shaft_radius=0.05,
-                    tip_radius=0.13,
-                    tip_length=0.32,
-                )
-            )
-    return arrows or [pv.Sphere(radius=0.15 * length, center=base)]
+    form = {"scale": length, "shaft_radius": 0.05, "tip_radius": 0.13, "tip_length": 0.32}
+    bases = [(position + 0.06 * length * normal, direction) for position, direction, normal in gauge.grids]
+    arrows = [
+        pv.Arrow(start=base - 0.5 * length * direction, direction=direction, **form)
+        for base, direction in bases
+        if np.any(direction)
+    ]
+    return arrows or [pv.Sphere(radius=0.15 * length, center=bases[0][0])]
 
 
-def add_names(plotter: Any, layout: Layout, seen: NDArray[np.bool_], through: bool = True) -> None:
+def add_names(plotter: Any, layout: PictureLayout, seen: NDArray[np.bool_], through: bool = True) -> None:
     """Ids of the gauges that are seen, and names of loads; through: ids are drawn over what stands before them."""
-    size = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
+    size = layout.size
     position, normal = layout.places
     for i in map(int, np.flatnonzero(seen)):
         gauge = layout.gauges[i]
@@ -256,7 +250,7 @@ def draw(view: View, off_screen: bool) -> Any:
 def fitting(screen: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
     """Width and height of a window of this size [px] or, so that all of it is on the screen (width, height; zero: not known),
     smaller."""
-    shares = [OF_A_SCREEN * there / wanted for there, wanted in zip(screen, size, strict=True) if there > 0]
+    shares = [OF_A_SCREEN * room / wanted for room, wanted in zip(screen, size, strict=True) if room > 0]
     share = min(1.0, *shares) if shares else 1.0
     return int(share * size[0]), int(share * size[1])
 
@@ -279,7 +273,7 @@ def _grid(count: int, points: FloatArray) -> tuple[int, int]:
     return -(-count // columns), columns
 
 
-def _aim(plotter: Any, layout: Layout, corner: FloatArray, size: tuple[int, int]) -> None:
+def _aim(plotter: Any, layout: PictureLayout, corner: FloatArray, size: tuple[int, int]) -> None:
     """Parallel view from a corner, z up, everything inside between title and scalar bar; size: pixels of the panel."""
     ends = [free_end(load, layout) for load in layout.loads]
     shown = np.concatenate([layout.points, np.array(ends, dtype=float).reshape(-1, 3)])

@@ -14,7 +14,7 @@ import numpy as np
 from strainsight.errors import StrainsightError, UserError
 from strainsight.imports import FOLDER
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.picture.layout import Layout
+from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.picture.scene import draw_apart, last_words, thinned
 from strainsight.processes import inherited, python
 
@@ -44,7 +44,7 @@ class View:
     """
 
     title: str
-    layout: Layout
+    layout: PictureLayout
     panels: tuple[Panel, ...] = (Panel(),)
     quantity: str = ""
     unit: str = ""
