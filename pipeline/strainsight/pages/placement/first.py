@@ -117,10 +117,10 @@ def answer(report: PlacementReport) -> str:
     known = [unknown for unknown in sound if _sigma(unknown) is not None]
     if parts := [f"{escape(one.name)} to within ±{share(_sigma(one))} {denominator(one)}" for one in known]:
         names = dict.fromkeys(_name_of_sigma(unknown) for unknown in known)
-        told = f"{listed(parts)} ({' or '.join(names)})"
+        summary = f"{listed(parts)} ({' or '.join(names)})"
     else:
-        told = listed([escape(unknown.name) for unknown in sound])
-    text += f" {'tells' if len(gauges) == 1 else 'tell'} {told}." if told else "."
+        summary = listed([escape(unknown.name) for unknown in sound])
+    text += f" {'tells' if len(gauges) == 1 else 'tell'} {summary}." if summary else "."
     if len(known) > 1:
         weakest = max(known, key=lambda unknown: _sigma(unknown) or 0.0)
         text += f" The weakest unknown is <strong>{escape(weakest.name)}</strong>."
