@@ -57,8 +57,11 @@ def figures_of(
         for page in ready:
             upstream = {name: Artefact(folder / f"{name}.h5") for name in page.upstream}
             settings = declared(config, prune(data, page.reads))
-            of = _of_bench if isinstance(settings, BenchConfig) else _of_test if page.name == TEST else _of_placement
-            shown = of(Context(settings, upstream, {}, silent))
+            if isinstance(settings, BenchConfig):
+                shown = _of_bench(Context(settings, upstream, {}, silent))
+            else:
+                of = _of_test if page.name == TEST else _of_placement
+                shown = of(Context(settings, upstream, {}, silent))
             counted[page.name] = len(shown)
             drawings += shown
         files = figure_files(drawings, drawn)

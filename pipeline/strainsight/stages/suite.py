@@ -36,7 +36,7 @@ from strainsight.pages.suite.data import (
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
 from strainsight.pages.suite.summary import counts, results_of, without_benefit
-from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.bench import BenchEstimated
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
 from strainsight.records.record import read, written
@@ -275,11 +275,10 @@ def _run(run: SuiteRun) -> Mapping[str, Any]:
 def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
     """Numbers and verdict of every unknown by the names of `UnknownRows`."""
     if isinstance(run, BenchPageRun):
-        for unknown in run.unknowns:
-            name = unknown.name
+        for name, history in ((unknown.name, unknown.history) for unknown in run.unknowns):
             numbers = {key: run.number(f"{key}.{name}") for key in OF_A_LOAD}
             word = ", ".join(run.faults(name)) or str(run.summary.get(f"claim.{name}", ""))
-            yield {"name": name, "unit": unknown.history.unit, "verdict": word} | numbers
+            yield {"name": name, "unit": history.unit, "verdict": word} | numbers
         return
     for result in results_of(run):
         unknown, repeats = result.unknown, result.unknown.repeats

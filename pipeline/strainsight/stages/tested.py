@@ -25,8 +25,7 @@ from strainsight.pages.tested.figures import figures_of_test
 from strainsight.pages.tested.page import page_of_test, title_of, views_of
 from strainsight.pages.text import capital
 from strainsight.pages.view.viewing import exaggerated, screenshots
-from strainsight.records.damage import Damaged
-from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
+from strainsight.records.estimated import CampaignRecord, Damaged, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read, unit_of
 from strainsight.records.training import Training

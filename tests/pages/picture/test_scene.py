@@ -37,6 +37,7 @@ def pictures():
     return {name: (shown[name], png) for name, png in zip(shown, scene.render_all(list(shown.values())), strict=True)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "more"), [("beam", ()), ("sensors", ()), ("no facets", (LINES,))])
 def test_every_gauge_is_pictured_in_its_colour(pictures, name, more):
     shown, png = pictures[name]

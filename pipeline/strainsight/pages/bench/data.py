@@ -14,8 +14,7 @@ import numpy as np
 from strainsight.estimation.decision import BEYOND, CONTRADICTED, DIVERGED, LOST, OVERCONFIDENT, WITHHELD, Claim, judged
 from strainsight.pages.arrays import FloatArray, History, Reading
 from strainsight.pages.placement.data import Criteria, MetricWords, Trend
-from strainsight.records.bench import DriveMotion, RingMotion
-from strainsight.records.bench_estimated import BenchPlaced, RingEstimate
+from strainsight.records.bench import BenchPlaced, DriveMotion, RingEstimate, RingMotion
 from strainsight.runner.output import Scalar
 
 

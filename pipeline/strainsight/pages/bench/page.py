@@ -29,8 +29,7 @@ from strainsight.pages.placement.first import headline
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
 from strainsight.pages.text import number, percent, prefix, quantity, short
-from strainsight.records.bench import DriveMotion, RingMotion
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import BenchPlaced, DriveMotion, RingMotion
 
 
 def loads_figure(motion: BenchMotion) -> Drawing:

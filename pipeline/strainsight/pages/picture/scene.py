@@ -311,11 +311,19 @@ def labelled(
         anchors, away = (np.array([label[k] for label in labels]).reshape(-1, 2) for k in (0, 1))
         places = spread_labels(anchors, away, [name for _, _, name, _, _ in labels], size)
         for place_of, (anchor, _, name, colour, hollow) in zip(places, labels, strict=True):
-            ground, edge, width = (EMPTY, colour, 2.2) if hollow else (colour, "white", 0.8)
-            box = {"boxstyle": "round,pad=0.32", "fc": ground, "ec": edge, "lw": width}
+            ground, edge, thick = (EMPTY, colour, 2.2) if hollow else (colour, "white", 0.8)
+            box = {"boxstyle": "round,pad=0.32", "fc": ground, "ec": edge, "lw": thick}
             line = {"arrowstyle": "-", "color": colour, "lw": 1.4, "shrinkA": 0, "shrinkB": 2}
-            style = {"ha": "center", "va": "center", "fontsize": FONT, "fontweight": "bold", "parse_math": False}
-            axes.annotate(name, anchor, place_of, color=ink_on(ground), bbox=box, arrowprops=line, **style)
+            style: dict[str, Any] = {
+                "ha": "center",
+                "va": "center",
+                "fontsize": FONT,
+                "fontweight": "bold",
+                "parse_math": False,
+            }
+            axes.annotate(
+                name, tuple(anchor), tuple(place_of), color=ink_on(ground), bbox=box, arrowprops=line, **style
+            )
         _triad(axes, pixels, middle, diagonal, size)
         side = "above" if corner[2] > 0 else "below"
         axes.text(8, 13, f"seen from {side}", color=CAPTION, fontsize=FONT, va="center")

@@ -146,7 +146,7 @@ def gauge_arrows(gauge: Gauge, length: float) -> list[Any]:
     its own thickness."""
     import pyvista as pv
 
-    form = {"scale": length, "shaft_radius": 0.05, "tip_radius": 0.13, "tip_length": 0.32}
+    form: dict[str, Any] = {"scale": length, "shaft_radius": 0.05, "tip_radius": 0.13, "tip_length": 0.32}
     bases = [(position + 0.06 * length * normal, direction) for position, direction, normal in gauge.grids]
     arrows = [
         pv.Arrow(start=base - 0.5 * length * direction, direction=direction, **form)

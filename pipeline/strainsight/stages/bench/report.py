@@ -26,8 +26,7 @@ from strainsight.pages.picture.scene import drawn_or_why
 from strainsight.pages.space.model import ShownState
 from strainsight.pages.space.section import space_section
 from strainsight.pages.view.viewing import View, screenshot, untitled
-from strainsight.records.bench import Simulated, SurfaceInTime
-from strainsight.records.bench_estimated import BenchEstimated, BenchPlaced
+from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated, SurfaceInTime
 from strainsight.records.record import read, unit_of
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Dataset, Output
@@ -54,9 +53,9 @@ def estimate_of(artefact: Artefact) -> BenchEstimate:
         if match.measured is None or match.predicted is None or match.predicted_std is None or match.left_in is None:
             continue
         columns = zip(measured.T, match.predicted.T, match.predicted_std.T, match.left_in, units, strict=True)
-        for i, (*values, why, unit) in enumerate(columns, start=1):
+        for i, (reading, predicted, std, why, unit) in enumerate(columns, start=1):
             if not why:
-                held_out.append(Reading(f"{name}.{i}", unit, record.time[1:], *values, i))
+                held_out.append(Reading(f"{name}.{i}", unit, record.time[1:], reading, predicted, std, i))
     return BenchEstimate(
         time=record.time,
         unknowns=(

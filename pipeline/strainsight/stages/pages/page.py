@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -42,6 +42,7 @@ from strainsight.records.placed import Observed, Placed, PlacedLayout, metric_ke
 from strainsight.records.record import read, unit_of
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
+from strainsight.records.validated import RandomSets as Drawn
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.stage import Context
@@ -210,7 +211,10 @@ def history_of(name: str, validate: Artefact) -> History:
 
 def random_sets_of(names: list[str], validate: Artefact) -> tuple[RandomSetErrors, ...]:
     validated, summary = read(Validated, validate), validate.summary
-    pools = ("all candidates", validated.all), ("screened", validated.screened)
+    pools: tuple[tuple[Literal["all candidates", "screened"], Drawn], ...] = (
+        ("all candidates", validated.all),
+        ("screened", validated.screened),
+    )
     return tuple(
         RandomSetErrors(name, label, sets.error[name], sets.estimate[name].T, float(summary[f"error.{name}"]))
         for name in names
@@ -257,11 +261,9 @@ def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
 
 def cases_of(observe: Artefact) -> tuple[ObservabilityCase, ...]:
     observed = read(Observed, observe)
-    numbers = (observed.condition, observed.condition_raw)
+    condition, raw = observed.condition.tolist(), observed.condition_raw.tolist()
     return tuple(
-        ObservabilityCase(
-            tuple(unknowns.split(", ")), excitation, *(float(of[i, j]) for of in numbers), str(observed.lost[i, j])
-        )
+        ObservabilityCase(tuple(unknowns.split(", ")), excitation, condition[i][j], raw[i][j], str(observed.lost[i, j]))
         for j, unknowns in enumerate(observed.unknowns)
         for i, excitation in enumerate(observed.excitation)
     )

@@ -135,7 +135,7 @@ def _marked(layout: GaugeList) -> Iterator[Gauge]:
             directions=layout.directions[i],
             bonded=bool(layout.bonded[i]),
             unit=layout.unit[i],
-            arms=tuple(Arm(*place, int(sign), int(e), int(f)) for sign, *place, e, f in grids),
+            arms=tuple(Arm(x, d, n, int(sign), int(e), int(f)) for sign, x, d, n, e, f in grids),
         )
 
 

@@ -17,8 +17,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import Gauge, PictureLayout
 from strainsight.pages.view.viewing import DOTS, Panel, View
-from strainsight.records.bench import ReducedBodies, ReducedBody
-from strainsight.records.bench_estimated import PLACED, BenchPlaced
+from strainsight.records.bench import PLACED, BenchPlaced, ReducedBodies, ReducedBody
 from strainsight.records.estimated import estimated_in
 from strainsight.records.mesh import Meshes, mesh_from
 from strainsight.records.record import read
@@ -254,9 +253,9 @@ def offers_of(
     placement is of."""
     stages: dict[str, tuple[str, ...]] = {"mesh": ("import",), "modes": ("import", "rom")}
     if isinstance(config, PlacementConfig):
-        placed = ("import", "rom", "train", "screen", "place")
-        stages |= {"strain": ("import", "rom", "train"), "candidates": ("import", "train"), "layout": placed}
-        return Offers(stages | {"field": (*placed, STAGE[of])}, {}, placed)
+        layout = ("import", "rom", "train", "screen", "place")
+        stages |= {"strain": ("import", "rom", "train"), "candidates": ("import", "train"), "layout": layout}
+        return Offers(stages | {"field": (*layout, STAGE[of])}, {}, layout)
     strains = [s for s in config.sensors.values() if s.type == "strain" and s.body == body]
     placed_here = "place" in names and config.place is not None and config.place.body == body
     placed = ("place",) * (placed_here or any(sensor.layout for sensor in strains))

@@ -1,0 +1,427 @@
+"""What text and binary OUTPUT4 files have in common.
+
+SciPy's reader ends the process with a segmentation fault where a line in the middle is none (seen with SciPy 1.17).
+"""
+
+from __future__ import annotations
+
+import re
+import struct
+import warnings
+from array import array
+from collections.abc import Iterator
+from dataclasses import dataclass
+from io import TextIOWrapper
+from pathlib import Path
+from typing import Any, TextIO
+
+import numpy as np
+from scipy import sparse
+
+from strainsight.decks.text import PACKING, SMALL, check_plain, opened, parse_integer, parse_real, text_lines
+from strainsight.errors import DeckError
+
+LARGEST = 50_000_000
+"""Rows or columns; a claim beyond it is damage."""
+BIGMAT = 65_536
+"""From this many rows on the strings of a sparse matrix have two words in front of them, not one."""
+TRUNCATED = "write the file again: it was cut short or altered"
+
+
+@dataclass(frozen=True)
+class Header:
+    """name; shape (rows, columns); wide: two words in front of every string; words a number takes."""
+
+    name: str
+    shape: tuple[int, int]
+    wide: bool
+    words: int
+
+
+Column = tuple[int, list[int], list[int], Any]
+"""Number from 1, first row from 1 and length of every string of numbers in it, and the numbers of all strings."""
+
+
+def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where: str) -> Header:
+    said = name.replace(b"\0", b" ").decode("ascii", "replace").strip()
+    if kind in (3, 4):
+        raise DeckError(f"the matrix {said} is complex", where=where, remedy="give real stiffness and mass matrices")
+    if kind not in (1, 2) or not (0 < columns <= LARGEST and 0 < abs(rows) <= LARGEST):
+        raise DeckError(
+            f"no header of a matrix: {abs(rows)} × {columns}, type {kind}",
+            where=where,
+            remedy="the file is no OP4 file, or damaged",
+        )
+    return Header(said, (abs(rows), columns), rows < 0 or rows >= BIGMAT, 1 if kind == 1 else words)
+
+
+def checked(header: Header, column: int, rows: list[int], lengths: list[int], numbers: Any, where: str) -> Column:
+    for row, length in zip(rows, lengths, strict=True):
+        if not (row >= 1 and 1 <= length <= header.shape[0] - row + 1):
+            raise DeckError(
+                f"column {column} of {header.name} has {length} numbers from row {row} of {header.shape[0]} on",
+                where=where,
+                remedy=TRUNCATED,
+            )
+    return column, rows, lengths, numbers
+
+
+def in_order(column: int, last: int, header: Header, where: str) -> int:
+    if column <= last:
+        raise DeckError(f"column {column} of {header.name} follows column {last}", where=where, remedy=TRUNCATED)
+    return column
+
+
+MARKERS = {struct.pack(order + "i", size): (order, size == 48) for order in "<>" for size in (24, 48)}
+"""First four bytes → byte order, and whether integers are long."""
+
+
+def binary_matrices(path: Path, order: str, long: bool) -> Iterator[tuple[Header, Iterator[Column]]]:
+    data = path.read_bytes()
+    records = _records(data, order, path)
+    integer = 8 if long else 4
+    for at, size in records:
+        if size != 6 * integer:
+            raise DeckError(f"no header of a matrix at byte {at}", where=str(path), remedy=TRUNCATED)
+        columns, rows, _, kind = struct.unpack_from(order + ("4q" if long else "4i"), data, at)
+        name = data[at + 4 * integer : at + size]
+        header = header_of(name, columns, rows, kind, 1 if long else 2, f"{path}, byte {at}")
+        yield header, _binary_columns(data, records, header, order, integer, kind, path)
+
+
+def _records(data: bytes, order: str, path: Path) -> Iterator[tuple[int, int]]:
+    """Begin and size of every record, which its length in bytes encloses."""
+    at = 0
+    while at < len(data):
+        size = struct.unpack_from(order + "i", data, at)[0] if at + 8 <= len(data) else -1
+        end = at + 4 + size
+        if size < 0 or data[at : at + 4] != data[end : end + 4]:
+            raise DeckError(f"the record at byte {at} is not complete", where=str(path), remedy=TRUNCATED)
+        yield at + 4, size
+        at = end + 4
+
+
+def _binary_columns(
+    data: bytes, records: Iterator[tuple[int, int]], header: Header, order: str, integer: int, kind: int, path: Path
+) -> Iterator[Column]:
+    real = np.dtype(f"{order}f{integer if kind == 1 else 8}")
+    word = np.dtype(f"{order}i{integer}")
+    last, heads = 0, 2 if header.wide else 1
+    for at, size in records:
+        where = f"{path}, byte {at}"
+        if size < 3 * integer:
+            raise DeckError("a record too short for a column", where=where, remedy=TRUNCATED)
+        column, row, count = np.frombuffer(data, word, 3, at).tolist()
+        last = in_order(column, last, header, where)
+        if column > header.shape[1]:
+            return
+        begin = at + 3 * integer
+        if count < 0 or begin + count * integer > at + size:
+            raise DeckError(f"a column of {count} words in a record of {size} bytes", where=where, remedy=TRUNCATED)
+        if row > 0:
+            length = count // header.words
+            numbers = np.frombuffer(data, real, length, begin).astype(float)
+            yield checked(header, column, [row], [length], numbers, where)
+            continue
+        body = np.frombuffer(data, word, count, begin)
+        rows, lengths, places = _strings_of(body.tolist(), header, column, where)
+        keep = np.ones(count, dtype=bool)
+        for shift in range(heads):
+            keep[np.array(places, dtype=np.int64) + shift] = False
+        yield checked(header, column, rows, lengths, body[keep].view(real).astype(float), where)
+    raise DeckError(f"the file ends within {header.name}", where=str(path), remedy=TRUNCATED)
+
+
+def _strings_of(words: list[int], header: Header, column: int, where: str) -> tuple[list[int], list[int], list[int]]:
+    """First row, count of numbers, and place of the head of every string in a sparse column."""
+    rows, lengths, places = [], [], []
+    at = 0
+    while at < len(words):
+        places.append(at)
+        if header.wide:
+            size, row = words[at] - 1, words[at + 1] if at + 1 < len(words) else 0
+            at += 2
+        else:
+            size, row = (words[at] >> 16) - 1, words[at] & 0xFFFF
+            at += 1
+        at += size
+        if size <= 0 or size % header.words or at > len(words):
+            raise DeckError(f"a string of {size} words in column {column}", where=where, remedy=TRUNCATED)
+        rows.append(row)
+        lengths.append(size // header.words)
+    return rows, lengths, places
+
+
+_FORMAT = re.compile(r"(\d+)[EDFG](\d+)\.\d+")
+_NO_LETTER = re.compile(rb"\s*([-+]?\d*\.?\d*)([-+]\d+)\s*")
+
+
+@dataclass
+class _Lines:
+    """Lines of a text file, and where the last one stands."""
+
+    path: Path
+    lines: Iterator[bytes]
+    number: int = 0
+
+    @property
+    def where(self) -> str:
+        return f"{self.path}:{self.number}"
+
+    def next(self) -> bytes:
+        self.number += 1
+        line = next(self.lines, None)
+        if line is None:
+            raise DeckError("the file ends within a matrix", where=self.where, remedy=TRUNCATED)
+        return line.rstrip(b"\r\n")
+
+    def integers(self, line: bytes, *widths: int) -> tuple[int, ...]:
+        ends = np.cumsum(widths).tolist()
+        try:
+            return tuple(int(line[end - width : end]) for end, width in zip(ends, widths, strict=True))
+        except ValueError:
+            said = line[:40].decode("ascii", "replace")
+            raise DeckError(
+                f"{said!r} is no line of an OP4 file here",
+                where=self.where,
+                remedy="the file is no OP4 file, or damaged",
+            ) from None
+
+
+def text_matrices(path: Path) -> Iterator[tuple[Header, Iterator[Column]]]:
+    with path.open("rb") as file:
+        lines = _Lines(path, iter(file))
+        for line in lines.lines:
+            lines.number += 1
+            line = line.rstrip()
+            if not line:
+                continue
+            wide = line.endswith(b"|I16")
+            widths = (16, 16, 8, 8) if wide else (8, 8, 8, 8)
+            columns, rows, _, kind = lines.integers(line, *widths)
+            at = sum(widths)
+            header = header_of(line[at : at + 8], columns, rows, kind, 2, lines.where)
+            stated = _FORMAT.search(line[at + 8 :].decode("ascii", "replace").upper())
+            a_line, width = (int(stated[1]), int(stated[2])) if stated else (5, 16)
+            if not (0 < a_line <= 100 and 0 < width <= 100):
+                raise DeckError(f"no format of numbers: {a_line}E{width}", where=lines.where, remedy=TRUNCATED)
+            yield header, _text_columns(lines, header, a_line, width)
+
+
+def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Iterator[Column]:
+    last = 0
+    while True:
+        column, row, left = lines.integers(lines.next(), 8, 8, 8)
+        where = lines.where
+        last = in_order(column, last, header, where)
+        if column > header.shape[1]:
+            lines.next()
+            return
+        found = array("d")
+        if row > 0:
+            _read_numbers(found, lines, left, a_line, width)
+            yield checked(header, column, [row], [left], found, where)
+            continue
+        rows, lengths = [], []
+        while left > 0:
+            line = lines.next()
+            if header.wide:
+                size, row = lines.integers(line, 8, 8)
+                size, left = size - 1, left - 1
+            else:
+                (head,) = lines.integers(line, max(len(line), 1))
+                size, row = (head >> 16) - 1, head & 0xFFFF
+            left -= 1 + size
+            if size <= 0 or left < 0:
+                raise DeckError(f"a string of {size} words in column {column}", where=lines.where, remedy=TRUNCATED)
+            rows.append(row)
+            lengths.append(size // header.words)
+            _read_numbers(found, lines, lengths[-1], a_line, width)
+        yield checked(header, column, rows, lengths, found, where)
+
+
+def _read_numbers(found: array[float], lines: _Lines, count: int, a_line: int, width: int) -> None:
+    while count > 0:
+        line = lines.next().replace(b"D", b"E")
+        many = min(a_line, count)
+        found.extend([_number(line[at : at + width], lines) for at in range(0, width * many, width)])
+        count -= many
+
+
+def _number(text: bytes, lines: _Lines) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        pass
+    # Fortran drops the letter where the exponent has three digits: 1.5-105
+    if split := _NO_LETTER.fullmatch(text):
+        return float(split[1] + b"E" + split[2])
+    raise DeckError(f"{text.decode('ascii', 'replace')!r} is not a number", where=lines.where, remedy=TRUNCATED)
+
+
+REAL = ("real", "integer", "double", "unsigned-integer")
+LONGEST = 10_000
+"""Signs of a line above the entries."""
+AGAIN = "write the matrix again: it was cut short or altered"
+
+
+def read_market(path: Path) -> sparse.coo_array | np.ndarray:
+    """The matrix, with both triangles where the file says that it is symmetric.
+
+    Raises DeckError for complex, pattern and skew ones and for lines that are no entry; OSError, EOFError and zlib.error as
+    reading does.
+    """
+    with opened(path) as raw, TextIOWrapper(raw, "ascii", "replace") as file:
+        words = file.readline(LONGEST).lower().split()
+        if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("array", "coordinate"):
+            raise DeckError("no Matrix Market file by its first line", where=f"{path}:1", remedy=AGAIN)
+        layout, field, kind = words[2:]
+        if field not in REAL or kind not in ("general", "symmetric"):
+            raise DeckError(
+                f"a {kind} {field} matrix", where=f"{path}:1", remedy="write it real, and general or symmetric"
+            )
+        rows, columns, entries, line = _sizes(file, path, layout, kind)
+        size = path.stat().st_size
+        # a line of one entry has two bytes at least, of its place and its value six
+        if (2 if layout == "array" else 6) * entries > (
+            max(SMALL, PACKING * size) if path.suffix.lower() == ".gz" else size
+        ):
+            raise DeckError(
+                f"it claims {rows} × {columns} with {entries} entries, more than it can hold",
+                where=str(path),
+                remedy="write the matrix again",
+            )
+        table = _table(file, path, entries, 1 if layout == "array" else 3, line)
+    return (
+        _dense(table[:, 0], rows, columns, kind)
+        if layout == "array"
+        else _sparse(table, rows, columns, kind, path, line)
+    )
+
+
+def _sizes(file: TextIO, path: Path, layout: str, kind: str) -> tuple[int, int, int, int]:
+    """Rows, columns, entries in the file, and the number of the line that says so."""
+    number, text = 1, "%"
+    while text.startswith("%") or (text and not text.strip()):
+        text, number = file.readline(LONGEST), number + 1
+    sizes = [parse_integer(word) for word in text.split()]
+    rows, columns, *more = [size or 0 for size in sizes] if len(sizes) >= 2 else [0, 0]
+    if None in sizes or len(more) != (layout == "coordinate") or not (0 < rows <= LARGEST and 0 < columns <= LARGEST):
+        raise DeckError(f"{text.strip()[:60]!r} are no sizes of a matrix", where=f"{path}:{number}", remedy=AGAIN)
+    if kind == "symmetric" and rows != columns:
+        raise DeckError(f"a symmetric matrix of {rows} × {columns}", where=f"{path}:{number}", remedy=AGAIN)
+    dense = columns * (columns + 1) // 2 if kind == "symmetric" else rows * columns
+    return rows, columns, more[0] if more else dense, number
+
+
+def _table(file: TextIO, path: Path, entries: int, width: int, line: int) -> np.ndarray:
+    """(entries, width) numbers, one line each."""
+    if entries <= 0:
+        return np.zeros((0, width))
+    try:
+        table = np.loadtxt(file, comments=None, ndmin=2, max_rows=entries)
+    except ValueError as error:
+        said = str(error).partition(";")[0][:200]
+        raise DeckError(
+            f"a line below the sizes is no entry: {said}", where=f"{path}:{line + 1}", remedy=AGAIN
+        ) from None
+    if table.shape != (entries, width) or any(rest.strip() for rest in iter(lambda: file.readline(LONGEST), "")):
+        there = f"{len(table)} entries" if len(table) < entries else f"more than {entries} entries"
+        said = there if table.shape[1:] == (width,) else f"lines of {table.shape[1]} numbers"
+        raise DeckError(f"{said} where {entries} are claimed", where=f"{path}:{line}", remedy=AGAIN)
+    return table
+
+
+def _dense(values: np.ndarray, rows: int, columns: int, kind: str) -> np.ndarray:
+    """Entries column by column; of a symmetric matrix those on the diagonal and below."""
+    if kind == "general":
+        return values.reshape(columns, rows).T
+    X = np.zeros((columns, columns))
+    upper = np.triu_indices(columns)  # row by row as the lower ones column by column
+    X[upper] = values
+    X.T[upper] = values
+    return X
+
+
+def _sparse(table: np.ndarray, rows: int, columns: int, kind: str, path: Path, line: int) -> sparse.coo_array:
+    place = table[:, :2]
+    outside = ~((place >= 1) & (place <= [rows, columns]) & (place == np.floor(place))).all(axis=1)
+    if outside.any():
+        i, j = place[np.argmax(outside)]
+        raise DeckError(
+            f"entry {int(np.argmax(outside)) + 1} stands at ({i:g}, {j:g}) of a {rows} × {columns} matrix",
+            where=f"{path}:{line}",
+            remedy=AGAIN,
+        )
+    row, column = (place[:, k].astype(np.int64) - 1 for k in (0, 1))
+    value = table[:, 2]
+    if kind == "symmetric":
+        off = row != column
+        row, column = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
+        value = np.concatenate([value, value[off]])
+    return sparse.coo_array((value, (row, column)), shape=(rows, columns))
+
+
+WRITE_AGAIN = "write it again, with SOLVER=MATRIXSTORAGE"
+
+
+def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
+    """A symmetric matrix: lines "row column value", each pair below or above the diagonal once.
+
+    Raises DeckError for a name, numbers of rows that are none, and a pair that stands on both sides.
+    """
+    if name is not None:
+        raise DeckError(f"a matrix of CalculiX has no name, such as {name!r}", remedy="remove the name")
+    entries = _entries(path)
+    if entries.shape[1] != 3:
+        raise DeckError(f"its lines have {entries.shape[1]} numbers, not row, column and value", remedy=WRITE_AGAIN)
+    whole = ((entries[:, :2] == np.floor(entries[:, :2])) & (entries[:, :2] >= 1) & (entries[:, :2] <= LARGEST)).all(
+        axis=1
+    )
+    if not whole.all():
+        i = int(np.argmin(whole))
+        said = f"row {entries[i, 0]:g} and column {entries[i, 1]:g} of entry {i + 1} are not whole numbers from 1"
+        raise DeckError(said, remedy=WRITE_AGAIN)
+    at = entries[:, :2].astype(np.int64)
+    n = int(at.max())
+    low, high = at.min(axis=1) - 1, at.max(axis=1) - 1
+    if len(np.unique(low * n + high)) < len(at):
+        raise DeckError("it holds both triangles, or an entry twice", remedy="write it again, or as Matrix Market")
+    half = sparse.csr_array((entries[:, 2], (low, high)), shape=(n, n))
+    full = sparse.csr_array(half + half.T - sparse.diags_array(half.diagonal()))
+    full.eliminate_zeros()
+    return full
+
+
+def _entries(path: Path) -> np.ndarray:
+    """(entries, 3) as numpy reads them; by our own reader, which is slower, where it cannot: exponents with D, or a fault in some
+    line. Raises DeckError for a file without entries, with file:line for what is none."""
+    check_plain(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a file without lines, which text_lines refuses
+        try:
+            found = np.loadtxt(path, comments=None, ndmin=2)
+        except ValueError:
+            found = np.zeros((0, 3))
+    if found.size:
+        return found
+    rows = []
+    for number, line in enumerate(text_lines(path), start=1):
+        values = [parse_real(word) for word in line.split()]
+        if len(values) not in (0, 3) or None in values:
+            said = f"{line.strip()[:60]!r} is not row, column and value"
+            raise DeckError(said, where=f"{path}:{number}", remedy=WRITE_AGAIN)
+        rows += [values] if values else []
+    return np.array(rows, dtype=float)
+
+
+def read_dofs(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line number, and node and component of every row: lines "17.3". Raises DeckError for others."""
+    for number, line in enumerate(text_lines(path), start=1):
+        if text := line.strip():
+            node, dot, component = text.partition(".")
+            if not dot:
+                raise DeckError(
+                    f"{text[:40]!r} is no node.component", where=f"{path}:{number}", remedy="write it again"
+                )
+            yield number, [node, component]
