@@ -12,8 +12,7 @@ import pyvista as pv
 from strainsight.pages.picture.layout import Gauge, LoadArrow, PictureLayout
 from strainsight.pages.space.model import ShownState, contour_of, space, surface, vertex_shift
 from strainsight.pages.space.section import space_section
-from strainsight.pages.view.viewer import _colours
-from strainsight.pages.view.viewing import FACETS, Panel, View
+from strainsight.pages.view.viewing import FACETS, Panel, View, _colours
 
 from ...shared import slowly
 
