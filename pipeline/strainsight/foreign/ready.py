@@ -169,8 +169,7 @@ def _for_constraints(mesh: Mesh, nodes: np.ndarray, components: np.ndarray, stif
     mesh = replace(mesh, point_masses=())  # they are in the mass
     if not mesh.axes:
         return mesh
-    ties = [(e.reference, e.nodes) for e in mesh.rigid] + [(e.reference, e.nodes) for e in mesh.averaging]
-    led = {node for reference, nodes_of_it in ties for node in (reference, *np.asarray(nodes_of_it).tolist())}
+    led = {node for tie in mesh.ties for node in (tie.reference, *tie.nodes.tolist())}
     led |= {int(node) for relation in mesh.relations for node in relation.node}
     taken = {(int(node), int(component)) for node, component in mesh.fixed}
     own = np.isin(nodes, [node for node in mesh.axes if node not in led])

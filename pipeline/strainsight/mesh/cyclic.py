@@ -150,11 +150,8 @@ class Copies:
         """Displacement systems of the nodes that have one, or that a tie or relation speaks of along its own: turned."""
         mesh, n = self.mesh, len(self.mesh.position)
         spoken = {int(i) for own in mesh.relations for i in own.node}
-        ties = [(own.reference, own.nodes) for own in mesh.rigid] + [
-            (own.reference, own.nodes) for own in mesh.averaging
-        ]
-        for reference, nodes in ties:
-            spoken |= {reference, *nodes.tolist()}
+        for tie in mesh.ties:
+            spoken |= {tie.reference, *tie.nodes.tolist()}
         new_of = {int(own): row for row, own in enumerate(self.kept)}
         found = {}
         for node in sorted(spoken | {*mesh.axes}):

@@ -155,6 +155,11 @@ class Mesh:
         return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(nodes.ravel() for nodes in self.connectivity)]))
 
     @property
+    def ties(self) -> tuple[RigidElement | AveragingElement, ...]:
+        """Rigid and averaging elements."""
+        return (*self.rigid, *self.averaging)
+
+    @property
     def has_surface(self) -> bool:
         """Whether there is something that a gauge can be bonded on: solids, shells or sides of beams."""
         return bool(self.blocks or self.shells or any((block.on_sides >= 0).any() for block in self.beams))

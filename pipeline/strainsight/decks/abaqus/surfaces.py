@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.text import Row
+from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.facets import OUTWARD, Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
@@ -106,6 +107,19 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> dict[tupl
         share = np.bincount(place, weight, minlength=len(rows)).astype(float)
         found[key] = Surface(*names[key], rows, share, tuple(facets.get(key, ())), key in sideless)
     return found
+
+
+def surface_of(
+    entry: str, by: Keyword | Row, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]
+) -> Surface:
+    """The surface that an entry names; DeckError where there is none."""
+    within, name = assembly.split_name(entry, scope)
+    surface = found.get((within.name.upper(), name.upper()))
+    if surface is None:
+        raise by.error(
+            f"surface {entry!r} is not in the deck, or of another type", "correct the name, or add the *SURFACE"
+        )
+    return surface
 
 
 def _facets(builder: _Builder, row: Row, rows: IntArray) -> list[tuple[Kind, IntArray]]:
