@@ -14,7 +14,7 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.fem.constraints import Constraint, constraint_transform, describe_row
 from strainsight.fem.equations import rigid_rows, rotation_rows
 from strainsight.fem.model import FiniteElementModel, FullModel, restricted
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import IdTable, Mesh
 
 LOOSE = 1e-14
 """ε: energy of a rigid motion over that of its entries one by one, below which nothing holds it."""
@@ -131,14 +131,11 @@ def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> FullModel:
 
 def _nodes_of(mesh: Mesh, ready: ReadyMatrices) -> np.ndarray:
     """Index of the node of every row."""
-    order = np.argsort(mesh.node_ids, kind="stable")
-    at = np.minimum(np.searchsorted(mesh.node_ids, ready.node_ids, sorter=order), len(order) - 1)
-    nodes = order[at]
-    missing = np.flatnonzero(mesh.node_ids[nodes] != ready.node_ids)
-    if missing.size:
-        row = int(missing[0])
+    nodes, missing = IdTable(mesh.node_ids).rows(ready.node_ids)
+    if missing.any():
+        row = int(np.argmax(missing))
         raise DeckError(
-            f"row {row + 1} of the matrices is of node {ready.node_ids[row]}, which the mesh lacks ({missing.size} such rows)",
+            f"row {row + 1} of the matrices is of node {ready.node_ids[row]}, which the mesh lacks ({missing.sum()} such rows)",
             where=f"{ready.source}:{row + 2}" if ready.source else None,
             remedy="give a mesh with all nodes of the matrices; nodes without elements are welcome",
         )

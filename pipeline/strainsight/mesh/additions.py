@@ -159,11 +159,7 @@ def _with_parts(mesh: Mesh, region: int, density: float | None, stiffness: float
         rho = old.density if density is None else density if mean == 0 else density / mean * old.density
         mesh, number = _with_altered(mesh, old, rho, stiffness)
         changed.append(replace(part, material=number))
-    if laminate:
-        return replace(mesh, sections={**mesh.sections, region: replace(laminate, plies=tuple(changed))})
-    return replace(
-        mesh, composites={**mesh.composites, region: replace(mesh.composites[region], layers=tuple(changed))}
-    )
+    return with_layers(mesh, region, changed)
 
 
 def _with_altered(
@@ -171,12 +167,23 @@ def _with_altered(
 ) -> tuple[Mesh, int]:
     """A mesh with a material more, of another density and of moduli that are multiplied, and its id."""
     number = free_material(mesh)
-    own = rescaled(replace(old, id=number, density=density), pressure=stiffness)
-    if isinstance(own, Lamina):
-        return replace(mesh, laminae={**mesh.laminae, number: own}), number
-    if isinstance(own, Anisotropic):
-        return replace(mesh, anisotropic={**mesh.anisotropic, number: own}), number
-    return replace(mesh, materials={**mesh.materials, number: own}), number
+    return with_own(mesh, rescaled(replace(old, id=number, density=density), pressure=stiffness)), number
+
+
+def with_own(mesh: Mesh, material: Material | Lamina | Anisotropic) -> Mesh:
+    """A mesh with a material more, of an id that no other has."""
+    kinds = {Lamina: "laminae", Anisotropic: "anisotropic", Material: "materials"}
+    field = kinds[type(material)]
+    changes: dict[str, Any] = {field: {**getattr(mesh, field), material.id: material}}
+    return replace(mesh, **changes)
+
+
+def with_layers(mesh: Mesh, region: int, layers: Sequence[Any]) -> Mesh:
+    """A mesh whose laminate or composite solid (region id) has other plies or layers."""
+    if laminate := mesh.laminate(region):
+        return replace(mesh, sections={**mesh.sections, region: replace(laminate, plies=tuple(layers))})
+    composite = replace(mesh.composites[region], layers=tuple(layers))
+    return replace(mesh, composites={**mesh.composites, region: composite})
 
 
 def free_material(mesh: Mesh) -> int:

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import UserError
@@ -16,6 +14,7 @@ from strainsight.mesh.anisotropic import Orientation
 from strainsight.mesh.coordinates import BASIC
 from strainsight.mesh.joins import AveragingElement, BodyForce, NodalForces, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Mesh, Origin
+from strainsight.mesh.unjoined import component_labels
 
 NO_TURN = Orientation(BASIC, np.eye(3))
 """Of a material without an orientation: its axes are the basic ones."""
@@ -431,7 +430,7 @@ def _as_one(pairs: IntArray, follows: NDArray[np.bool_]) -> IntArray:
     """Each node's representative (k,) where the nodes of pairs (m, 2) are one: the first of them that does not follow, else the
     first."""
     k = len(follows)
-    group = connected_components(sparse.coo_array((np.ones(len(pairs)), pairs.T), shape=(k, k)), directed=False)[1]
+    group = component_labels(k, *pairs.T)
     rank = np.arange(k) + k * follows
     least = np.full(k, 2 * k)
     np.minimum.at(least, group, rank)

@@ -15,6 +15,7 @@ from strainsight.mesh.facets import OUTWARD, Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
+from strainsight.mesh.projection import area_vector
 
 
 @dataclass(frozen=True)
@@ -204,11 +205,5 @@ def _outside(builder: _Builder, rows: IntArray) -> list[tuple[Kind, IntArray]]:
 
 def _shares(assembly: Assembly, kind: Kind, nodes: IntArray) -> tuple[IntArray, FloatArray]:
     """Each node of facets (f, k) with a k-th of the area between the facet's corners."""
-    x = assembly.position[nodes[:, : kind.corners]]
-    area = 0.5 * np.linalg.norm(
-        np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-        if kind.corners == 3
-        else np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]),
-        axis=1,
-    )
+    area = 0.5 * np.linalg.norm(area_vector(assembly.position[nodes[:, : kind.corners]]), axis=1)
     return nodes.ravel(), np.repeat(area / nodes.shape[1], nodes.shape[1])

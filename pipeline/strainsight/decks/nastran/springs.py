@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 
 import numpy as np
 
@@ -364,13 +364,7 @@ def _supports(card: Card, nodes: NodeTable, ignored: Counter[str], free: bool) -
 
 def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out: bool) -> set[int]:
     """Ids of the SPC and SPC1 sets that count; left_out: some of those cards were, so that none need be there."""
-    combined = combined_sets(deck, "SPCADD")
-    supports = [*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])]
-    single = {card.integer(0, "the set id") for card in supports}
-    for card in deck.cards.get("SPCADD", []):
-        if (lost := combined[int(card.fields[0])] - single) and not left_out:
-            raise card.error(f"set {min(lost)} has no SPC or SPC1", "add the set, or take it out")
-    there = single | set(combined)
+    combined, there, top = known_sets(deck, ("SPC", "SPC1"), "SPCADD", left_out=left_out)
     listed = f"select one of {', '.join(map(str, sorted(there)))}" if there else "add the set"
     if wanted is not None:
         if wanted not in there:
@@ -394,9 +388,8 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
                 remedy=f"{listed}, here or with mesh.spc" if there else listed,
             )
         return combined.get(number, {number})
-    top = there - {member for members in combined.values() for member in members}
     if len(top) > 1:
-        card = next(card for card in (*supports, *deck.cards.get("SPCADD", [])) if int(card.fields[0]) == max(top))
+        card = card_of_set(deck, ("SPC", "SPC1", "SPCADD"), max(top))
         raise ChoiceError(
             f"{len(top)} sets of supports ({', '.join(map(str, sorted(top)))}) and no selection",
             where=card.where,
@@ -421,6 +414,27 @@ def selections(deck: Deck, what: str) -> dict[str, Line]:
         if (match := _SELECTION.match(line.text)) and match[1].upper() == what:
             chosen.setdefault(match[2], line)
     return chosen
+
+
+def known_sets(
+    deck: Deck, names: Sequence[str], adding: str, *, left_out: bool
+) -> tuple[dict[int, set[int]], set[int], set[int]]:
+    """Sets that cards `adding` combine, all set ids, and those that are part of no other.
+
+    left_out: some cards were, so that none need be there. Raises DeckError for a set that is part of one and has no card.
+    """
+    combined = combined_sets(deck, adding)
+    single = {card.integer(0, "the set id") for name in names for card in deck.cards.get(name, [])}
+    for card in deck.cards.get(adding, []):
+        if (lost := combined[int(card.fields[0])] - single) and not left_out:
+            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or take it out")
+    ids = single | set(combined)
+    return combined, ids, ids - {member for members in combined.values() for member in members}
+
+
+def card_of_set(deck: Deck, names: Sequence[str], number: int) -> Card:
+    """The first card of a set."""
+    return next(card for name in names for card in deck.cards.get(name, []) if int(card.fields[0]) == number)
 
 
 def combined_sets(deck: Deck, name: str) -> dict[int, set[int]]:
