@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.mesh.anisotropic import Anisotropic
+from strainsight.mesh.joins import Relation, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
 from strainsight.mesh.thin import BeamSection, GeneralShell, Laminate, ShellBlock, ShellSection
 from strainsight.mesh.units import LIKELY_DENSITY, likely_units, mixed_units
@@ -225,7 +226,8 @@ def attached(mesh: Mesh) -> NDArray[np.bool_]:
         used[block.nodes] = True
     for tie in mesh.ties:
         used[tie.nodes] = used[tie.reference] = True
-    for joined in (*mesh.relations, *mesh.springs):
+    joints: tuple[Relation | Springs, ...] = (*mesh.relations, *mesh.springs)
+    for joined in joints:
         used[joined.node] = True
     used[mesh.fixed[:, 0]] = True
     return used
