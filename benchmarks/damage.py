@@ -27,8 +27,15 @@ from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord, Settled
 from strainsight.estimation.reduced import draw_truth
-from strainsight.experiment.structure.damage import Places, asked_places, damage_at, theta_at
-from strainsight.experiment.structure.damage_drawn import may_walk_otherwise, walking, walks
+from strainsight.experiment.structure.damage import (
+    Places,
+    damage_at,
+    damage_places,
+    may_walk_otherwise,
+    theta_at,
+    walking,
+    walks,
+)
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, tolerated
 from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance, problem_of, sample_std
 from strainsight.experiment.structure.references import parameters_of
@@ -115,8 +122,7 @@ def filtering(
     trial = trial_of(case.config, problem, truth, allowed, gauges)
     field = field_beyond(allowed.loads, filter_model(problem, channels, trial.h), reduced)
     whole = Displaced(np.hstack([reduced.basis, field]), reduced.basis.shape[1])
-    every = asked_places(skin_of(mesh, whole, parameters), (), case.config.gauges).surface
-    assert every is not None
+    every = damage_places(skin_of(mesh, whole, parameters), None)["surface"]
     which = spread(every, problem)
     otherwise = {}
     for name in problem.unknowns.inputs if may_walk_otherwise(case.config, problem.unknowns.inputs) else ():
@@ -143,8 +149,7 @@ def filtering(
     true_field = again(1, gauges).field
     assert true_field is not None
     shapes = true_field()
-    real = asked_places(skin_of(mesh, Displaced(shapes, shapes.shape[1]), parameters), (), case.config.gauges).surface
-    assert real is not None
+    real = damage_places(skin_of(mesh, Displaced(shapes, shapes.shape[1]), parameters), None)["surface"]
     at = real.take(which)
     return shared, [
         rich_record(again(number, gauges).motion(loading), at, truth.theta, len(channels), number)

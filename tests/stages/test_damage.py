@@ -10,8 +10,7 @@ from strainsight import api
 from strainsight.config.estimate import DamageSettings, SNCurve
 from strainsight.estimation.bank_smoother import Paths
 from strainsight.estimation.smoother import Smoothed
-from strainsight.experiment.structure.damage import Asked, Places, Recorded, damage_in_test
-from strainsight.experiment.structure.damage_drawn import DECISIVE, walking, walks
+from strainsight.experiment.structure.damage import DECISIVE, Places, Recorded, damage_in_test, walking, walks
 from strainsight.fem.affine import AffineOperator
 from strainsight.runner.artefact import Artefact
 
@@ -187,7 +186,7 @@ def found_of(records):
         np.zeros((1, 3)), np.array([1]), AffineOperator(ROWS[None, None], {}), AffineOperator(np.array([MODULUS]), {})
     )
     each = [Recorded(loaded_chain(), smoothed, np.arange(2), parts) for smoothed, parts, _ in records]
-    return damage_in_test(settings, Asked(None, place), each, lambda share: None)
+    return damage_in_test(settings, {"virtual": place}, each, lambda share: None)
 
 
 def test_damage_is_the_sum_over_the_records(records):

@@ -12,7 +12,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.decision import record_verdict
 from strainsight.experiment.filters_compared import disagreements_in_words
-from strainsight.experiment.structure.campaign_text import channel_table, damage_tables
+from strainsight.experiment.structure.campaign_text import channel_table, damage_tables, innovations_inside
 from strainsight.experiment.structure.filtering import posterior_doubts
 from strainsight.experiment.structure.surface import virtual_labels
 from strainsight.loads.histories import density, noise_density
@@ -136,9 +136,8 @@ def _campaign_findings(
     config, summary = context.config, context.upstream["estimate"].summary
     rows, apart = [], str(summary.get("apart", ""))
     for name, own in records.items():
-        report, inside = found[name], own.whitened[np.isfinite(own.whitened)]
-        share = float(np.mean(np.abs(inside) < 2)) if len(inside) else np.nan
-        rows.append(RecordRow(report, pages[name], share, record_verdict(own.trusted, bool(apart), report.consistent)))
+        report, inside = found[name], innovations_inside(own)
+        rows.append(RecordRow(report, pages[name], inside, record_verdict(own.trusted, bool(apart), report.consistent)))
     texts = [str(summary.get("withheld", "")), apart]
     texts += [f"record {name}: {report.verdict}" for name, report in found.items() if not (report.consistent or apart)]
     texts += _hidden(summary)

@@ -1,5 +1,5 @@
-"""Whether measurements are consistent with the model; which fault of a channel or a known load explains those that are not, and
-the key that undoes it."""
+"""Whether measurements are consistent with the model: the bank that judges a record, the fault of a channel or a known load that
+explains it, with the key that undoes it, and whether records of one test agree with each other."""
 
 from __future__ import annotations
 
@@ -9,21 +9,31 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.estimate import Channel, DelayInSeconds
+from strainsight.config.placement import PlacementConfig
+from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.decision import INCONSISTENT
-from strainsight.estimation.faults import MARGIN, Explained, Fault, at_limit
+from strainsight.estimation.faults import ANGLES, MARGIN, Explained, Fault, at_limit
 from strainsight.estimation.load_faults import ResidualPattern
+from strainsight.estimation.model import FilterModel
 from strainsight.estimation.peak import peak_of_records
-from strainsight.estimation.record import BankRecord
 from strainsight.estimation.record_check import RecordCheck, check_record
 from strainsight.estimation.suspect import ShiftedMode, Suspect
 from strainsight.experiment.recorded import delay_in_seconds
-from strainsight.experiment.structure.filtered_test import Filtering
-from strainsight.experiment.structure.measured import Measured, RecordSettings
+from strainsight.experiment.structure.measured import Measured
+from strainsight.experiment.structure.nuisances import nuisances_of, on_average, tolerated
 from strainsight.experiment.structure.problem import Problem
+from strainsight.experiment.structure.record_filter import RecordFilter
 from strainsight.measurements.records import required_unit
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import Thickness
 from strainsight.records.estimated import ChannelsChecked
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
 from strainsight.rom.model import modal_basis
-from strainsight.sensors.candidates import STRAIN, UNITS
+from strainsight.sensors.candidates import STRAIN, UNITS, Candidates
+from strainsight.sensors.rows import channel_rows, fits
+from strainsight.sensors.surface import turned
 
 MOST_TIMES = 20
 """Spans of a fault that are named one by one."""
@@ -31,6 +41,91 @@ LEAST_SHARE = 0.1
 """Of a channel in the pattern of an additional load, to be named."""
 OTHER_STEP = 100.0
 """Factor between the sampling interval of a record and `train.time_step`, from which the unit of its time is asked about."""
+
+
+@dataclass(frozen=True)
+class Turning:
+    """What gauges would read turned on the surface.
+
+    rows (m, angles, n): of channels by ANGLES, per reduced coordinate, NaN where a channel cannot be turned; missed
+    (m, angles, n_u, misalignments): likewise, of misaligned loads.
+    """
+
+    rows: np.ndarray
+    missed: np.ndarray
+
+
+def turning_of(
+    mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray, thickness: Thickness | None = None
+) -> Turning:
+    """Of channels (m,) of train.h5; only gauges of strain on the mesh can be turned, whose grid then stays on the surface, and no
+    bridges, the arms of which would be turned each by itself. thickness: of shells at the guess, where it is free."""
+    n, missed = training.rows.shape[1], reduced.misaligned.missed
+    rows = np.full((len(channels), len(ANGLES), n), np.nan)
+    more = np.zeros((*rows.shape[:2], *missed.shape[1:]))
+    pool = training.candidates
+    single = np.flatnonzero((pool.quantity == STRAIN)[channels] & ~pool.bridged[channels] & (training.given is None))
+    if len(single):
+        both = np.hstack([reduced.basis, missed.reshape(len(missed), -1)])
+        facets = exterior_facets(mesh)
+        for k, angle in enumerate(ANGLES):
+            # every channel as a gauge of one grid
+            part = replace(_turned(pool.take(channels[single]), angle), gauge=np.arange(len(single)))
+            well = np.flatnonzero(fits(mesh.position, part, facets))
+            read = channel_rows(mesh.position, part.take(well), both, facets=facets, thickness=thickness)
+            rows[single[well], k], more[single[well], k] = read[:, :n], read[:, n:].reshape(-1, *missed.shape[1:])
+    return Turning(rows, more)
+
+
+def _turned(pool: Candidates, angle: float | np.ndarray) -> Candidates:
+    each = np.broadcast_to(np.asarray(angle, dtype=float), (len(pool),))
+    return replace(pool, direction=turned(pool.direction, pool.normal, each))
+
+
+def suspect_of(
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, record: RecordFilter, turning: Turning
+) -> Suspect:
+    """A record by the bank, whatever filter estimates: no other takes the tolerances in."""
+    model, test, channels = record.model, record.test, record.test.channels
+    Q, at = np.array(model.Q), model.parameter_states
+    Q[..., at, :], Q[..., :, at] = 0.0, 0.0
+    constant = replace(model, Q=Q)
+    wide = np.full((*turning.rows.shape[:2], model.size), 0.0)
+    wide[..., : turning.rows.shape[-1]] = turning.rows
+    moving, motion = np.array(record.covariance), model.motion
+    moving[motion, motion] = np.diag(np.abs(record.problem.x).max(axis=0) ** 2)
+
+    def with_turned(j: int, angle: float) -> tuple[FilterModel, Nuisances]:
+        k, channel = ANGLES.index(angle), channels[j]
+        H = np.array(constant.H)
+        H[j] = wide[j, k]
+        # rows of the guess: how they change with a thickness is known of the channel as it was meant
+        change = constant.change.of_terms(lambda X: np.where((np.arange(len(X)) == j)[:, None], 0.0, X))
+        one = np.zeros(len(training.candidates))
+        one[channel] = angle
+        rows, missed = np.array(training.rows), np.array(training.missed)
+        rows[channel], missed[channel] = turning.rows[j, k], turning.missed[j, k]
+        as_turned = replace(training, candidates=_turned(training.candidates, one), rows=rows, missed=missed)
+        tolerances = tolerated(config, mesh, reduced, as_turned, channels)
+        # the others have what they read on average over their installations already
+        H[j] = on_average(tolerances, replace(constant, H=H), channels).H[j]
+        changed = replace(constant, H=H, change=change)
+        return changed, nuisances_of(tolerances, changed, channels)
+
+    return Suspect(
+        model=constant,
+        mean=np.zeros(len(record.covariance)),
+        covariance=record.covariance,
+        known=test.known,
+        samples=test.values,
+        nuisances=nuisances_of(record.tolerances, constant, channels),
+        biased=record.biased,
+        settled=record.settled,
+        turned_rows=wide,
+        turned=with_turned,
+        load=np.tile(np.arange(len(record.problem.known)), 2)[: test.known.shape[-1]],
+        moving=moving,
+    )
 
 
 @dataclass(frozen=True)
@@ -51,26 +146,21 @@ class Judgement:
 
 
 def judgement_of(
-    own: RecordSettings,
-    test: Measured,
-    problem: Problem,
-    suspect: Suspect,
-    discrepancy: float,
-    progress: Callable[[float], None],
+    test: Measured, problem: Problem, suspect: Suspect, discrepancy: float, progress: Callable[[float], None]
 ) -> Judgement:
     """Of a record and the bank that judges it, as `check_record` does; discrepancy: share of a reading that may be missed."""
-    found = check_record(suspect, discrepancy, progress)
-    finding, words = found.finding, FaultInWords(own, test, found.stretch, problem.known)
+    check = check_record(suspect, discrepancy, progress)
+    finding, words, channels = check.finding, FaultInWords(test, check.stretch, problem.known), test.record.channels
     named = "" if finding.named is None else f"{words.fault(finding.named)}: {words.remedy(finding.named)}"
     # which of several it is has to be checked on the structure: the key of another one would hide it
     candidates = (named,) if named else tuple(words.fault(one) for one in finding.candidates)
     # what explains a consistent record a little better than no fault is chance, and no explanation
     best = [finding.best_of(j) if finding.contradicts else None for j in range(len(test.labels))]
     gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
-    check = ChannelsChecked(
+    by_channel = ChannelsChecked(
         by_others=bool(len(finding.without)),
-        begin=_time_of(test, found.part[0]),
-        end=_time_of(test, found.part[1] - 1),
+        begin=_time_of(test, check.part[0]),
+        end=_time_of(test, check.part[1] - 1),
         measured=finding.check.measured,
         predicted=finding.check.predicted,
         residual=finding.check.residual,
@@ -80,14 +170,14 @@ def judgement_of(
         candidate=candidates,
     )
     if not finding.contradicts:
-        return Judgement("", "", check)
+        return Judgement("", "", by_channel)
     ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains it"
     if named:
         text = f": {named}"
     elif candidates:
         text = (
             f", and which of these explains it stays open: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; check on "
-            f"the structure which of them it is ({own.channels})"
+            f"the structure which of them it is ({channels})"
         )
     elif finding.shifted is not None:
         text = f", and {alone}: {_shift_in_words(problem, finding.shifted)}"
@@ -96,14 +186,14 @@ def judgement_of(
     else:
         size = f"{ratio:.3g} times as large as claimed" if np.isfinite(ratio) else "beyond all bounds"
         text = (
-            f": innovations are {size}{_worst_in_words(found, test)}, and {alone}: check {own.channels}, loads, estimate.start "
+            f": innovations are {size}{_worst_in_words(check, test)}, and {alone}: check {channels}, loads, estimate.start "
             f"and the model{_step_in_words(problem, test)}"
         )
-    return Judgement(INCONSISTENT + text, named, check, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
+    return Judgement(INCONSISTENT + text, named, by_channel, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
 
 
-def _worst_in_words(found: RecordCheck, test: Measured) -> str:
-    sample, channel, size = found.worst
+def _worst_in_words(check: RecordCheck, test: Measured) -> str:
+    sample, channel, size = check.worst
     if not size > 0:
         return ""
     return f", the largest {size:.3g} σ at {_time_of(test, sample):.6g} s ({test.labels[channel]})"
@@ -116,66 +206,61 @@ def _time_of(test: Measured, sample: int) -> float:
 
 def clock_in_words(test: Measured, step: float) -> str:
     """That the clock of a record is another one than that of the config, step [s]; empty where they are alike."""
-    dt = test.h * test.every
-    if max(dt / step, step / dt) < OTHER_STEP:
+    if max(test.step / step, step / test.step) < OTHER_STEP:
         return ""
-    return f"the record has a sample every {dt:.3g} s, train.time_step is {step:.3g} s: check estimate.time.unit"
+    return f"the record has a sample every {test.step:.3g} s, train.time_step is {step:.3g} s: check estimate.time.unit"
 
 
 @dataclass(frozen=True)
 class FaultInWords:
-    """Faults of a record, and what undoes them, with keys of the config; stretch: the samples that they were found in."""
+    """Faults of a record, and what undoes them, with keys of the config; stretch: the samples that show them."""
 
-    own: RecordSettings
     test: Measured
     stretch: Suspect
     known: Sequence[str] = ()
 
-    def fault(self, found: Explained) -> str:
+    def fault(self, explanation: Explained) -> str:
         """What is wrong."""
-        fault = found.fault
+        fault = explanation.fault
         assert fault is not None
         names = self.known if fault.of_load else self.test.labels
-        name = names[fault.channel]
+        name, amount = names[fault.channel], fault.amount
         if fault.kind == "sign":
             return f"{name} fits with sign −1"
         if fault.kind == "scale":
-            return f"{name} reads {fault.amount:g} times what fits"
+            return f"{name} reads {amount:g} times what fits"
         if fault.kind == "swapped":
-            return f"{name} and {names[int(fault.amount)]} fit swapped"
+            return f"{name} and {names[int(amount)]} fit swapped"
         if fault.kind == "offset":
-            return f"{name} fits with an offset of {self._size(fault, found.amount, found.std)}"
+            return f"{name} fits with an offset of {self._size(fault, explanation.amount, explanation.std)}"
         if fault.kind == "drift":
-            return f"{name} fits with a drift of {self._size(fault, found.amount, found.std)} in {self._drifted:.3g} s"
+            size = self._size(fault, explanation.amount, explanation.std)
+            return f"{name} fits with a drift of {size} in {self._drifted:.3g} s"
         if fault.kind == "late":
-            n = int(fault.amount)
-            samples = f"{abs(n)} sample{'s' * (abs(n) > 1)}"
-            return f"{name} is {samples} ({abs(n) * self._step:.3g} s) {'late' if n > 0 else 'early'}"
+            n = abs(int(amount))
+            return f"{name} is {n} sample{'s' * (n > 1)} ({n * self._step:.3g} s) {'late' if amount > 0 else 'early'}"
         if fault.kind == "angle":
-            return f"{name} fits turned by {abs(fault.amount):g}°"
+            return f"{name} fits turned by {abs(amount):g}°"
         if fault.kind == "dead":
             return f"{name} reads noise alone, it is dead"
         if fault.kind == "clipped":
-            return (
-                f"{name} is clipped, in {int(at_limit(self.stretch.samples[:, fault.channel]).sum())} samples at least"
-            )
+            count = int(at_limit(self.stretch.samples[:, fault.channel]).sum())
+            return f"{name} is clipped, in {count} samples at least"
         if fault.kind == "spikes":
             return f"samples fit no motion: {'; '.join(self._spikes(fault, channel) for channel in fault.channels)}"
         return self._for_a_time(fault)
 
-    def remedy(self, found: Explained) -> str:
+    def remedy(self, explanation: Explained) -> str:
         """What to check, and the key that undoes it."""
-        fault = found.fault
+        fault, record = explanation.fault, self.test.record
         assert fault is not None
-        section, stated = self.own.section, self.own.inputs if fault.of_load else self.own.channels
-        words = self._remedy(fault, found)
-        if section == "estimate" or stated.startswith(section):
+        words, stated = self._remedy(fault, explanation), record.inputs if fault.of_load else record.channels
+        if record.section == "estimate" or stated.startswith(record.section):
             return words
-        return (
-            f"{words} (state {section}.{stated.split('.')[-1]}, a copy of {stated}, for what this record alone needs)"
-        )
+        key = f"{record.section}.{stated.split('.')[-1]}"
+        return f"{words} (state {key}, a copy of {stated}, for what this record alone needs)"
 
-    def _remedy(self, fault: Fault, found: Explained) -> str:
+    def _remedy(self, fault: Fault, explanation: Explained) -> str:
         entry, key = self._entry(fault, fault.channel)
         raw = 1 / (entry.sign * entry.scale * required_unit(entry.unit).factor)
         if fault.kind == "sign":
@@ -188,14 +273,14 @@ class FaultInWords:
         if fault.kind == "swapped":
             return f"exchange {key}.channel and {self._entry(fault, int(fault.amount))[1]}.channel"
         if fault.kind == "offset":
-            value = "" if entry.bridge is not None else f": {entry.offset + found.amount * raw:.6g}"
+            value = "" if entry.bridge is not None else f": {entry.offset + explanation.amount * raw:.6g}"
             return f"set {key}.offset{value}, or {key}.zero or {key}.bias"
         if fault.kind == "drift":
-            value = "" if entry.bridge is not None else f": {entry.drift + found.amount * raw / self._drifted:.6g}"
-            return f"set {key}.drift{value}"
+            drift = entry.drift + explanation.amount * raw / self._drifted
+            return f"set {key}.drift{'' if entry.bridge is not None else f': {drift:.6g}'}"
         if fault.kind == "late":
-            n = int(fault.amount)
-            moving = " and estimate.start: moving" * (fault.of_load and n < 0 and self.own.settings.start == "rest")
+            n, at_rest = int(fault.amount), self.test.record.settings.start == "rest"
+            moving = " and estimate.start: moving" * (fault.of_load and n < 0 and at_rest)
             return f"set {key}.delay: {_delay_in_words(entry, n, abs(n) * self._step)}{moving}"
         if fault.kind == "angle":
             return f"check its direction, and {key}.gauge and {key}.grid"
@@ -207,10 +292,11 @@ class FaultInWords:
 
     def _entry(self, fault: Fault, number: int) -> tuple[Channel, str]:
         """What the config states of a channel or a known load, and its key."""
+        record = self.test.record
         if fault.of_load:
             name = self.known[number]
-            return self.own.settings.inputs[name], f"{self.own.section}.inputs.{name}"
-        return self.own.settings.channels[number], f"{self.own.section}.channels.{number}"
+            return record.settings.inputs[name], f"{record.section}.inputs.{name}"
+        return record.settings.channels[number], f"{record.section}.channels.{number}"
 
     @property
     def _step(self) -> float:
@@ -295,10 +381,10 @@ def _pattern_in_words(pattern: ResidualPattern, labels: Sequence[str]) -> str:
 
 def _step_in_words(problem: Problem, test: Measured) -> str:
     lam, _ = modal_basis(problem.model, problem.model.reference)
-    period, dt = 2 * np.pi / float(np.sqrt(lam[0])), test.h * test.every
-    if dt < 0.5 * period:
+    period = 2 * np.pi / float(np.sqrt(lam[0]))
+    if test.step < 0.5 * period:
         return ""
-    return f" (its step is {dt:.3g} s, the first mode has a period of {period:.3g} s: check estimate.time.unit)"
+    return f" (its step is {test.step:.3g} s, the first mode has a period of {period:.3g} s: check estimate.time.unit)"
 
 
 @dataclass(frozen=True)
@@ -313,7 +399,7 @@ class Together:
     words: str
 
 
-def together_of(each: Sequence[Filtering], suspects: Sequence[Suspect], names: Sequence[str]) -> Together:
+def together_of(filters: Sequence[RecordFilter], suspects: Sequence[Suspect]) -> Together:
     """Records and the banks that judge them one by one.
 
         ln p(y₁ … y_R) − Σᵣ ln p(yᵣ)
@@ -322,29 +408,28 @@ def together_of(each: Sequence[Filtering], suspects: Sequence[Suspect], names: S
     gauges that were bonded anew in between, have one below −MARGIN. Both as of `peak_of`, which gives up on what no parameters
     explain before a bank would.
     """
-    records: list[BankRecord] = []
-    alone: list[BankRecord] = []
-    for given, own in zip(each, suspects, strict=True):
-        for nuisances, found in ((own.nuisances, alone), (given.nuisances, records)):
-            learned = replace(nuisances, learned=True)
-            start = suspects[0].mean, suspects[0].covariance
-            found.append(
-                BankRecord(own.model, *start, own.known, own.samples, learned, suspects[0].biased, own.settled)
-            )
-    peaks = [peak_of_records([own]) for own in alone]
-    of_all = peak_of_records([records[i] for i in np.argsort([given.record for given in each])])
-    unknowns = each[0].problem.unknowns
+    unknowns = filters[0].problem.unknowns
+
+    def learning(suspect: Suspect, nuisances: Nuisances) -> Suspect:
+        return replace(suspect, nuisances=replace(nuisances, learned=True))
+
+    peaks = [peak_of_records([learning(suspect, suspect.nuisances)]) for suspect in suspects]
+    order = np.argsort([record.record for record in filters])
+    of_all = peak_of_records([learning(suspects[i], filters[i].nuisances) for i in order])
     values = {
-        name: unknowns.guess[name] * np.exp([peak.point[i] for peak in peaks])
+        name: unknowns.guess[name] * np.exp([peak.point[i] for peak in (*peaks, of_all)])
         for i, name in enumerate(unknowns.parameters)
     }
-    gain = of_all.evidence - sum(peak.evidence for peak in peaks)
-    words = ""
+    gain = float(of_all.evidence - sum(peak.evidence for peak in peaks))
+    words, names = "", [record.test.record.name for record in filters]
     if gain < -MARGIN:
-        said = [
-            f"{name} {', '.join(f'{value:.4g} ({of})' for value, of in zip(own, names, strict=True))}"
-            for name, own in values.items()
+        each = [
+            f"{name} {', '.join(f'{value:.4g} ({of})' for value, of in zip(row[:-1], names, strict=True))}"
+            for name, row in values.items()
         ]
-        words = f"the records contradict each other: each alone says {'; '.join(said) or 'other errors of the gauges'}"
-    shared = {name: float(unknowns.guess[name] * np.exp(of_all.point[i])) for i, name in enumerate(unknowns.parameters)}
-    return Together(values, shared, float(gain), words)
+        words = f"the records contradict each other: each alone says {'; '.join(each) or 'other errors of the gauges'}"
+    alone, shared = (
+        {name: row[:-1] for name, row in values.items()},
+        {name: float(row[-1]) for name, row in values.items()},
+    )
+    return Together(alone, shared, gain, words)
