@@ -87,14 +87,14 @@ def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
     unknown, too."""
     from strainsight.pages.tested.campaign import campaign_figures
     from strainsight.pages.tested.figures import figures_of_test
-    from strainsight.stages.tested import pages_of
+    from strainsight.stages.tested import findings_of
 
-    found, drawings = pages_of(context), []
-    if found.campaign is not None:
-        own = campaign_figures(found.campaign)
-        drawings += [replace(one, key=f"{TEST}-{one.key}", title=f"the test: {one.title}") for one in own]
-    for report in found.records:
-        name, of = (f"-{report.record}", f", record {report.record}") if report.record else ("", "")
+    (reports, campaign), drawings = findings_of(context), list[Drawing]()
+    if campaign is not None:
+        over = campaign_figures(campaign)
+        drawings += [replace(one, key=f"{TEST}-{one.key}", title=f"the test: {one.title}") for one in over]
+    for record, report in reports.items():
+        name, of = (f"-{record}", f", record {record}") if record else ("", "")
         drawings += [
             replace(one, key=f"{TEST}{name}-{one.key}", title=f"the test{of}: {one.title}")
             for one in figures_of_test(report)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -40,106 +40,127 @@ STAGES = ("import", "rom", "train", "screen", "place", "estimate")
 """Of which the page shows what each came to."""
 
 
-@dataclass(frozen=True)
-class PagesOfTest:
-    """records: what each page of a record shows, one of a test that is one record; campaign: what the page over them shows, None
-    where there is one record."""
+def run(context: Context[PlacementConfig]) -> Output:
+    """Gather what the pages show and write each as one self-contained file: of a test of several records one over all of them,
+    and one for each."""
+    reports, campaign = findings_of(context)
+    files: dict[str, bytes] = {}
+    warnings = dict.fromkeys(text for report in reports.values() for text in report.warnings)
+    pictured, drawn, problem = 0, 0, ""
+    for i, (name, report) in enumerate(reports.items()):
+        context.progress(f"pictures of {name}" if name else "pictures", (i + 0.1) / len(reports))
+        views = views_of(report)
+        pictures, problem = drawn_or_why(partial(screenshots, views)) if views else (None, "")
+        context.progress("figures", (i + 0.5) / len(reports))
+        drawings = figures_of_test(report)
+        files[_page(name)] = page_of_test(report, drawings, tuple(pictures or ()), problem).encode()
+        pictured, drawn = pictured + len(pictures or ()), drawn + len(drawings)
+    if campaign is not None:
+        over = campaign_figures(campaign)
+        files = {TEST_PAGE: page_of_campaign(campaign, over).encode()} | files
+        warnings, drawn = dict.fromkeys(campaign.warnings), drawn + len(over)
+    size = f"{sum(map(len, files.values())) / 1024:.0f} KiB"
+    return Output(
+        datasets={},
+        summary={"pictures": pictured, "figures": drawn, "warnings": len(warnings)},
+        message=f"{', '.join(files)}, {size}" + (f"; no picture: {problem}" if problem else ""),
+        tables=warnings_table(tuple(warnings)),
+        files=files,
+    )
 
-    records: tuple[Findings, ...]
-    campaign: CampaignFindings | None
+
+def _page(record: str) -> str:
+    return f"test-{record}.html" if record else TEST_PAGE
 
 
-def pages_of(context: Context[PlacementConfig]) -> PagesOfTest:
-    """The pages' content, from import, rom, train, screen, place and estimate."""
+def findings_of(context: Context[PlacementConfig]) -> tuple[dict[str, Findings], CampaignFindings | None]:
+    """What each page of a record shows, by the names of the records; what the page over them shows, None where there is one."""
     estimate = context.upstream["estimate"]
     campaign, records = campaign_in(estimate), estimated_in(estimate)
-    pages = {name: f"test-{name}.html" for name in records if name}
-    found = {name: _findings_of(context, name, own, campaign, pages) for name, own in records.items()}
-    whole = None if campaign is None else _campaign_findings(context, records, found, campaign, pages)
-    return PagesOfTest(tuple(found.values()), whole)
+    reports = {name: _record_findings(context, name, records, campaign) for name in records}
+    return reports, None if campaign is None else _campaign_findings(context, records, reports, campaign)
 
 
-def _findings_of(
-    context: Context[PlacementConfig],
-    record: str,
-    own: Estimated,
-    campaign: CampaignRecord | None,
-    pages: Mapping[str, str],
+def _record_findings(
+    context: Context[PlacementConfig], name: str, records: Mapping[str, Estimated], campaign: CampaignRecord | None
 ) -> Findings:
-    up, config = context.upstream, context.config
-    estimate = up["estimate"]
-    summary = estimate.summary
-    names = [str(name) for name in config.place.estimate]
-    units = {name: unit_of(own, "estimate", name) for name in names}
-    loads = [name for name in names if name in config.loads]
-    mesh = mesh_from(up["import"])
-    layout, marks = layout_of_test(mesh, up, config.loads, own.gauge.label, own.gauge.channel)
-    readings = _readings(own, marks, read(Training, up["train"]))
-    shared = own.posterior if campaign is None else campaign.posterior
-    doubts = posterior_doubts(shared, units)
-    noise = verdict(own.whitened)
-    others = [(name, page) for name, page in pages.items() if name != record]
-    judged = record_verdict(own.trusted, "apart" in summary, noise.consistent)
+    up, config, record = context.upstream, context.config, records[name]
+    summary, others = up["estimate"].summary, [("all records", TEST_PAGE)]
+    others += [(other, _page(other)) for other in records if other != name]
+    names = [str(unknown) for unknown in config.place.estimate]
+    units = {unknown: unit_of(record, "estimate", unknown) for unknown in names}
+    loads = [unknown for unknown in names if unknown in config.loads]
+    layout, marks = layout_of_test(mesh_from(up["import"]), up, config.loads, record.gauge.label, record.gauge.channel)
+    readings = _readings(record, marks, read(Training, up["train"]))
+    doubts = posterior_doubts(record.posterior if campaign is None else campaign.posterior, units)
+    noise = verdict(record.whitened)
+    judged = record_verdict(record.trusted, "apart" in summary, noise.consistent)
+    spectra = [_spectrum(load, units[load], record.time, record.smoothed[load]) for load in loads]
+    residuals = [
+        _spectrum(reading.label, reading.unit, reading.time, reading.residual, reading.noise_std)
+        for reading in readings
+    ]
     return Findings(
         name=config.name,
-        title=title_of(f"{config.name}, record {record}" if record else config.name, tuple(names)),
+        title=title_of(f"{config.name}, record {name}" if name else config.name, tuple(names)),
         unknowns=tuple(
             _unknown(
-                name,
-                units[name],
-                name in loads,
-                own,
+                unknown,
+                units[unknown],
+                unknown in loads,
+                record,
                 summary,
-                [t for t in doubts if f"{name} " in f"{t} "],
-                f".{record}" if record and name in loads else "",
+                [text for text in doubts if f"{unknown} " in f"{text} "],
+                f".{name}" if name and unknown in loads else "",
             )
-            for name in names
+            for unknown in names
         ),
-        verdict=noise.text if own.trusted else f"the record is {judged}",
-        consistent=own.trusted and noise.consistent,
-        warnings=_warnings(own, summary, doubts, noise),
-        notes=own.notes,
+        verdict=noise.text if record.trusted else f"the record is {judged}",
+        consistent=record.trusted and noise.consistent,
+        warnings=_warnings(record, summary, doubts, noise),
+        notes=record.notes,
         layout=layout,
-        histories=tuple(_history(name, units[name], name in loads, own) for name in names),
-        file=_file(own),
+        histories=tuple(_history(unknown, units[unknown], unknown in loads, record) for unknown in names),
+        file=_file(record),
         readings=readings,
-        hold_out=_held_out(own, readings),
-        checked=channel_table(own, [reading.unit for reading in readings]),
-        damage=_damage(own.damage, config),
-        residuals=tuple(found for reading in readings if (found := _residual_spectrum(reading)) is not None),
+        hold_out=_held_out(record, readings),
+        checked=channel_table(record, [reading.unit for reading in readings]),
+        damage=_damage(record.damage, config),
+        residuals=tuple(filter(None, residuals)),
         resultants=tuple(
-            History(there.place, "N", own.time, None, there.magnitude, there.std) for there in own.resultant.values()
+            History(one.place, "N", record.time, None, one.magnitude, one.std) for one in record.resultant.values()
         ),
         known=tuple(
-            History(name, unit_of(own, "known", name), own.time, None, values, np.full(len(values), np.nan))
-            for name, values in own.known.items()
+            History(load, unit_of(record, "known", load), record.time, None, values, np.full(len(values), np.nan))
+            for load, values in record.known.items()
         ),
-        load_spectra=tuple(found for name in loads if (found := _load_spectrum(name, units[name], own)) is not None),
-        posteriors=own.posterior,
-        filters=own.compared,
-        budget={} if own.budget is None else own.budget.shares,
-        moment=_moment(own, layout.points),
+        load_spectra=tuple(filter(None, spectra)),
+        posteriors=record.posterior,
+        filters=record.compared,
+        budget={} if record.budget is None else record.budget.shares,
+        moment=_moment(record, layout.points),
         facts=messages(up, STAGES),
         provenance=provenance(context),
-        record=record,
-        beside=(("all records", TEST_PAGE), *others) if record else (),
+        record=name,
+        beside=tuple(others) if name else (),
     )
 
 
 def _campaign_findings(
     context: Context[PlacementConfig],
     records: Mapping[str, Estimated],
-    found: Mapping[str, Findings],
+    reports: Mapping[str, Findings],
     campaign: CampaignRecord,
-    pages: Mapping[str, str],
 ) -> CampaignFindings:
     config, summary = context.config, context.upstream["estimate"].summary
     rows, apart = [], str(summary.get("apart", ""))
-    for name, own in records.items():
-        report, inside = found[name], innovations_inside(own)
-        rows.append(RecordRow(report, pages[name], inside, record_verdict(own.trusted, bool(apart), report.consistent)))
+    for name, record in records.items():
+        report, inside = reports[name], innovations_inside(record)
+        rows.append(
+            RecordRow(report, _page(name), inside, record_verdict(record.trusted, bool(apart), report.consistent))
+        )
     texts = [str(summary.get("withheld", "")), apart]
-    texts += [f"record {name}: {report.verdict}" for name, report in found.items() if not (report.consistent or apart)]
+    texts += [f"record {name}: {one.verdict}" for name, one in reports.items() if not (one.consistent or apart)]
     texts += _hidden(summary)
     return CampaignFindings(
         title=title_of(config.name, tuple(map(str, config.place.estimate))),
@@ -261,58 +282,19 @@ def _held_out(own: Estimated, readings: tuple[Reading, ...]) -> tuple[Reading, .
     )
 
 
-def _residual_spectrum(reading: Reading) -> Spectrum | None:
-    """Of what is left of a channel, beside that of its noise; None of a record that is too short."""
-    step = _step(reading.time)
-    frequency, found = density(reading.residual, step)
-    if not len(frequency):
-        return None
-    return Spectrum(reading.label, reading.unit, frequency, found, noise_density(reading.noise_std, step))
-
-
-def _load_spectrum(name: str, unit: str, own: Estimated) -> Spectrum | None:
-    """Of a load that was found; None of a record that is too short."""
-    frequency, found = density(own.smoothed[name], _step(own.time))
-    return Spectrum(name, unit, frequency, found) if len(frequency) else None
+def _spectrum(
+    name: str, unit: str, time: np.ndarray, values: np.ndarray, noise_std: float | None = None
+) -> Spectrum | None:
+    """Of a signal, beside that of its noise; None of a record that is too short."""
+    step = _step(time)
+    frequency, of_signal = density(values, step)
+    level = None if noise_std is None else noise_density(noise_std, step)
+    return Spectrum(name, unit, frequency, of_signal, level) if len(frequency) else None
 
 
 def _step(time: np.ndarray) -> float:
     """Between samples [s]; 1 s where there is one sample."""
     return float(time[-1] - time[0]) / (len(time) - 1) if len(time) > 1 else 1.0
-
-
-def run(context: Context[PlacementConfig]) -> Output:
-    """Gather what the pages show and write each as one self-contained file: of a test of several records one over all of them,
-    and one for each."""
-    found = pages_of(context)
-    files: dict[str, bytes] = {}
-    warnings: dict[str, None] = {}
-    pictured, drawn, problem = 0, 0, ""
-    for i, report in enumerate(found.records):
-        context.progress(
-            f"pictures of {report.record}" if report.record else "pictures", (i + 0.1) / len(found.records)
-        )
-        views = views_of(report)
-        pictures, problem = drawn_or_why(partial(screenshots, views)) if views else (None, "")
-        context.progress("figures", (i + 0.5) / len(found.records))
-        drawings = figures_of_test(report)
-        name = f"test-{report.record}.html" if report.record else TEST_PAGE
-        files[name] = page_of_test(report, drawings, tuple(pictures or ()), problem).encode()
-        warnings |= dict.fromkeys(report.warnings)
-        pictured, drawn = pictured + len(pictures or ()), drawn + len(drawings)
-    if (campaign := found.campaign) is not None:
-        over = campaign_figures(campaign)
-        files = {TEST_PAGE: page_of_campaign(campaign, over).encode()} | files
-        warnings, drawn = dict.fromkeys(campaign.warnings), drawn + len(over)
-    size = f"{sum(map(len, files.values())) / 1024:.0f} KiB"
-    said = f"{', '.join(files)}, {size}" + (f"; no picture: {problem}" if problem else "")
-    return Output(
-        datasets={},
-        summary={"pictures": pictured, "figures": drawn, "warnings": len(warnings)},
-        message=said,
-        tables=warnings_table(tuple(warnings)),
-        files=files,
-    )
 
 
 TEST = Stage(
