@@ -29,6 +29,8 @@ from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
 
 IDENTIFIED = 0.5
 """Share of its initial σ that the samples may leave of a parameter that they identify."""
+NO_OFFSETS = np.zeros(0, dtype=int)
+"""Channels with an unknown offset, where there are none."""
 
 
 @dataclass(frozen=True)
@@ -213,7 +215,7 @@ def compared(
     covariance: np.ndarray,
     known: np.ndarray,
     measured: np.ndarray,
-    biased: np.ndarray,
+    biased: np.ndarray = NO_OFFSETS,
 ) -> Compared | None:
     """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
     without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
@@ -225,8 +227,9 @@ def compared(
         return None
     model, names = exactly_damped(problem, model), model.unknowns.parameters
     data = model, np.zeros(len(covariance)), covariance, known, measured
+    record = BankRecord(*data, no_nuisances(model), biased)
     filters: dict[str, Callable[[], FilterRun]] = {
-        BANK: lambda: filter_bank(BankRecord(*data, no_nuisances(model), biased), "parameters").run,
+        BANK: lambda: filter_bank(record, "parameters").run,
         SIGMA_POINT: lambda: by_moments(problem, *data, biased=biased, method="sigma-point"),
         EXTENDED: lambda: by_moments(problem, *data, biased=biased, method="extended"),
     }
