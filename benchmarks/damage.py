@@ -209,8 +209,10 @@ def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.n
     noise = sample_noise(1, record.number, *record.reading.shape) * sample_std(shared.problem, channels, shared.h)
     y = record.reading + noise
     stated = filtered(shared.problem, shared.covariance)
-    walked = walks(stated, list(shared.otherwise), other, lambda own: float(own[1].run.log_likelihood[0]))
-    (args, bank), model = walked.best, walked.best[0][0]
+    (args, bank), changed, undecided = walks(
+        stated, list(shared.otherwise), other, lambda walked: float(walked[1].run.log_likelihood[0])
+    )
+    model = args[0]
     q = slice(0, model.model.size)
     later = smooth_bank(BankRecord(*stated[0], settled=shared.settled), stated[1]).mean[:, 0]
     theta = theta_at(model, later[-1, stated[0][0].parameter_states])
@@ -226,7 +228,7 @@ def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.n
     ]
     found = interval_of(np.array(drawn))
     inside = (found.low <= record.true) & (record.true <= found.high)
-    return inside, found.median / record.true, mean / record.true, bool(walked.changed), bool(walked.undecided)
+    return inside, found.median / record.true, mean / record.true, bool(changed), bool(undecided)
 
 
 def table(case: str, records: int, draws: int, more: Sequence[str], pool: object) -> list[str]:

@@ -119,9 +119,7 @@ def test_a_load_walks_otherwise_where_the_samples_say_so_by_far(loads, best, und
         return None if name == "d" else so_far ^ {name}
 
     found = walks(frozenset(), list(loads), other, lambda own: LEVEL[own])
-    assert found.best == frozenset(best)
-    assert found.changed == tuple(best)
-    assert found.undecided == tuple(undecided)
+    assert found == (frozenset(best), list(best), list(undecided))
 
 
 def test_of_a_walk_the_other_one_with_the_kappa_that_is_stated(tmp_path):

@@ -151,9 +151,9 @@ def judgement_of(
     """Of a record and the bank that judges it, as `check_record` does; discrepancy: share of a reading that may be missed."""
     check = check_record(suspect, discrepancy, progress)
     finding, words, channels = check.finding, FaultInWords(test, check.stretch, problem.known), test.record.channels
-    named = "" if finding.named is None else f"{words.fault(finding.named)}: {words.remedy(finding.named)}"
+    named = "" if finding.named is None else ": ".join(words.of(finding.named))
     # which of several it is has to be checked on the structure: the key of another one would hide it
-    candidates = (named,) if named else tuple(words.fault(one) for one in finding.candidates)
+    candidates = (named,) if named else tuple(words.of(one)[0] for one in finding.candidates)
     # what explains a consistent record a little better than no fault is chance, and no explanation
     best = [finding.best_of(j) if finding.contradicts else None for j in range(len(test.labels))]
     gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
@@ -165,7 +165,7 @@ def judgement_of(
         predicted=finding.check.predicted,
         residual=finding.check.residual,
         correlation=finding.check.correlation,
-        fault=tuple("" if one is None else words.fault(one) for one in best),
+        fault=tuple("" if one is None else words.of(one)[0] for one in best),
         gain=np.minimum(gain, np.finfo(float).max),
         candidate=candidates,
     )
@@ -219,76 +219,58 @@ class FaultInWords:
     stretch: Suspect
     known: Sequence[str] = ()
 
-    def fault(self, explanation: Explained) -> str:
-        """What is wrong."""
-        fault = explanation.fault
-        assert fault is not None
-        names = self.known if fault.of_load else self.test.labels
-        name, amount = names[fault.channel], fault.amount
-        if fault.kind == "sign":
-            return f"{name} fits with sign −1"
-        if fault.kind == "scale":
-            return f"{name} reads {amount:g} times what fits"
-        if fault.kind == "swapped":
-            return f"{name} and {names[int(amount)]} fit swapped"
-        if fault.kind == "offset":
-            return f"{name} fits with an offset of {self._size(fault, explanation.amount, explanation.std)}"
-        if fault.kind == "drift":
-            size = self._size(fault, explanation.amount, explanation.std)
-            return f"{name} fits with a drift of {size} in {self._drifted:.3g} s"
-        if fault.kind == "late":
-            n = abs(int(amount))
-            return f"{name} is {n} sample{'s' * (n > 1)} ({n * self._step:.3g} s) {'late' if amount > 0 else 'early'}"
-        if fault.kind == "angle":
-            return f"{name} fits turned by {abs(amount):g}°"
-        if fault.kind == "dead":
-            return f"{name} reads noise alone, it is dead"
-        if fault.kind == "clipped":
-            count = int(at_limit(self.stretch.samples[:, fault.channel]).sum())
-            return f"{name} is clipped, in {count} samples at least"
-        if fault.kind == "spikes":
-            return f"samples fit no motion: {'; '.join(self._spikes(fault, channel) for channel in fault.channels)}"
-        return self._for_a_time(fault)
-
-    def remedy(self, explanation: Explained) -> str:
-        """What to check, and the key that undoes it."""
+    def of(self, explanation: Explained) -> tuple[str, str]:
+        """What is wrong; what to check, and the key that undoes it."""
         fault, record = explanation.fault, self.test.record
         assert fault is not None
-        words, stated = self._remedy(fault, explanation), record.inputs if fault.of_load else record.channels
-        if record.section == "estimate" or stated.startswith(record.section):
-            return words
-        key = f"{record.section}.{stated.split('.')[-1]}"
-        return f"{words} (state {key}, a copy of {stated}, for what this record alone needs)"
+        what, remedy = self._of_kind(fault, explanation.amount, explanation.std)
+        stated = record.inputs if fault.of_load else record.channels
+        if record.section != "estimate" and not stated.startswith(record.section):
+            key = f"{record.section}.{stated.split('.')[-1]}"
+            remedy += f" (state {key}, a copy of {stated}, for what this record alone needs)"
+        return what, remedy
 
-    def _remedy(self, fault: Fault, explanation: Explained) -> str:
-        entry, key = self._entry(fault, fault.channel)
-        raw = 1 / (entry.sign * entry.scale * required_unit(entry.unit).factor)
+    def _of_kind(self, fault: Fault, estimate: float, std: float) -> tuple[str, str]:
+        """estimate and std of the size of an offset or drift."""
+        names, amount = self.known if fault.of_load else self.test.labels, fault.amount
+        name, (entry, key) = names[fault.channel], self._entry(fault, fault.channel)
+        raw = estimate / (entry.sign * entry.scale * required_unit(entry.unit).factor)
         if fault.kind == "sign":
-            what = f"its direction (loads.{self.known[fault.channel]})" if fault.of_load else "the wiring"
-            return f"check {what}, or set {key}.sign: {-entry.sign}"
+            check = f"its direction (loads.{name})" if fault.of_load else "the wiring"
+            return f"{name} fits with sign −1", f"check {check}, or set {key}.sign: {-entry.sign}"
         if fault.kind == "scale":
-            gauge = 0.1 < fault.amount < 10 and not fault.of_load
+            gauge = 0.1 < amount < 10 and not fault.of_load
             check = "bridge and gauge factor" if gauge else f"{key}.unit (now {entry.unit})"
-            return f"check {check}, or set {key}.scale: {entry.scale / fault.amount:.9g}"
+            remedy = f"check {check}, or set {key}.scale: {entry.scale / amount:.9g}"
+            return f"{name} reads {amount:g} times what fits", remedy
         if fault.kind == "swapped":
-            return f"exchange {key}.channel and {self._entry(fault, int(fault.amount))[1]}.channel"
+            other = self._entry(fault, int(amount))[1]
+            return f"{name} and {names[int(amount)]} fit swapped", f"exchange {key}.channel and {other}.channel"
         if fault.kind == "offset":
-            value = "" if entry.bridge is not None else f": {entry.offset + explanation.amount * raw:.6g}"
-            return f"set {key}.offset{value}, or {key}.zero or {key}.bias"
+            value = "" if entry.bridge is not None else f": {entry.offset + raw:.6g}"
+            remedy = f"set {key}.offset{value}, or {key}.zero or {key}.bias"
+            return f"{name} fits with an offset of {self._size(fault, estimate, std)}", remedy
         if fault.kind == "drift":
-            drift = entry.drift + explanation.amount * raw / self._drifted
-            return f"set {key}.drift{'' if entry.bridge is not None else f': {drift:.6g}'}"
+            value = "" if entry.bridge is not None else f": {entry.drift + raw / self._drifted:.6g}"
+            what = f"{name} fits with a drift of {self._size(fault, estimate, std)} in {self._drifted:.3g} s"
+            return what, f"set {key}.drift{value}"
         if fault.kind == "late":
-            n, at_rest = int(fault.amount), self.test.record.settings.start == "rest"
-            moving = " and estimate.start: moving" * (fault.of_load and n < 0 and at_rest)
-            return f"set {key}.delay: {_delay_in_words(entry, n, abs(n) * self._step)}{moving}"
+            n, at_rest = abs(int(amount)), self.test.record.settings.start == "rest"
+            moving = " and estimate.start: moving" * (fault.of_load and amount < 0 and at_rest)
+            late = "late" if amount > 0 else "early"
+            what = f"{name} is {n} sample{'s' * (n > 1)} ({n * self._step:.3g} s) {late}"
+            return what, f"set {key}.delay: {_delay_in_words(entry, int(amount), n * self._step)}{moving}"
         if fault.kind == "angle":
-            return f"check its direction, and {key}.gauge and {key}.grid"
+            return f"{name} fits turned by {abs(amount):g}°", f"check its direction, and {key}.gauge and {key}.grid"
         if fault.kind == "dead":
-            return f"leave {key} out"
+            return f"{name} reads noise alone, it is dead", f"leave {key} out"
         if fault.kind == "clipped":
-            return f"set {key}.missing to where it is, or leave {key} out"
-        return "set " + " and ".join(self._missing(fault, channel) for channel in fault.channels)
+            count = int(at_limit(self.stretch.samples[:, fault.channel]).sum())
+            what = f"{name} is clipped, in {count} samples at least"
+            return what, f"set {key}.missing to where it is, or leave {key} out"
+        spikes = "; ".join(self._spikes(fault, channel) for channel in fault.channels)
+        what = f"samples fit no motion: {spikes}" if fault.kind == "spikes" else self._for_a_time(fault)
+        return what, "set " + " and ".join(self._missing(fault, channel) for channel in fault.channels)
 
     def _entry(self, fault: Fault, number: int) -> tuple[Channel, str]:
         """What the config states of a channel or a known load, and its key."""

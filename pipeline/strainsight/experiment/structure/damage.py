@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Generic, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
@@ -60,9 +60,9 @@ def damage_of_test(
     assert config.estimate is not None
     settings = config.estimate.damage
     assert settings is not None
-    walked = _walks(config, filters, results, None if withheld else filters_of)
-    drawn = walked.best
-    shown = SHOWN if walked.undecided else SHOWN_DECIDED
+    stated = _Walked(config, filters, [result.bank for result in results])
+    drawn, changed, undecided = _walks(stated, None if withheld else filters_of)
+    shown = SHOWN if undecided else SHOWN_DECIDED
     records = [
         Recorded(
             record.model,
@@ -73,7 +73,7 @@ def damage_of_test(
         for record, result, by, bank in zip(filters, results, drawn.filters, drawn.banks, strict=True)
     ]
     damage = damage_in_test(settings, damage_places(skin, virtual), records, progress, shown)
-    return damage, damage_notes(settings, withheld, shown, walks_in_words(drawn.config, walked.changed))
+    return damage, damage_notes(settings, withheld, shown, walks_in_words(drawn.config, changed))
 
 
 def damage_places(skin: Skin, virtual: Virtual | None) -> dict[str, Places]:
@@ -334,22 +334,18 @@ class _Walked:
 
 
 def _walks(
-    config: PlacementConfig,
-    filters: Sequence[RecordFilter],
-    results: Sequence[FilteredRecord],
-    filters_of: Callable[[PlacementConfig], list[RecordFilter]] | None,
-) -> Walks[_Walked]:
+    stated: _Walked, filters_of: Callable[[PlacementConfig], list[RecordFilter]] | None
+) -> tuple[_Walked, Sequence[str], Sequence[str]]:
     """How unknown loads walk by the samples of all records, for histories that are drawn; filters_of: None where none are."""
-    unknown = filters[0].problem.unknowns.inputs
-    stated = _Walked(config, filters, [result.bank for result in results])
-    if filters_of is None or not may_walk_otherwise(config, unknown):
-        return Walks(stated, (), unknown or ("motion",))
+    unknown = stated.filters[0].problem.unknowns.inputs
+    if filters_of is None or not may_walk_otherwise(stated.config, unknown):
+        return stated, (), unknown or ("motion",)
 
     def other(so_far: _Walked, name: str) -> _Walked | None:
         changed = walking(so_far.config, name)
         try:
-            walked = filters_of(changed)
-            return _Walked(changed, walked, filter_banks(walked))
+            filters = filters_of(changed)
+            return _Walked(changed, filters, filter_banks(filters))
         except (NumericalError, np.linalg.LinAlgError):
             return None
 
@@ -377,25 +373,16 @@ def histories(record: RecordFilter, result: FilteredRecord, count: int, seed: in
         yield Paths(error[:, :, model.parameter_states].mean(axis=1), error[:, :, q])
 
 
-@dataclass(frozen=True)
-class Walks(Generic[T]):
-    """best: what the samples favour; changed: loads that walk otherwise in it than stated; undecided: loads of which the
-    samples do not tell one walk from the other."""
-
-    best: T
-    changed: tuple[str, ...]
-    undecided: tuple[str, ...]
-
-
 def walks(
     stated: T, loads: Sequence[str], other: Callable[[T, str], T | None], evidence: Callable[[T], float]
-) -> Walks[T]:
+) -> tuple[T, Sequence[str], Sequence[str]]:
     """Load by load the walk of the larger evidence, by DECISIVE or more:
 
         ln p(y | other walk) − ln p(y | walk so far)
 
-    everything else integrated out of both. other: the same with the other walk of one load; evidence: ln p(y), −∞ where no
-    filter follows the samples, which is None of other.
+    everything else integrated out of both. other: the same with the other walk of one load, None where no filter follows the
+    samples; evidence: ln p(y). Returns the best, the loads that walk otherwise in it than stated, and those of which the samples
+    do not tell one walk from the other.
     """
     best, level = stated, evidence(stated)
     changed, undecided = [], []
@@ -407,7 +394,7 @@ def walks(
             changed.append(name)
         elif tried_level > level - DECISIVE:
             undecided.append(name)
-    return Walks(best, tuple(changed), tuple(undecided))
+    return best, changed, undecided
 
 
 def walking(config: PlacementConfig, name: str) -> PlacementConfig:
