@@ -20,7 +20,7 @@ import numpy as np
 
 from strainsight import api
 from strainsight.config.estimate import DamageSettings
-from strainsight.damage.sums import interval_of
+from strainsight.damage import interval_of
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances

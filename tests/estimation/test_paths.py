@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from strainsight.damage.sums import Curve, damage_of, interval_of
+from strainsight.damage import Curve, damage_of, interval_of
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import no_nuisances

@@ -10,7 +10,7 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from strainsight.parallel.sweep import threads
+from strainsight.parallel import threads
 
 
 @dataclass(frozen=True)

@@ -87,19 +87,18 @@ def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
     unknown, too."""
     from strainsight.pages.tested.campaign import campaign_figures
     from strainsight.pages.tested.figures import figures_of_test
-    from strainsight.stages.tested import findings_of
+    from strainsight.stages.tested import pages_of
 
-    (reports, campaign), drawings = findings_of(context), list[Drawing]()
-    if campaign is not None:
-        over = campaign_figures(campaign)
-        drawings += [replace(one, key=f"{TEST}-{one.key}", title=f"the test: {one.title}") for one in over]
-    for record, report in reports.items():
-        name, of = (f"-{record}", f", record {record}") if record else ("", "")
-        drawings += [
-            replace(one, key=f"{TEST}{name}-{one.key}", title=f"the test{of}: {one.title}")
-            for one in figures_of_test(report)
-        ]
-    return drawings
+    records, campaign = pages_of(context)
+    pages = [] if campaign is None else [("", "", campaign_figures(campaign))]
+    for report in records:
+        name, words = (f"-{report.record}", f", record {report.record}") if report.record else ("", "")
+        pages.append((name, words, figures_of_test(report)))
+    return [
+        replace(figure, key=f"{TEST}{name}-{figure.key}", title=f"the test{words}: {figure.title}")
+        for name, words, figures in pages
+        for figure in figures
+    ]
 
 
 def _of_bench(context: Context[BenchConfig]) -> list[Drawing]:

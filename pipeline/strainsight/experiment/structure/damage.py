@@ -11,8 +11,17 @@ import numpy as np
 
 from strainsight.config.estimate import DamageSettings
 from strainsight.config.placement import PlacementConfig
-from strainsight.damage.loops import FKM, GOODMAN, NONE
-from strainsight.damage.sums import Curve, MeanStress, damage_of, equivalent_range, interval_of, one_number
+from strainsight.damage import (
+    FKM,
+    GOODMAN,
+    NONE,
+    Curve,
+    MeanStress,
+    damage_of,
+    equivalent_range,
+    interval_of,
+    one_number,
+)
 from strainsight.errors import NumericalError, UserError
 from strainsight.estimation.bank import BankRun
 from strainsight.estimation.bank_smoother import AT_ONCE, Paths, bank_paths
@@ -22,7 +31,7 @@ from strainsight.estimation.smoother import Smoothed, smoother_errors
 from strainsight.experiment.structure.record_filter import FilteredRecord, RecordFilter, filter_banks
 from strainsight.experiment.structure.surface import Skin, Virtual
 from strainsight.fem.affine import AffineOperator
-from strainsight.fem.stress import SurfaceModel
+from strainsight.fem.recovery import SurfaceModel
 from strainsight.records.estimated import DamageAt, Damaged
 from strainsight.sensors.surface import facet_centres
 

@@ -21,7 +21,7 @@ from strainsight.experiment.structure.trial import (
     scaled_truth,
     without_truth,
 )
-from strainsight.parallel.sweep import Sweep, serial
+from strainsight.parallel import Sweep, serial
 from strainsight.records.validated import NoiseStudy, RandomSets, Starts, SweepTable
 from strainsight.runner.output import Table
 

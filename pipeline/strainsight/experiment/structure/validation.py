@@ -53,7 +53,7 @@ from strainsight.experiment.structure.truth import truth_of
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.pages.text import number
-from strainsight.parallel.sweep import Sweep, side_by_side, watched
+from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.placed import budget_of_shares
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
