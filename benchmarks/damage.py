@@ -143,7 +143,7 @@ def filtering(
     )
     if own:
         return shared, [own_record(shared, number) for number in range(1, records + 1)]
-    loading = loading_of(problem.settle, list(problem.signals.values()), trial.h, len(trial.known))
+    loading = loading_of(problem.run.settle, list(problem.run.signals.values()), trial.h, len(trial.known))
     again = truth.again
     assert again is not None
     true_field = again(1, gauges).field

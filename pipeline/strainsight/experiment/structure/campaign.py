@@ -17,7 +17,7 @@ from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Wanted
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
-from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at, units_in_words
+from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
 from strainsight.experiment.structure.consistency import (
     Judgement,
     Together,
@@ -67,7 +67,7 @@ from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.estimated import Damaged, HoldOut, Posterior
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.sensors.candidates import UNITS
+from strainsight.sensors.candidates import UNITS, units_in_words
 
 CHECKED, FILTERED, LATER, HELD = 0.4, 0.6, 0.7, 0.95
 """Shares of a short record where channels are checked, where filter and smoother begin and end, and where every gauge has been

@@ -205,7 +205,7 @@ def source_of(test: Measured, path: Path, known: tuple[str, ...]) -> Source:
 def settled_in(problem: Problem, test: Measured) -> Settled:
     """The periodic motion under the loads of a record, with the frequencies that the config gives them, and amplitudes and
     phases by least squares. Raises ConfigError where that cannot be, or is not what the record holds."""
-    unknown, tones = problem.unknowns.inputs, tones_of(list(problem.signals.values()))
+    unknown, tones = problem.unknowns.inputs, tones_of(list(problem.run.signals.values()))
     duration, wrong = len(test.known) * test.h, ""
     slowest = np.zeros(0) if tones is None else tones.frequency[tones.frequency > 0]
     if problem.method != "bank":

@@ -145,7 +145,7 @@ def _simulated(
     duration: float,
 ) -> Trial:
     unknowns, channels, steps = problem.unknowns, problem.channels.of(gauges), round(duration / h)
-    loading = loading_of(problem.settle, list(problem.signals.values()), h, steps)
+    loading = loading_of(problem.run.settle, list(problem.run.signals.values()), h, steps)
     load = instant_values(loading.held)
     history = {name: load[:, problem.columns([name])[0]] for name in unknowns.inputs}
     history |= {name: np.full(steps + 1, truth.theta[name]) for name in unknowns.parameters}
