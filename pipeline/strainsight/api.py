@@ -28,7 +28,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
 from strainsight.experiment.resources import silent
 from strainsight.mesh.model import Mesh
-from strainsight.parallel.sweep import Sweep, serial
+from strainsight.parallel import Sweep, serial
 from strainsight.records.placed import HotSpots, Observed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training

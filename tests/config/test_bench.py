@@ -16,7 +16,7 @@ from strainsight.config.load import load_config
 from strainsight.errors import ConfigError, UserError
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.joints import JOINTS
-from strainsight.multibody.laws.kinds import LAWS
+from strainsight.multibody.laws import LAWS
 
 FULL = Path(__file__).parents[2] / "configs" / "bench-full.yaml"
 RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")
@@ -145,7 +145,10 @@ EXAMPLES = {
     },
     "sensors": {
         "strain": "body: hub, layout: place",
-        "relative": PAIR, "motion": "frame: root", "acceleration": "frame: root", "reaction": "joint: pitch",
+        "relative": PAIR,
+        "motion": "frame: root",
+        "acceleration": "frame: root",
+        "reaction": "joint: pitch",
     },
 }
 """Section → kind → the keys of a valid entry on bench-full."""

@@ -12,7 +12,7 @@ from strainsight.multibody.bodies import FlexibleBody, Frame, RigidBody
 from strainsight.multibody.forces import Gravity, Load, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.initial import Pose, project_position, project_velocity, state
 from strainsight.multibody.joints import spherical
-from strainsight.multibody.laws.springs import LinearLaw, bushing, spring, torsion
+from strainsight.multibody.laws import LinearLaw, bushing, spring, torsion
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.system import assemble
 from strainsight.rom.inertia import InertiaInvariants
@@ -125,7 +125,9 @@ def everything(random_particles):
             ("s",),
         ),
         spring("strut", Frame("wall", None, np.array([3.0, 1.0, 0.0])), high, 150.0, 4.0, 1.2),
-        RelativeElement("drag", bearing_displacements(root, high)[:2], Drag(np.array([[2.0, 0.5], [-0.4, 1.0]])), ("d",)),
+        RelativeElement(
+            "drag", bearing_displacements(root, high)[:2], Drag(np.array([[2.0, 0.5], [-0.4, 1.0]])), ("d",)
+        ),
         torsion("twisted", outer, root, 20.0, 3.0, 0.4, "x"),
         bushing("mount", outer, low, [30.0, 40.0, 50.0, 6.0, 7.0, 8.0], [1.0, 2.0, 3.0, 0.4, 0.5, 0.6]),
         PointForce("push", tip, np.array([[1.0, 0.2], [0.0, 1.0], [0.3, 0.0]]), ["Fx", "Fy"]),

@@ -7,14 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError
-from strainsight.multibody.bodies import Frame, RigidBody, mass_matrix
+from strainsight.multibody.bodies import Frame, RigidBody, as_inertia, inertia_load, mass_matrix
 from strainsight.multibody.coupled import coupled_modes, growth
 from strainsight.multibody.forces import Gravity, PointForce
-from strainsight.multibody.inertia import as_inertia, inertia_load
 from strainsight.multibody.initial import Pose, state, static_equilibrium
 from strainsight.multibody.joints import fixed, revolute
-from strainsight.multibody.laws.actuators import follower_force
-from strainsight.multibody.laws.springs import torsion
+from strainsight.multibody.laws import follower_force, torsion
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.step import sensitivities, step
 from strainsight.multibody.system import assemble
@@ -211,7 +209,11 @@ def ziegler():
     knee, foot = Frame("knee", "first", np.array([1.0, 0, 0])), Frame("foot", "second")
     tip = Frame("tip", "second", np.array([1.0, 0, 0]))
     joints = [revolute("a", wall, root), revolute("b", knee, foot)]
-    forces = [torsion("ca", wall, root, 1.0), torsion("cb", knee, foot, 1.0), follower_force("P", tip, np.array([-1.0, 0, 0]))]
+    forces = [
+        torsion("ca", wall, root, 1.0),
+        torsion("cb", knee, foot, 1.0),
+        follower_force("P", tip, np.array([-1.0, 0, 0])),
+    ]
     system = assemble(bodies, joints, forces)
     return system, *state(system, {"second": Pose(np.array([1.0, 0, 0]))})
 

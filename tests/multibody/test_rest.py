@@ -21,7 +21,7 @@ from strainsight.multibody.initial import (
     static_equilibrium,
 )
 from strainsight.multibody.joints import Joint, fixed, prismatic, revolute, spherical
-from strainsight.multibody.laws.springs import LinearLaw, spring, torsion
+from strainsight.multibody.laws import LinearLaw, spring, torsion
 from strainsight.multibody.relations import bearing_displacements, coincidence, dot, place
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.step import step
@@ -96,7 +96,6 @@ def test_spring_hangs_by_its_stiffness():
         system, state(system, {"stone": Pose(np.array([0, -0.1, 0]))})[0], np.zeros(0), np.zeros(0)
     )
     np.testing.assert_allclose(found[:3], [0, 1.0 - 0.9 - 2.0 * 9.81 / 900.0, 0], atol=1e-9)
-
 
 
 def test_slow_and_fast_motions_of_one_bench_are_both_found_and_rounding_is_none():

@@ -21,7 +21,7 @@ def one_shot(model):
 
 def off_constraints(model, x):
     """Largest of φ and of B v [m or -, and per second], beside what they are made of."""
-    phi, B = constraints_at(model.system, x[model.q])
+    phi, B, _ = constraints_at(model.system, x[model.q])
     v = x[model.v]
     return np.abs(phi).max(), np.abs(B @ v).max() / np.abs(np.abs(B) @ np.abs(v)).max()
 
@@ -50,7 +50,9 @@ def test_loads_without_noise_on_the_filters_own_step(h):
     assert worst["one shot"] > 100 * worst["iterated"]
 
 
-@pytest.mark.parametrize(("part", "convention"), [*zip(PARTS, ("follow", "fixed", "follow", "fixed", "follow"), strict=True)])
+@pytest.mark.parametrize(
+    ("part", "convention"), [*zip(PARTS, ("follow", "fixed", "follow", "fixed", "follow"), strict=True)]
+)
 def test_a_bearing_parameter_from_one_percent_off_on_either_side(part, convention):
     b, h, steps = bench([part], convention), 0.11, 30
     u = loads(h, steps, 0.2)

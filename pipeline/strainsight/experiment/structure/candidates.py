@@ -24,8 +24,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS, Thickness, thickness_of
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, accelerations
-from strainsight.sensors.bonded import BondedEntry, bonded
-from strainsight.sensors.bridges import StrainGauges, bridges
+from strainsight.sensors.bonded import BondedEntry, StrainGauges, bonded, bridges
 from strainsight.sensors.candidates import (
     ACCELERATION,
     DISPLACEMENT,

@@ -13,8 +13,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
 from strainsight.estimation.consistency import Tuning, Verdict, verdict
 from strainsight.estimation.decision import Decision
-from strainsight.estimation.model import physical
-from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.model import physical, surface_reading
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.structure.diagnosed import Judgement, clock_in_words
@@ -35,8 +34,7 @@ from strainsight.experiment.structure.surface import Skin, Virtual, grid_of, mom
 from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import Unknowns
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.records.damage import Damaged
-from strainsight.records.estimated import Channels, Estimated, HoldOut, Offsets, Source
+from strainsight.records.estimated import Channels, Damaged, Estimated, HoldOut, Offsets, Source
 from strainsight.records.placed import budget_of_shares
 from strainsight.sensors.candidates import UNITS, units_in_words
 

@@ -13,7 +13,7 @@ from strainsight.config.placement import Place, PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.record import Settled
 from strainsight.estimation.update import Form
 from strainsight.experiment.structure.candidates import Channels, channels_of
 from strainsight.experiment.structure.references import unknowns_of

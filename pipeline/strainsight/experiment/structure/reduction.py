@@ -27,18 +27,17 @@ from strainsight.experiment.structure.references import (
 from strainsight.experiment.structure.results import model_of_results
 from strainsight.experiment.structure.training import refuse_damping
 from strainsight.fem.affine import DAMPING, Parameter, at_their_references
-from strainsight.fem.factorisation import Factorise, factorise
+from strainsight.fem.factorisation import Factorise, factorise, relief_of
 from strainsight.fem.loads import misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, FullModel, build_model, nodal
 from strainsight.fem.modes import modes as lowest_modes
-from strainsight.fem.relief import relief_of
 from strainsight.foreign.matrices.files import NOTED, read_matrix, read_numbering, symmetric
 from strainsight.foreign.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
 from strainsight.memory import available_memory
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import OF_MASS, shapes, with_value
 from strainsight.mesh.units import length_factor, mass_factor
-from strainsight.parallel.sweep import Sweep, in_threads, serial, threads, watched
+from strainsight.parallel import Sweep, in_threads, serial, threads, watched
 from strainsight.processes import peak_memory
 from strainsight.records.reduced import FromResults, HeldOut, Misaligned, Modes, ReadyBasis, Reduced
 from strainsight.records.training import Training

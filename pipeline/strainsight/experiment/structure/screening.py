@@ -25,7 +25,7 @@ from strainsight.records.training import CaseMotion, Screened, Training, with_mi
 from strainsight.rom.model import ReducedModel, accelerations
 from strainsight.sensors.candidates import ACCELERATION, Candidates
 from strainsight.sensors.installation import Sensitivity, given_sensitivity, installation_variance, sensitivity_rows
-from strainsight.sensors.points import surface_of
+from strainsight.sensors.rows import surface_of
 from strainsight.sensors.screening import BEND, CLEARANCE, Screening, screen
 
 COHERENCE = 0.01

@@ -11,7 +11,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.estimation.consistency import input_error, load_scale
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.record import Settled
 from strainsight.estimation.run import Keep
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.filtering import Filtered, filtered, smoothed

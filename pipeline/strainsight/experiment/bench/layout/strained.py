@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.inverse.linear import LinearBench, in_steps, in_time
 from strainsight.placement.criteria import Metric
-from strainsight.placement.doubling import factor_after, steady_factor
+from strainsight.placement.riccati import factor_after, steady_factor
 from strainsight.placement.scenario import Aggregate, Scenario, solve_pool
 
 UNTOLD = 0.9
