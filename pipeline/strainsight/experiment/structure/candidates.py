@@ -210,7 +210,7 @@ def _length(gauges: Gauges, stated: float | None) -> float:
 
 
 @dataclass(frozen=True)
-class Channels:
+class CandidateChannels:
     """All candidates, one row a channel, those of one gauge one behind the other.
 
     rows (m, n): strain, or displacement of the point, per reduced coordinate, at the references, and change, what θ adds to them
@@ -247,10 +247,12 @@ def training_units(quantity: np.ndarray) -> dict[str, str]:
     return {"the channel": unit, "the variance": f"{grouped(unit)}^2", "the row": row}
 
 
-def channels_of(training: Training, screened: Screened) -> Channels:
+def channels_of(training: Training, screened: Screened) -> CandidateChannels:
     """All channels of the training run, with their noise."""
     pool = training.candidates
-    return Channels(training.rows, training.change, pool.quantity, screened.noise_std, pool.gauge, pool.bridged)
+    return CandidateChannels(
+        training.rows, training.change, pool.quantity, screened.noise_std, pool.gauge, pool.bridged
+    )
 
 
 def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:

@@ -383,7 +383,7 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
     with suppress(InfeasibleError):  # no facet at all: `train` names that
         free, _, _ = admissible(mesh, facets, **sites_of(gauges))
     contact = contact_faces(mesh, facets, faces)
-    named = {name: {*facet_key(*gauges.T).tolist()} for name, gauges in mesh.faces.items()}
+    named = {name: {*facet_key(*face.T).tolist()} for name, face in mesh.faces.items()}
     for i, face in enumerate(contact.face):
         if not (faces.of[free] == face).any():
             continue

@@ -15,9 +15,9 @@ from strainsight.experiment.layout.advice import Expectation, budget_table
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.output import layout_output, layout_record
 from strainsight.experiment.layout.placement import Placement, Subject, place
-from strainsight.experiment.layout.task import LoadCases, PoolRows, Readings, Task, Unknowns, layout_limits
+from strainsight.experiment.layout.task import LoadCases, PoolReadings, PoolRows, Task, UnknownStates, layout_limits
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.candidates import Channels, largest_of_quantity, listed_gauges
+from strainsight.experiment.structure.candidates import CandidateChannels, largest_of_quantity, listed_gauges
 from strainsight.experiment.structure.clearance import (
     advice_at_gauges,
     at_gauges,
@@ -179,7 +179,7 @@ class _Structure(Subject):
             pools = self.using.sweep(solved, tuple(chain(*scenarios)), unknowns.state_names)
         cases = self._cases([len(of_case) for of_case in scenarios])
         return Task(
-            Unknowns(
+            UnknownStates(
                 unknowns.names,
                 unknowns.state_names,
                 np.asarray(unknowns.position(problem.model)),
@@ -213,13 +213,13 @@ class _Structure(Subject):
             np.array([problem.unknowns.scale for problem in problems]),
         )
 
-    def _readings(self) -> Readings:
+    def _readings(self) -> PoolReadings:
         """Rows per reduced coordinate, of accelerometers at the guess."""
         p, channels = self.problem, self.pool.channels
         F = linearise(p.model, p.unknowns, p.model.reference, p.x[:1], instant_values(p.u)[:1])[0]
         every = measurement_rows(p.channels.rows, p.channels.quantity, F)[:, : p.model.size]
         rows = np.where((channels >= 0)[..., None], every[channels], 0.0)
-        return Readings(rows, p.channels.noise_std[channels] ** 2, self.covariance)
+        return PoolReadings(rows, p.channels.noise_std[channels] ** 2, self.covariance)
 
 
 def _subject(
@@ -228,8 +228,10 @@ def _subject(
     """The problem of every load case, and the pool of the candidates that were kept."""
     files, inputs, candidates = using.files, reduced.model.inputs, training.candidates
     problem = problem_of(config, files, reduced, training, screened)
-    cases = runs_of(config, inputs, files)
-    problems = tuple(problem_in(run, config, files, reduced, training, screened) for run in cases) or (problem,)
+    runs = runs_of(config, inputs, files)
+    problems = tuple(
+        problem_in(run, config, files, reduced, training, screened) if run.name else problem for run in runs
+    )
     pool = pool_of(screened.kept, problem.channels, candidates, config.place.symmetry)
     states = 2 * problem.model.size + len(problem.unknowns.state_names)
     if costs := of_pool_in_words(config, len(pool.gauges), states):
@@ -238,7 +240,7 @@ def _subject(
     with blame("place.keep"):
         limits = layout_limits(config.place, pool, mesh, candidates, price)
     moved = [np.cov(case.x[:, : case.model.size], rowvar=False) for case in problems]
-    covariance = np.average(moved, axis=0, weights=[run.weight for run in cases]) if len(moved) > 1 else moved[0]
+    covariance = np.average(moved, axis=0, weights=[run.weight for run in runs]) if len(moved) > 1 else moved[0]
     return _Structure(
         config,
         mesh,
@@ -312,7 +314,9 @@ def _observability(problem: Problem, scenario: Scenario, subject: _Structure) ->
     )
 
 
-def pool_of(kept: np.ndarray, channels: Channels, candidates: Candidates, symmetry: Symmetry | None) -> PoolRows:
+def pool_of(
+    kept: np.ndarray, channels: CandidateChannels, candidates: Candidates, symmetry: Symmetry | None
+) -> PoolRows:
     """The kept gauges as pool rows: each alone, or with a plane of symmetry in mirrored pairs.
 
     kept (k,) gauge numbers. Those on the plane that are their own mirror image are alone, as are bonded ones; others without

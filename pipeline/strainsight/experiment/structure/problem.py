@@ -15,10 +15,10 @@ from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import Settled
 from strainsight.estimation.update import Form
-from strainsight.experiment.structure.candidates import Channels, channels_of
+from strainsight.experiment.structure.candidates import CandidateChannels, channels_of
 from strainsight.experiment.structure.references import unknowns_of
 from strainsight.experiment.structure.start import Loading, motion_of
-from strainsight.experiment.structure.training import Run, run_as_stated, typical_of
+from strainsight.experiment.structure.training import TrainingRun, run_as_stated, typical_of
 from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import WALK, Unknowns
 from strainsight.loads.linearisation import (
@@ -57,13 +57,13 @@ class Problem:
 
     model: ReducedModel
     unknowns: Unknowns
-    run: Run
+    run: TrainingRun
     x: np.ndarray
     loading: Loading
     Q: np.ndarray
     frozen_Q: np.ndarray
     printed: bool
-    channels: Channels
+    channels: CandidateChannels
     scheme: Scheme
     form: Form
     iterations: int
@@ -103,7 +103,7 @@ def problem_of(
 
 
 def problem_in(
-    run: Run,
+    run: TrainingRun,
     config: PlacementConfig,
     files: Mapping[str, Path],
     reduced: Reduced,
