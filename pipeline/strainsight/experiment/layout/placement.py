@@ -125,10 +125,7 @@ def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimin
         return result, layout
     pools = tuple(task.under(task.pools))
     cost = np.append(result.cost[:-1], score(pools, result.kept, task.aggregate))
-    return (
-        replace(result, cost=cost, pools=pools),
-        replace(layout, cost=score(pools, layout.gauges, task.aggregate)),
-    )
+    return (replace(result, cost=cost, pools=pools), replace(layout, cost=score(pools, layout.gauges, task.aggregate)))
 
 
 def _widened(

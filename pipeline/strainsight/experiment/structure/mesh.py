@@ -116,11 +116,7 @@ def heavy_points(mesh: Mesh) -> tuple[str, ...]:
 
 
 def mesh_of(
-    config: MeshFile,
-    path: Path,
-    key: str = "mesh",
-    base: Path | None = None,
-    loads: Collection[str] | None = None,
+    config: MeshFile, path: Path, key: str = "mesh", base: Path | None = None, loads: Collection[str] | None = None
 ) -> Mesh:
     """The mesh of a file and of what the config (its section at `key`) says beside it; base: the folder that paths start from;
     loads: names of those of the deck that are used, whose gravity is looked at, None for all."""

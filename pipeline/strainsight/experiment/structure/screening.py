@@ -168,12 +168,7 @@ def screened_of(
 
 
 def _screened(
-    settings: Screen,
-    pool: Candidates,
-    near: np.ndarray,
-    ratio: np.ndarray,
-    strained: np.ndarray,
-    limit: np.ndarray,
+    settings: Screen, pool: Candidates, near: np.ndarray, ratio: np.ndarray, strained: np.ndarray, limit: np.ndarray
 ) -> Screening:
     """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. ratio (k, m) [-] of signal to
     noise, of which each has its turn; near (gauges,): too near to something for the clearance; strained (m,): largest reading of

@@ -150,16 +150,11 @@ SIGNAL_TO_NOISE = (1e-4, 1e9)
 the Riccati equation is beyond double precision from 1e11 on."""
 
 
-@dataclass(frozen=True)
-class Trained:
-    """The training run; surface: how its candidates were found on the mesh, None where their strain rows were given."""
-
-    training: Training
-    surface: OnSurface | None
-
-
-def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resources) -> Trained:
-    """Simulate the reduced model at the guess, under the loads as stated and in every load case, and read every candidate."""
+def trained(
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resources
+) -> tuple[Training, OnSurface | None]:
+    """Simulate the reduced model at the guess, under the loads as stated and in every load case, and read every candidate; the
+    candidates on the surface, None where their strain rows are given."""
     model = reduced.model
     runs = run_as_stated(config, model.inputs, using.files), *runs_of(config, model.inputs, using.files)
     stated, *cases = (_Moved(run, *_motion(run, reduced)) for run in runs if run.name or run is runs[0])
@@ -221,7 +216,7 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         thickness = thickness_of_guess(config, mesh, model.reference)
         most = _arm_peak(mesh, training, cases or [stated], reduced.basis, thickness)
         training = replace(training, arm_peak=most)
-    return Trained(training, surface)
+    return training, surface
 
 
 @dataclass(frozen=True)

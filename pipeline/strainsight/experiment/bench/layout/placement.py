@@ -14,15 +14,11 @@ from strainsight.experiment.bench.inverse.unknowns import asked, free_properties
 from strainsight.experiment.bench.layout.pool import (
     GaugePool,
     MotionCandidates,
-    PlacedBody,
     gauge_pool,
     installation_offs,
-    known_of,
     motion_candidates,
-    poses_of,
-    zeroed,
 )
-from strainsight.experiment.bench.layout.strained import Strained
+from strainsight.experiment.bench.layout.strained import PlacedBody, Strained, known_of, poses_of, zeroed
 from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list
 from strainsight.experiment.layout.output import layout_output, layout_record
