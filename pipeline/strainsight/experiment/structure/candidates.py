@@ -240,6 +240,11 @@ class CandidateChannels:
         return channels_of_gauges(self.gauge, gauges)
 
 
+def of_channels(values: np.ndarray, channels: np.ndarray) -> np.ndarray:
+    """Values (..., n) of channels (...), of all of which there are values (m, n); zero where there is none, −1."""
+    return np.where((channels >= 0)[..., None], values[channels], 0.0)
+
+
 def training_units(quantity: np.ndarray) -> dict[str, str]:
     """Of what is written of channels of these quantities (m,), a row of which is strain or displacement per coordinate."""
     still = np.where(quantity == STRAIN, STRAIN, DISPLACEMENT)
