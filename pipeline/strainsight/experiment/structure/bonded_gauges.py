@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from strainsight.config.checks_gauges import bridge_problem
+from strainsight.config.gauges import bridge_problem
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import ConfigError, DeckError, blame, did_you_mean
