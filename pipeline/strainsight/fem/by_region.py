@@ -70,8 +70,8 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
                 kept.add(index)
     shape: list[int] = (np.max(list(kept), axis=0) + 1).tolist()
     weights = np.zeros((len(span), *shape))
-    for index in kept:
-        weights[(slice(len(found[index])), *index)] = found[index]
+    for degrees in kept:
+        weights[(slice(len(found[degrees])), *degrees)] = found[degrees]
     bases = tuple(own.newton(m - 1) for own, m in zip(axes, shape, strict=True))
     labels = [f"{' '.join(names)} ({k + 1})" for k in range(len(span))]
     return AffineOperator(
