@@ -29,7 +29,7 @@ def translation_rows(nodes: np.ndarray | list[int]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Rows:
+class MotionRows:
     """Where motions stand in z': 3·node + component, then three rotations of each node that has them.
 
     nodes n; first: node → row of its first rotation; axes: node → (3, 3) axes of its components, one in a column, the
@@ -145,7 +145,7 @@ def relation_terms(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.n
     return relation, node, component, np.concatenate([np.zeros(0), *(own.value for own in mesh.relations)])
 
 
-def add_relations(mesh: Mesh, rows: Rows, found: Equations) -> None:
+def add_relations(mesh: Mesh, rows: MotionRows, found: Equations) -> None:
     """Add  z'_1 = −Σ_{k>1} c_k z'_k / c_1  of all relations to the equations.
 
     Raises DeckError for a first term that is zero, and for a motion that follows already.
@@ -231,7 +231,7 @@ def turned_nodes(mesh: Mesh) -> dict[int, np.ndarray]:
     return {node: np.asarray(axes, dtype=float) for node, axes in mesh.axes.items() if node in named}
 
 
-def equations(mesh: Mesh, rows: Rows) -> Equations:
+def equations(mesh: Mesh, rows: MotionRows) -> Equations:
     """What the rigid and averaging elements and the relations of a mesh say, with Q_i the axes of node i:
 
         rigid       Q_iu'_i = u_r + θ_r × (x_i − x_r),   Q_iθ'_i = θ_r           in the stated components of u'_i, θ'_i
@@ -276,7 +276,7 @@ def _cleared(values: np.ndarray, size: np.ndarray) -> np.ndarray:
     return np.where(np.abs(values) > ROUNDING * size, values, 0.0)
 
 
-def _add_rigid(mesh: Mesh, e: RigidElement, rows: Rows, found: Equations) -> None:
+def _add_rigid(mesh: Mesh, e: RigidElement, rows: MotionRows, found: Equations) -> None:
     nodes = np.asarray(e.nodes, dtype=np.int64)
     if len(nodes) == 0 or e.reference in nodes:
         own = f"depends on its own reference node {mesh.node_ids[e.reference]}"
@@ -299,7 +299,7 @@ def _add_rigid(mesh: Mesh, e: RigidElement, rows: Rows, found: Equations) -> Non
         found.add(mesh, e, nodes[existing], own_rows[existing], source, motion[existing, component])
 
 
-def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations) -> None:
+def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, found: Equations) -> None:
     wanted = sorted(set(e.components))
     mean, length = _mean_motion(mesh, e, rows, wanted)
     own = rows.of(np.full(len(wanted), e.reference), np.array(wanted))
@@ -332,8 +332,10 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations
     found.add(mesh, e, dependent[:, 0], solved, columns[~chosen], values)
 
 
-def _mean_motion(mesh: Mesh, e: AveragingElement, rows: Rows, wanted: Collection[int]) -> tuple[np.ndarray, float]:
-    """Wanted motions of the reference as means of the `Rows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
+def _mean_motion(
+    mesh: Mesh, e: AveragingElement, rows: MotionRows, wanted: Collection[int]
+) -> tuple[np.ndarray, float]:
+    """Wanted motions of the reference as means of the `MotionRows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
     nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
     if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
         raise DeckError(

@@ -157,7 +157,7 @@ CHUNK = 2048
 
 
 @dataclass(frozen=True)
-class Pattern:
+class ThinPattern:
     """Pairs of nodes that share an element, sorted: onto (pairs, blocks of all elements) adds up what is of one pair; indptr
     (m + 1,) and columns (pairs,) say where each stands."""
 
@@ -176,9 +176,9 @@ def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[Af
     Raises DeckError for an element that is degenerate, UserError for parameters that overlap or name no region, or that a
     region has no property for.
     """
-    found: dict[frozenset[int], Pattern] = {}
+    found: dict[frozenset[int], ThinPattern] = {}
 
-    def pattern(regions: Mapping[int, float]) -> Pattern:
+    def pattern(regions: Mapping[int, float]) -> ThinPattern:
         """Of the same regions at other values of their properties, and of their mass, it is the same."""
         key = frozenset(regions)
         if key not in found:
@@ -305,7 +305,7 @@ def _parts(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[ShellBlock | Be
         yield from cut(block, regions, CHUNK // 8 if block.nodes.shape[1] > 4 else CHUNK)
 
 
-def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> Pattern:
+def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> ThinPattern:
     """Of some elements, on all nodes of shells and beams of a mesh."""
     index = np.full(len(mesh.position), -1)
     index[mesh.thin_nodes] = np.arange(len(mesh.thin_nodes))
@@ -319,10 +319,10 @@ def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> Pattern:
         np.concatenate([[0], np.cumsum(np.bincount(pairs // m, minlength=m))]) if m else np.zeros(1, dtype=np.int64)
     )
     size: type[np.signedinteger] = np.int32 if 36 * len(pairs) < 2**31 else np.int64
-    return Pattern(onto, indptr.astype(size), (pairs % m if m else pairs).astype(size))
+    return ThinPattern(onto, indptr.astype(size), (pairs % m if m else pairs).astype(size))
 
 
-def _sum(pattern: Pattern, parts: list[np.ndarray]) -> sparse.csr_array:
+def _sum(pattern: ThinPattern, parts: list[np.ndarray]) -> sparse.csr_array:
     """Σ over elements (6m, 6m): the 6 × 6 blocks of every pair of nodes, added up."""
     blocks = (pattern.onto @ np.concatenate([np.zeros((0, 36)), *parts])).reshape(-1, 6, 6)
     m = len(pattern.indptr) - 1

@@ -118,7 +118,7 @@ def transient(
     if reach is None:
         reach = max(_reach(K, M, damping, held, h, model.rigid), 0.0 if mass is None else BAND / h)
     scheme, substeps = choose(2 * np.pi * reach * h)
-    step = _Step(K, M, sparse.csr_array(S), damping, scheme, h, substeps, held.shape[1])
+    step = _TransientStep(K, M, sparse.csr_array(S), damping, scheme, h, substeps, held.shape[1])
     z, v = (np.zeros(K.shape[0]),) * 2 if start is None else start
     motion = np.stack([z, v]).astype(float)
     recorder = _Recorder(step, rows, acceleration_rows, mass, len(held) + 1)
@@ -147,7 +147,7 @@ def free_rows(model: FiniteElementModel, rows: sparse.csr_array) -> sparse.csr_a
     return sparse.csr_array(rows @ model.constraint.transform[: 3 * len(model.mesh.position)])
 
 
-class _Step:
+class _TransientStep:
     """One step of length h in `substeps` parts, with the factors it needs."""
 
     def __init__(
@@ -210,7 +210,7 @@ class _Recorder:
 
     def __init__(
         self,
-        step: _Step,
+        step: _TransientStep,
         rows: sparse.csr_array | np.ndarray,
         acceleration_rows: sparse.csr_array | np.ndarray | None,
         mass: Factor | None,

@@ -64,7 +64,7 @@ Sensor = StrainSensor | RelationSensor | Accelerometer
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class CompiledSensors:
     """Sensors of one system, compiled by `readings`: call `read`. channels: the name of every row; accelerometers: of every one
     its origin, then its three axes, as relations."""
 
@@ -123,7 +123,7 @@ class Readings:
         return y, by_q, by_v, by_a, by_g
 
 
-def readings(system: System, sensors: Sequence[Sensor]) -> Readings:
+def readings(system: System, sensors: Sequence[Sensor]) -> CompiledSensors:
     """The sensors compiled for a system. Raises InfeasibleError for strain rows that do not fit their body."""
     strain: list[np.ndarray] = []
     relations: list[Relation] = []
@@ -155,7 +155,7 @@ def readings(system: System, sensors: Sequence[Sensor]) -> Readings:
         for k in range(3):
             felt += axis_sensor(own.name, own.frame, k).relations
         channels += [f"{own.name} {k + 1}" for k in range(3)]
-    return Readings(
+    return CompiledSensors(
         tuple(sensors),
         tuple(channels),
         compile_products(relations, system.bodies),

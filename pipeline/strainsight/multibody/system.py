@@ -44,7 +44,7 @@ class Element:
 
 
 @dataclass(frozen=True)
-class Moment:
+class TurningMoment:
     """A moment Σ u_k d_k on a body: R its first R coordinate or −1, eta the modal slice, shapes Ψ (3, n)."""
 
     R: int
@@ -84,7 +84,7 @@ class System:
     elements: tuple[Element, ...]
     input_rows: tuple[np.ndarray, np.ndarray]
     weights: np.ndarray
-    moments: tuple[Moment, ...]
+    moments: tuple[TurningMoment, ...]
     drives: Drives
 
     @cached_property
@@ -213,14 +213,14 @@ def _weight(body: Body, gravity: Gravity) -> Relation:
     return Relation(f"{gravity.name} on {body.name}", (constant(gravity.acceleration),), (mass_moment(body),))
 
 
-def _moment(force: PointMoment, bodies: Sequence[Body], of: Mapping[str, slice], inputs: list[str]) -> Moment:
+def _moment(force: PointMoment, bodies: Sequence[Body], of: Mapping[str, slice], inputs: list[str]) -> TurningMoment:
     body = _body(force.frame, bodies)
     rotation = np.zeros((3, modes(body))) if force.frame.rotation is None else force.frame.rotation
     span = of[body.name]
     eta = slice(span.stop - modes(body), span.stop)
     R = span.start + 3 if moves(body) else -1
     which = np.array([inputs.index(name) for name in force.inputs], dtype=int)
-    return Moment(R, eta, np.asarray(rotation, dtype=float), _directions(force).T, which)
+    return TurningMoment(R, eta, np.asarray(rotation, dtype=float), _directions(force).T, which)
 
 
 def _directions(force: PointForce | PointMoment) -> np.ndarray:

@@ -12,7 +12,7 @@ from strainsight.errors import NumericalError
 from strainsight.loads.observability import undetectable_directions
 from strainsight.placement.exchange import costs_of, gradients_of
 from strainsight.placement.increment import gauge_gradients
-from strainsight.placement.limits import Limits, Region, as_limits, cheapest
+from strainsight.placement.limits import Limits, Polytope, as_limits, cheapest
 from strainsight.placement.riccati import Loop, close_loop, information
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
 
@@ -60,7 +60,7 @@ def certify(
     Source: Frank and Wolfe (1956); Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000).
     """
     count = len(pools[0].rows)
-    region = Region(as_limits(count, len(gauges) if limits is None else limits, fixed))
+    region = Polytope(as_limits(count, len(gauges) if limits is None else limits, fixed))
     relaxation = _Relaxation(pools, region, aggregate)
     # half the set itself, half the uniform weights: near the answer and still inside
     chosen = np.zeros(count)
@@ -130,7 +130,7 @@ class _Relaxation:
     """f(w) and ∇f, each scenario started from its last covariance; the best bounds so far: lower, of all sets, including (pool,),
     of those with each gauge."""
 
-    def __init__(self, pools: Sequence[Pool], region: Region, aggregate: Aggregate):
+    def __init__(self, pools: Sequence[Pool], region: Polytope, aggregate: Aggregate):
         self.pools, self.region, self.aggregate = pools, region, aggregate
         self.last: list[np.ndarray | None] = [None] * len(pools)
         self.lower, self.including = -np.inf, np.full(len(pools[0].rows), -np.inf)

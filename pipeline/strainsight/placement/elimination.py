@@ -39,7 +39,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Step:
+class RemovedGauge:
     """What all removals from one set share: its scenarios, loops, costs (scenarios,) and the gauges left."""
 
     pools: Sequence[Pool]
@@ -116,7 +116,7 @@ class Step:
         return self.rounded(parts), increments, len(self.pools)
 
 
-def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
+def least_missed(step: RemovedGauge, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
     """The gauge of the smallest rise, None where every removal costs infinity; the number of exact solves; the bounds.
 
     relief (m,): the rise counts per relief, and gauges of none stay; 1 where not given.
@@ -161,7 +161,7 @@ def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice |
     return Choice(gauge, place, exact[at][1], exact[at][0], tuple(g for g, _, _ in as_good[1:])), solves, worth
 
 
-def known_to_go(step: Step, gauge: int) -> Choice:
+def known_to_go(step: RemovedGauge, gauge: int) -> Choice:
     """The removal of a gauge without which every unknown is known to be observable, whatever the test of what is left says.
 
     The test compares with the strongest row there: beside one of 1e10 times the weight, all others are rounding.
@@ -258,7 +258,7 @@ def _descend(
     spent = 0
     while left.count > limits.keep if guard is None else guard.broken:
         relief = None if guard is None else guard.relief[left.index]
-        step = Step(pools, loops, costs, left, aggregate)
+        step = RemovedGauge(pools, loops, costs, left, aggregate)
         found, number, worth = least_missed(step, relief)
         spent += number
         if found is None:

@@ -226,7 +226,7 @@ def _groups(pairs: np.ndarray) -> list[np.ndarray]:
     return groups
 
 
-class Region:
+class Polytope:
     """{0 ≤ w ≤ 1, rows·w ≤ most, least ≤ Σ size·w, w = 1 on fixed gauges}, which holds every layout."""
 
     def __init__(self, limits: Limits):

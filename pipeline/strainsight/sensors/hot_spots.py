@@ -19,7 +19,7 @@ from strainsight.mesh.kinds.kind import Kind, with_midsides
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.subdivision import Refined, refined
 from strainsight.sensors.candidates import STRAIN, Candidates
-from strainsight.sensors.rows import Points, matrix_of, points_within, surface_of
+from strainsight.sensors.rows import ChannelPoints, matrix_of, points_within, surface_of
 from strainsight.sensors.surface import by_kind
 
 
@@ -190,7 +190,7 @@ def _readings(
     held: np.ndarray,
     forced: np.ndarray,
     pressed: tuple[np.ndarray, np.ndarray],
-    points: Points,
+    points: ChannelPoints,
     channels: int,
     z: np.ndarray,
     layers: int,
@@ -244,9 +244,9 @@ def _facets_of(patch: Patch, facets: Facets) -> Facets:
     return Facets(found.element_id, found.facet, found.kind, patch.local(found.nodes), found.region)
 
 
-def _on_parts(fine: Refined, points: Points) -> Points:
+def _on_parts(fine: Refined, points: ChannelPoints) -> ChannelPoints:
     """The same points on the parts of their facets; where several parts meet, in equal shares on each."""
-    taken: list[Points] = []
+    taken: list[ChannelPoints] = []
     for kind, which, nodes in by_kind(points.kind, points.nodes):
         share, parts = np.zeros(len(which)), []
         for name, corners in kind.split:
@@ -259,7 +259,7 @@ def _on_parts(fine: Refined, points: Points) -> Points:
             code = np.full(len(on), FACETS.index(part))
             parts.append((on, replace(points.take(which[on]), kind=code, nodes=at, local=local[on])))
         taken += [replace(own, weight=own.weight / share[on]) for on, own in parts]
-    return Points.joined(taken)
+    return ChannelPoints.joined(taken)
 
 
 def _within(part: Kind, corners: np.ndarray, xi: np.ndarray) -> np.ndarray:
