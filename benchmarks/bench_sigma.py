@@ -119,7 +119,9 @@ def estimated(
     walks = isinstance(model, RandomWalk)
     rng = np.random.default_rng(every)
     moving = load_process([model] * 3, SIZE, SIZE * h**0.5 if walks else np.zeros(3), h)
-    filtered = b.model(h, len(y), loads=moving, noise=noise, white=0.0, corrected=corrected, free=("E",) if modulus else ())
+    filtered = b.model(
+        h, len(y), loads=moving, noise=noise, white=0.0, corrected=corrected, free=("E",) if modulus else ()
+    )
     starts = []
     for _ in range(seeds):
         theta = b.theta * np.exp(GUESSED * rng.normal(size=len(b.theta)) * modulus)
@@ -161,7 +163,11 @@ def main(seeds: int, kinds: list[str], full: bool) -> None:
                     continue
                 scores, off = estimated(elastic, u, y, every, noise, right, modulus=True)
                 inside, size = np.sum(np.abs(off) < 2), np.sqrt(np.mean(off**2))
-                print(shown(f"  {where}, with the modulus", scores), f" it is within 2σ in {inside}, RMS {size:.2f}", flush=True)
+                print(
+                    shown(f"  {where}, with the modulus", scores),
+                    f" it is within 2σ in {inside}, RMS {size:.2f}",
+                    flush=True,
+                )
                 if full:
                     continue
                 other = estimated(plain, u, y, every, noise, RandomWalk(), corrected=kind != "walk")[0]

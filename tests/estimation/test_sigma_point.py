@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.reduced import Driven, driven_with_offsets
+from strainsight.estimation.reduced import Driven, draw_truth, driven_with_offsets
 from strainsight.estimation.sigma_point import points_of, regression, run_sigma_points
 from strainsight.estimation.smoother import smooth
 
@@ -21,11 +20,11 @@ from .conftest import drawn, make_beam, make_filter, sine
 
 @pytest.mark.parametrize("k", [0, 1, 2, 3])
 def test_points_have_the_moments_of_normal_numbers_up_to_degree_five_each(k):
-    points = points_of(k)
-    assert points.weight.min(initial=1.0) > 0
+    z, weight = points_of(k)
+    assert weight.min(initial=1.0) > 0
     odd = {0: 1.0, 1: 0.0, 2: 1.0, 3: 0.0, 4: 3.0, 5: 0.0}
     for degree in product(range(6), repeat=k):
-        found = points.weight @ np.prod(points.z ** np.array(degree, dtype=int).reshape(1, k), axis=1)
+        found = weight @ np.prod(z ** np.array(degree, dtype=int).reshape(1, k), axis=1)
         assert found == pytest.approx(np.prod([odd[d] for d in degree]), abs=1e-13)
 
 
@@ -222,7 +221,9 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel():
         x = run.mean[k, 0] + gain @ (x - predicted)
         S = own + gain @ (S - ahead * np.outer(scale, scale)) @ gain.T
         np.testing.assert_allclose(found.mean[k, 0] / scale, x / scale, atol=1e-5)
-        np.testing.assert_allclose(found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5)
+        np.testing.assert_allclose(
+            found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5
+        )
 
 
 def test_a_filter_whose_runs_all_diverge_says_so():

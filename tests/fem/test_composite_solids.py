@@ -26,10 +26,9 @@ from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import Material
 from strainsight.mesh.properties import value_of
 from strainsight.mesh.sanity import sanity_warnings
-from strainsight.mesh.scaling import scaled
 from strainsight.mesh.subdivision import refined
 from strainsight.mesh.thin import Lamina
-from strainsight.mesh.units import to_si
+from strainsight.mesh.units import scaled, to_si
 from strainsight.records.mesh import MeshColumns
 from strainsight.rom.inertia import scalar_mass
 

@@ -16,7 +16,7 @@ from strainsight.fem.recovery import bubble_amplitudes, facet_strain, principal,
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.kinds import ELEMENTS, FACETS
-from strainsight.mesh.kinds.hexahedra import HEX8
+from strainsight.mesh.kinds.solids import HEX8
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.hot_spots import refined_submodel, submodel, with_spread_forces

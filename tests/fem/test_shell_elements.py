@@ -52,9 +52,7 @@ SHAPES = {
     "warped": np.array([[0.0, 0, 0.1], [1.3, 0.2, -0.2], [1.7, 1.1, 0.15], [0.3, 0.7, -0.1]]),
     "triangle": np.array([[0.1, 0, 0.4], [1.3, 0.2, 0], [0.3, 0.9, 0.2]]),
     "sliver": np.array([[0.0, 0, 0], [1.0, 0, 0], [0.9, 0.15, 0]]),
-} | {
-    f"{shape} {kind}": x for kind in SECOND for shape, x in (("flat", bent(kind) * [1, 1, 0]), ("bent", bent(kind)))
-}
+} | {f"{shape} {kind}": x for kind in SECOND for shape, x in (("flat", bent(kind) * [1, 1, 0]), ("bent", bent(kind)))}
 
 
 def general_section(seed: int) -> tuple[np.ndarray, ...]:
@@ -266,7 +264,9 @@ def test_a_patch_holds_constant_strain(kind, state, bow):
     strain, kappa = map(np.array, STATES[state])
     for at in (CENTRE[kind], (0.3, 0.5)):
         for z in (0.0, 5e-4, -5e-4):
-            read = shell_strain_rows(x[cells], np.tile(at, (count, 1)), np.full(count, z), np.zeros(count), np.arange(count))
+            read = shell_strain_rows(
+                x[cells], np.tile(at, (count, 1)), np.full(count, z), np.zeros(count), np.arange(count)
+            )
             found = np.einsum("eij,ej->ei", read, u[rows_of(cells)])
             expected = along(first_sides(x, cells), R) @ (strain + z * kappa)
             np.testing.assert_allclose(found, expected, atol=WITHIN[kind] * np.abs(strain + 5e-4 * kappa).max())

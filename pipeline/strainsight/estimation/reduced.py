@@ -1,17 +1,15 @@
-"""The reduced parametric model under known loads, as the filter wants a model."""
+"""The reduced parametric model under known loads as a `StepModel`, its offsets, and simulated truth."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from strainsight.estimation.conditional import DIFFERENCE, Nuisances, linear_models
-from strainsight.estimation.linear import LinearModels
-from strainsight.estimation.model import FilterModel, StepModel
-from strainsight.estimation.motion import constant_acceleration, constant_step, measure, step
-from strainsight.estimation.update import apply
+from strainsight.estimation.model import FilterModel, StepModel, constant_acceleration, constant_step, measure, step
+from strainsight.estimation.update import apply, covariance_factor
 
 LOST = 10.0
 """A run diverges when a parameter has left its guess by a factor of exp(LOST)."""
@@ -190,72 +188,28 @@ def bordered(A: np.ndarray, corner: np.ndarray) -> np.ndarray:
     return whole
 
 
-@dataclass(frozen=True)
-class Settled:
-    """The known loads have been sums of tones for so long that nothing of their beginning is left at t = 0.
-
-    frequency ω (k,) [rad/s]; held W (k, HOLD, n_known) complex [N]: in the step that begins at jh the hold coefficients of the
-    loads are Σₖ Re Wₖ exp(iωₖjh); std (2n,): what [q, q̇] may differ by from the motion under them.
-    """
-
-    frequency: np.ndarray
-    held: np.ndarray
-    std: np.ndarray
-
-
-def periodic_start(model: FilterModel, models: LinearModels, settled: Settled) -> tuple[np.ndarray, np.ndarray]:
-    """[q, q̇] at t = 0 (B, 2n), and its derivative (B, e, 2n) in those ν that change the motion.
-
-    The periodic solution of the filter's own step, x(jh) = Re X zʲ with z = exp(iωh), and its derivative:
-
-        (zI − A) X = G W,     (zI − A) X_ν = A_ν X + G_ν W
-
-    Where the start is unknown instead, a bank takes noise for a free vibration, the frequency of which speaks for parameters.
-    """
-    moving, e = 2 * model.model.size, models.moving
-    z, w = np.exp(1j * settled.frequency * model.h), settled.held.reshape(len(settled.held), -1)
-    # B points, k tones
-    lhs = z[:, None, None] * np.eye(moving) - models.A[:, None, :moving, :moving]
-    X = np.linalg.solve(lhs, np.einsum("bap,kp->bka", models.G[:, :moving], w)[..., None])
-    pushed = np.einsum("beac,bkc->bkae", models.A_nu[:, :, :moving, :moving], X[..., 0], optimize=True)
-    pushed += np.einsum("beap,kp->bkae", models.G_nu[:, :, :moving], w, optimize=True)
-    slope = np.linalg.solve(lhs, pushed) if e else pushed
-    return X[..., 0].real.sum(axis=1), np.swapaxes(slope.real.sum(axis=1), 1, 2)
-
-
-def beginning(
-    model: FilterModel, models: LinearModels, mean: np.ndarray, covariance: np.ndarray, settled: Settled | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Filters at t = 0: x (B, n), P (n, n), and V (B, d, n), what one of ν adds to the error x̂ − x; mean (n,), covariance (n, n)
-    of their states where the motion is not settled."""
-    B, n = models.count, len(mean)
-    x, P, V = np.tile(mean, (B, 1)), covariance.copy(), np.zeros((B, models.nuisances, n))
-    if settled is None:
-        return x, P, V
-    moving = slice(0, 2 * model.model.size)
-    start, slope = periodic_start(model, models, settled)
-    x[:, moving], V[:, : slope.shape[1], moving] = start, -slope
-    return x, _about(P, settled), V
-
-
-def start_errors(
-    model: FilterModel, nuisances: Nuisances, covariance: np.ndarray, settled: Settled | None
+def draw_truth(
+    model: FilterModel, mean: np.ndarray, covariance: np.ndarray, known: np.ndarray, seeds: Sequence[int]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """At the guess, covariance (n*, n*) of x* at t = 0 with constants as they are, and V (d + k, n), what one of every nuisance
-    and parameter adds to the error of the states before the parameters."""
-    n = model.parameter_states.start
-    k = model.size - n
-    ends = DIFFERENCE * np.concatenate([np.zeros((1, k)), *(own * np.eye(k) for own in (-2, -1, 1, 2))])
-    x, _, V = beginning(model, linear_models(model, ends, nuisances), np.zeros(n), covariance[:n, :n], settled)
-    far, near, nearer, farther = x[1:].reshape(4, k, n)
-    by_parameters = (8 * (nearer - near) - (farther - far)) / (12 * DIFFERENCE)
-    P = covariance if settled is None else _about(covariance, settled)
-    return P, np.concatenate([V[0], -by_parameters])
+    """One run of the filter's own model a seed:
 
+        x*₀ ~ N(mean, P₀),   x*ₖ₊₁ = f(x*ₖ, u) + wₖ,   yₖ = h(x*ₖ) + vₖ,   wₖ ~ N(0, Q_h),   vₖ ~ N(0, R)
 
-def _about(covariance: np.ndarray, settled: Settled) -> np.ndarray:
-    """The covariance with that of the motion about the periodic one."""
-    P, moving = covariance.copy(), np.arange(len(settled.std))
-    P[moving], P[:, moving] = 0.0, 0.0
-    P[moving, moving] = settled.std**2
-    return P
+    mean (n*,) and covariance P₀ (n*, n*) as the filter is given them (P₀, Q may be singular); known (T, HOLD, n_known)
+    hold coefficients [N]; the H and r of the model may be one set a run, its Q may not.
+    A run depends on its own seed alone. Returns truth x* (T + 1, B, n*) and measurement (T/every, B, m).
+    """
+    steps, size = len(known), model.size
+    first, walk = covariance_factor(covariance), covariance_factor(model.process)
+    generators = [np.random.default_rng(seed) for seed in seeds]
+    x = mean + np.stack([first @ rng.standard_normal(first.shape[1]) for rng in generators])
+    disturbance = np.stack([rng.standard_normal((steps, walk.shape[1])) @ walk.T for rng in generators], axis=1)
+    noise = np.stack([rng.standard_normal((steps, model.H.shape[-2])) for rng in generators], axis=1)
+    noise *= np.sqrt(model.noise)
+    driven = Driven(model, known)
+    truth, measurement = np.empty((steps + 1, len(seeds), size)), np.empty_like(noise)
+    truth[0] = x
+    for k in range(steps):
+        truth[k + 1] = driven.step(truth[k], k)[0] + disturbance[k]
+        measurement[k] = driven.measure(truth[k + 1], k)[0] + noise[k]
+    return truth, measurement[model.every - 1 :: model.every]

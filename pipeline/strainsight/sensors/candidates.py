@@ -71,6 +71,11 @@ def _unset() -> np.ndarray:
     return np.zeros(0)
 
 
+def units_in_words(quantity: np.ndarray) -> str:
+    """The unit of an array over channels of these quantities: "strain", or "strain or m/s^2" where they differ."""
+    return " or ".join(UNITS[kind] for kind in np.unique(quantity))
+
+
 def grouped(unit: str) -> str:
     """A unit that stands in a product: "strain", "(strain or m)"."""
     return f"({unit})" if " or " in unit else unit

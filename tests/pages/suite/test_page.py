@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from strainsight.pages.arrays import rms
 from strainsight.pages.page.sections import text_of
 from strainsight.pages.suite.data import (
     CONTRADICTED,
@@ -22,10 +23,10 @@ from strainsight.pages.suite.data import (
     Statement,
     Study,
     Suite,
+    comparisons_answer,
 )
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
-from strainsight.pages.suite.statements import comparisons_answer
 from strainsight.pages.suite.summary import counts, groups_of, results_of, series_of
 
 from ...models import compute_once
@@ -53,7 +54,9 @@ def first_screen(text):
 
 def test_placements_have_studies_and_statements_too(suite):
     runs = tuple(
-        replace(run, study="Step", at=float(i), numbers={"validate": {"error.E": 0.01 * i, "std.E": 0.02}}, histories=())
+        replace(
+            run, study="Step", at=float(i), numbers={"validate": {"error.E": 0.01 * i, "std.E": 0.02}}, histories=()
+        )
         for i, run in enumerate(suite().runs[:3], start=1)
     )
     own = suite(
@@ -66,8 +69,15 @@ def test_placements_have_studies_and_statements_too(suite):
     assert "error of E: 1 0.01, 2 0.02, 3 0.03" in sweep.alt
     text = page(own, drawings=drawings)
     assert len(Outline(text).ids) == len(set(Outline(text).ids))
-    assert "1 consistent (run 1 ); run 2 both. 1 statement : 1 confirmed; from 3 runs, 3 with an estimate." in words(text)
-    assert text.index("E is known.") < text.index('data-table="runs"') < text.index("What it costs.") < text.index(sweep.caption)
+    assert "1 consistent (run 1 ); run 2 both. 1 statement : 1 confirmed; from 3 runs, 3 with an estimate." in words(
+        text
+    )
+    assert (
+        text.index("E is known.")
+        < text.index('data-table="runs"')
+        < text.index("What it costs.")
+        < text.index(sweep.caption)
+    )
 
 
 def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(suite):
@@ -217,7 +227,7 @@ def test_the_claim_that_decides_is_the_verdict(suite):
         own = replace(run, unknowns=(replace(run.unknowns[0], claims=claims),))
         (result,) = results_of(own)
         assert (result.verdict, result.verdicts) == (verdict, wrong)
-        assert (result.rms, result.worst) == pytest.approx((0.0007, 0.0007))
+        assert result.unknown.repeats.worst == pytest.approx(0.0007)
 
 
 def repeated(run, error):
@@ -228,14 +238,15 @@ def repeated(run, error):
 def test_repeats_that_diverged_are_left_out_of_the_numbers(suite):
     run = suite().runs[0]
     (result,) = results_of(repeated(run, np.full(20, np.nan)))
-    assert np.isnan(result.rms)
-    assert (result.worst, result.lost, result.verdict) == (np.inf, 20, "diverged")
+    repeats = result.unknown.repeats
+    assert (repeats.worst, repeats.lost, result.verdict) == (np.inf, 20, "diverged")
 
 
 def test_one_lost_repeat_makes_the_worst_infinite_and_leaves_the_rms_of_the_others(suite):
     run = suite().runs[0]
     (result,) = results_of(repeated(run, np.append(np.full(19, 0.0007), np.inf)))
-    assert (result.rms, result.worst, result.lost) == (pytest.approx(0.0007), np.inf, 1)
+    repeats = result.unknown.repeats
+    assert (rms(repeats.error), repeats.worst, repeats.lost) == (pytest.approx(0.0007), np.inf, 1)
     assert result.verdicts == ("diverged",)
 
 

@@ -1,18 +1,66 @@
 """Nodes, elements and geometrical entities in a gmsh file, as formats 2 and 4 write them.
 
-Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)" and "version 4".
+Source: gmsh reference manual, "MSH file format", "MSH file format version 2 (Legacy)", "version 4" and "Node ordering".
 """
 
 from __future__ import annotations
 
 import warnings
+from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.gmsh.elements import TYPES
 from strainsight.errors import DeckError
+from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
+
+
+class ElementType(NamedTuple):
+    """A type of element: name, dimension of its geometry, number of nodes."""
+
+    name: str
+    dimension: int
+    nodes: int
+
+
+_SHAPES: Mapping[tuple[str, int], Mapping[int, int]] = {
+    ("point", 0): {15: 1},
+    ("line", 1): {1: 2, 8: 3, 26: 4, 27: 5, 28: 6},
+    ("triangle", 2): {2: 3, 9: 6, 20: 9, 21: 10, 22: 12, 23: 15, 25: 21},
+    ("incomplete triangle", 2): {24: 15},
+    ("quadrangle", 2): {3: 4, 10: 9, 16: 8, 36: 16, 37: 25, 38: 36, 39: 12, 41: 20},
+    ("incomplete quadrangle", 2): {40: 16},
+    ("tetrahedron", 3): {4: 4, 11: 10, 29: 20, 30: 35, 31: 56, 32: 22, 33: 28},
+    ("hexahedron", 3): {5: 8, 12: 27, 17: 20, 92: 64, 93: 125, 99: 32, 100: 44},
+    ("prism", 3): {6: 6, 13: 18, 18: 15, 90: 40, 91: 75},
+    ("pyramid", 3): {7: 5, 14: 14, 19: 13, 118: 30, 119: 55, 125: 21},
+}
+"""Shape and its dimension → number of a type → its nodes."""
+TYPES: Mapping[int, ElementType] = {
+    number: ElementType(f"{nodes}-node {shape}" if dimension else shape, dimension, nodes)
+    for (shape, dimension), types in _SHAPES.items()
+    for number, nodes in types.items()
+}
+"""Number → type, up to the fifth order of lines and surfaces."""
+
+KINDS = {kind.gmsh: kind for kind in ELEMENTS if kind.gmsh}
+"""The solids that are supported."""
+
+
+def remedy(number: int) -> str:
+    """What to do about a solid that is not supported."""
+    kind = TYPES[number]
+    if "pyramid" in kind.name:
+        return (
+            "set Mesh.ElementOrder = 1 (pyramids are supported in first order only), or mesh without pyramids: tetrahedra "
+            "throughout (Mesh.RecombineAll = 0), or hexahedra by transfinite volumes"
+        )
+    if number in (12, 13):
+        return "set Mesh.SecondOrderIncomplete = 1 before meshing: 20-node hexahedra and 15-node prisms are supported"
+    return "set Mesh.ElementOrder = 2 (or 1) before meshing"
+
 
 LARGEST_NUMBER = 2.0**53
 """Up to here a double holds every integer."""

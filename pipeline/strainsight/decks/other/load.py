@@ -1,4 +1,7 @@
-"""Reading with meshio so that whatever it meets comes back as a message: it prints, exits and drops cells on its own."""
+"""Reading with meshio so that whatever it meets comes back as a message: it prints, exits and drops cells on its own.
+
+In a child process, see `child_reader`: meshio makes room for what a file claims, and does not return from some damaged ones.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +9,18 @@ import contextlib
 import io
 import re
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
+from strainsight.child_reader import Message, answer, child_reader
 from strainsight.decks.text import LARGEST
 from strainsight.errors import DeckError
+from strainsight.processes import limit_memory, python
 
 NOT_HERE = ("nastran", "abaqus", "gmsh", "mdpa")
 """Formats with a reader of their own, because meshio loses too much; and one in which it takes numbers for positions."""
@@ -228,3 +234,75 @@ def check_hdf5(path: Path) -> None:
         raise DeckError(reason, where=str(path), remedy=INSTEAD) from None
     if found:
         raise DeckError(found[0], where=str(path), remedy="write the data into the file itself, without links")
+
+
+TIME_LIMIT = 7.0
+"""[s] to read, and one more for every 100 kB of the file."""
+MEMORY_LIMIT = 1 << 30
+"""[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file and of those that it takes in."""
+MEMORY_A_BYTE = 200
+COMMAND = python("strainsight.decks.other.load")
+
+
+def load_sandboxed(path: Path) -> Loaded:
+    """`load`, in a child process. Raises DeckError as that does, and where the process fails."""
+    limit = TIME_LIMIT + path.stat().st_size / 1e5 if path.is_file() else TIME_LIMIT
+    failure = DeckError(
+        "reading it crashed, or did not come to an end", where=str(path), remedy=f"the file is damaged: {INSTEAD}"
+    )
+    with child_reader(COMMAND, str(path), failure) as receive:
+        record, arrays = receive(limit)
+
+    def get(number: int | None) -> Any:
+        return None if number is None else arrays[number]
+
+    mesh = SimpleNamespace(
+        points=get(record["points"]),
+        cells=[SimpleNamespace(type=kind, dim=dim, data=get(data)) for kind, dim, data in record["cells"]],
+        **{key: {name: get(n) for name, n in numbers.items()} for key, numbers in record["single"].items()},
+        **{key: {name: [*map(get, ns)] for name, ns in numbers.items()} for key, numbers in record["lists"].items()},
+        **{key: dict(tags) for key, tags in record["tags"].items()},
+    )
+    return Loaded(mesh, record["format"], record["notes"], tuple(record["included"]))
+
+
+def messages(path: Path) -> Iterator[Message]:
+    """In the child process: all that `read_meshio` asks of a mesh, with numbers for its arrays."""
+    loaded = load(path, lambda size: limit_memory(MEMORY_LIMIT + MEMORY_A_BYTE * size))
+    arrays: list[np.ndarray] = []
+
+    def put(values: Any) -> int | None:
+        if values is None:
+            return None
+        try:
+            array = np.asarray(values)
+        except ValueError:  # cells with different numbers of nodes: only their count is asked for
+            array = np.zeros((len(values), 0))
+        arrays.append(array.astype(str) if array.dtype.hasobject else array)
+        return len(arrays) - 1
+
+    mesh = loaded.mesh
+    record = {
+        "format": loaded.format,
+        "notes": loaded.notes,
+        "included": loaded.included,
+        "points": put(mesh.points),
+        "cells": [(block.type, block.dim, put(block.data)) for block in mesh.cells],
+        "single": {
+            key: {str(name): put(values) for name, values in (getattr(mesh, key) or {}).items()}
+            for key in ("point_data", "field_data", "point_sets")
+        },
+        "lists": {
+            key: {str(name): [put(block) for block in blocks] for name, blocks in (getattr(mesh, key) or {}).items()}
+            for key in ("cell_data", "cell_sets")
+        },
+        "tags": {
+            key: [(int(tag), [str(name) for name in names]) for tag, names in (getattr(mesh, key, None) or {}).items()]
+            for key in ("point_tags", "cell_tags")
+        },
+    }
+    yield record, arrays
+
+
+if __name__ == "__main__":
+    answer(lambda asked: messages(Path(asked)), ("h5py", "meshio"))

@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
-from strainsight.decks.other.load import Loaded, load
-from strainsight.decks.other.sandbox import load_sandboxed
+from strainsight.decks.other.load import Loaded, load, load_sandboxed
 from strainsight.decks.thin import SHELLS, Chosen, Groups, regions_with_sections, sections_by_region
 from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import LINE, LINE3, GivenSection, with_given
@@ -21,27 +20,9 @@ from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
 from strainsight.mesh.node_order import left_handed
 
 REGIONS = (
-    "region",
-    "region_id",
-    "gmsh:physical",
-    "medit:ref",
-    "cell_tags",
-    "netgen:index",
-    "tetgen:ref",
-    "avsucd:material",
-    "su2:tag",
-    "ugrid:ref",
-    "MaterialIds",
-    "MaterialID",
-    "MaterialId",
-    "material_id",
-    "material",
-    "PartId",
-    "part_id",
-    "PropertyId",
-    "property_id",
-    "ElementBlockIds",
-    "ObjectId",
+    *("region", "region_id", "gmsh:physical", "medit:ref", "cell_tags", "netgen:index", "tetgen:ref"),
+    *("avsucd:material", "su2:tag", "ugrid:ref", "MaterialIds", "MaterialID", "MaterialId", "material_id"),
+    *("material", "PartId", "part_id", "PropertyId", "property_id", "ElementBlockIds", "ObjectId"),
 )
 """Names under which programs write the region of a cell, the first that is there counts."""
 

@@ -23,8 +23,15 @@ from strainsight.multibody.laws import Friction, TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
 from strainsight.ordering import first_of_largest
-from strainsight.records.bench import DriveMotion, ReducedBody, RingMotion, Simulated, Violation, WorstInstant
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import (
+    BenchPlaced,
+    DriveMotion,
+    ReducedBody,
+    RingMotion,
+    Simulated,
+    Violation,
+    WorstInstant,
+)
 from strainsight.records.record import record_from
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart import drawing
 from strainsight.pages.chart.drawing import Drawing
-from strainsight.pages.datum import METRES, Frame
+from strainsight.pages.picture.layout import METRES, Frame
 from strainsight.pages.text import number, percent, quantity
 
 AXES = METRES.heads
@@ -201,6 +201,11 @@ def folded(cards: Sequence[str], grid: str, unfolded: int = 12) -> str:
     """Cards as of `figures`; from number `unfolded` on they are shown on demand."""
     more = figures(cards[unfolded:], f"<summary>{len(cards) - unfolded} more</summary>", grid)
     return figures(cards[:unfolded], grid=grid) + (f"<details>{more}</details>" if more else "")
+
+
+def unfolding(summary: str, content: str) -> str:
+    """A card that shows its content on demand."""
+    return f'<details class="card below"><summary>{summary}</summary>{content}</details>'
 
 
 def picture(png: bytes, alt: str, width: int, height: int) -> str:
