@@ -39,12 +39,12 @@ def properties_of(sections: Sequence[BeamSection], poisson_ratio: FloatArray) ->
 
     The areas of shear over the area are those at A. poisson_ratio (e,) [-].
     """
-    ends = [(own, own.at_b or own) for own in sections]
+    ends = [(section, section.at_b or section) for section in sections]
     return BeamProperties(
         np.array([[end.area for end in pair] for pair in ends], float).reshape(-1, 2),
         np.array([[end.second for end in pair] for pair in ends], float).reshape(-1, 2, 2, 2),
         np.array([[end.torsion for end in pair] for pair in ends], float).reshape(-1, 2),
-        np.array([own.shear for own in sections], float).reshape(-1, 2),
+        np.array([section.shear for section in sections], float).reshape(-1, 2),
         np.asarray(poisson_ratio, float),
         np.array([[end.neutral for end in pair] for pair in ends], float).reshape(-1, 2, 2),
     )

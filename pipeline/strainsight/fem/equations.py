@@ -136,13 +136,16 @@ class Equations:
 
 def relation_terms(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of all terms (t,) of the relations: number of the relation, node, component and value."""
-    relation = np.repeat(np.arange(len(mesh.relations)), [len(own.node) for own in mesh.relations])
+    relation = np.repeat(np.arange(len(mesh.relations)), [len(tie.node) for tie in mesh.relations])
     whole = [np.zeros(0, dtype=np.int64)]
     node, component = (
         np.concatenate([*whole, *parts])
-        for parts in ([own.node for own in mesh.relations], [own.component for own in mesh.relations])
+        for parts in (
+            [tie.node for tie in mesh.relations],
+            [tie.component for tie in mesh.relations],
+        )
     )
-    return relation, node, component, np.concatenate([np.zeros(0), *(own.value for own in mesh.relations)])
+    return relation, node, component, np.concatenate([np.zeros(0), *(tie.value for tie in mesh.relations)])
 
 
 def add_relations(mesh: Mesh, rows: MotionRows, found: Equations) -> None:
@@ -184,8 +187,8 @@ def turning_nodes(mesh: Mesh) -> list[int]:
     """Nodes of shells and beams, points that springs turn, and those that a RigidElement turns where that matters: a mass or a
     spring resists it, or a load of the file has a moment there."""
     found = {point.node for point in mesh.point_masses if point.turns}
-    for own in mesh.springs:
-        found.update(own.turned.tolist())
+    for spring in mesh.springs:
+        found.update(spring.turned.tolist())
     for load in mesh.loads.values():
         if load.moment is not None:
             found.update(load.nodes[load.moment.any(axis=1)].tolist())

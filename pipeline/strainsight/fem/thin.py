@@ -49,7 +49,7 @@ def resistance_of(mesh: Mesh, part: ShellBlock) -> Resistance:
         sections = [mesh.sections[int(number)] for number in part.region[alike]]
         nu = poisson_ratios(mesh, part.region[alike])
         found.A[alike], found.D[alike], found.S[alike] = _homogeneous(
-            [own for own in sections if isinstance(own, ShellSection)], nu
+            [section for section in sections if isinstance(section, ShellSection)], nu
         )
     if alike.all():
         return found
@@ -77,8 +77,8 @@ def of_laminate(mesh: Mesh, region: int) -> Resistance:
     assert laminate is not None
     materials = plies_of(mesh, region)
     thickness, angle = np.array([[ply.thickness, np.radians(ply.angle)] for ply in laminate.plies]).T
-    Q = np.stack([ply_stiffness(own) for own in materials])
-    return laminate_resistance(thickness, angle, Q, np.array([_shear_flexibility(own) for own in materials]))
+    Q = np.stack([ply_stiffness(material) for material in materials])
+    return laminate_resistance(thickness, angle, Q, np.array([_shear_flexibility(material) for material in materials]))
 
 
 def plies_of(mesh: Mesh, region: int) -> tuple[Lamina | Material, ...]:
@@ -142,7 +142,7 @@ def _moments(mesh: Mesh, region: int) -> tuple[float, float, float]:
 def _homogeneous(sections: Sequence[ShellSection], nu: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, D (e, 3, 3) and S (e, 2, 2) of homogeneous shells with unit modulus: t C, t³/12 C, t_s G."""
     t, bending, shear = (
-        np.array([getattr(own, name) for own in sections]) for name in ("thickness", "bending", "shear")
+        np.array([getattr(section, name) for section in sections]) for name in ("thickness", "bending", "shear")
     )
     C = np.zeros((len(nu), 3, 3))
     C[:, 0, 0] = C[:, 1, 1] = 1 / (1 - nu**2)
@@ -191,7 +191,7 @@ def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[Af
     M = region_operator(
         mesh, parameters, "mass", mesh.thin, lambda own, some: _sum(pattern(some), _masses(own, some, False))
     )
-    beside = {number: 0.0 for number, own in mesh.sections.items() if _has_nonstructural(own)}
+    beside = {number: 0.0 for number, section in mesh.sections.items() if _has_nonstructural(section)}
     more = AffineOperator(_sum(pattern(beside), _masses(mesh, beside, True)), {})
     return K, sum_of(M, more)
 

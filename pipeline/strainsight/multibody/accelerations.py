@@ -304,13 +304,13 @@ def at_rest(system: System, u: np.ndarray) -> Felt:
 
 def gravity_at(system: System, u: np.ndarray) -> np.ndarray:
     """Acceleration of gravity (3,) [m/s²], all of it."""
-    steady = sum((own.acceleration for own in system.forces if isinstance(own, Gravity)), np.zeros(3))
+    steady = sum((force.acceleration for force in system.forces if isinstance(force, Gravity)), np.zeros(3))
     return np.asarray(steady + sum((law.at(u[k])[0] for law, k in _turning(system)), np.zeros(3)))
 
 
 def _turning(system: System) -> list[tuple[TurningGravity, int]]:
     """Gravity that turns, with the place of its angle in u."""
-    laws = [(own.force.law, int(own.inputs[0])) for own in system.elements if len(own.inputs)]
+    laws = [(element.force.law, int(element.inputs[0])) for element in system.elements if len(element.inputs)]
     return [(law, k) for law, k in laws if isinstance(law, TurningGravity)]
 
 

@@ -111,14 +111,14 @@ class CompiledSensors:
         by_q, by_v, by_a = np.empty((3, count, n))
         rho, G, G_rate, *_ = relation_rows(self.carried, q, v)
         bends = relation_bends(self.carried, q, v, felt.acceleration)
-        for i, own in enumerate(self.accelerometers):
+        for i, accelerometer in enumerate(self.accelerometers):
             at, p, axes = slice(3 * i, 3 * i + 3), slice(12 * i, 12 * i + 3), slice(12 * i + 3, 12 * i + 12)
-            A = rho[axes].reshape(3, 3) if own.own else np.eye(3)
+            A = rho[axes].reshape(3, 3) if accelerometer.own else np.eye(3)
             a = G[p] @ felt.acceleration + G_rate[p] @ v
-            if own.gravity:
+            if accelerometer.gravity:
                 a, by_g[at] = a - felt.gravity, -A
             y[at], by_q[at], by_v[at], by_a[at] = A @ a, A @ bends[p], 2 * A @ G_rate[p], A @ G[p]
-            if own.own:
+            if accelerometer.own:
                 by_q[at] += np.einsum("kjn,j->kn", G[axes].reshape(3, 3, n), a)
         return y, by_q, by_v, by_a, by_g
 
@@ -148,7 +148,7 @@ def readings(system: System, sensors: Sequence[Sensor]) -> CompiledSensors:
             relations += sensor.relations
             rate += [sensor.rate] * len(sensor.relations)
             channels += [f"{sensor.name}: {relation.name}" for relation in sensor.relations]
-    accelerometers = tuple(own for own in sensors if isinstance(own, Accelerometer))
+    accelerometers = tuple(sensor for sensor in sensors if isinstance(sensor, Accelerometer))
     felt: list[Relation] = []
     for own in accelerometers:
         felt += position_sensor(own.name, own.frame).relations

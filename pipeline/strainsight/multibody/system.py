@@ -141,7 +141,9 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
     held: list[Relation | DrivenRelation] = [*relations]
     for joint in joints:
         held += joint.relations
-        relations += [own.relation if isinstance(own, DrivenRelation) else own for own in joint.relations]
+        relations += [
+            relation.relation if isinstance(relation, DrivenRelation) else relation for relation in joint.relations
+        ]
         constraints += [f"{joint.name}: {relation.name}" for relation in joint.relations]
     parameters = _parameter_names(bodies, forces)
     inputs = list(dict.fromkeys(name for f in forces if not isinstance(f, Gravity) for name in f.inputs))

@@ -88,22 +88,22 @@ class ParameterCoordinates:
     def xi(self, theta: np.ndarray) -> np.ndarray:
         """ξ (p,) of θ (nθ,). Raises InfeasibleError for a value that has none: a modulus, a diameter or a play ≤ 0."""
         theta, xi = np.asarray(theta, dtype=float), np.empty(self.size)
-        for k, own in enumerate(self.unknowns):
-            value = float(theta[own.at])
-            if own.kind == "preload":
+        for k, unknown in enumerate(self.unknowns):
+            value = float(theta[unknown.at])
+            if unknown.kind == "preload":
                 xi[k] = value / MICROMETRE
                 continue
             inside, bound = value, "0"
-            if own.kind == "diameter":
-                inside = 2 * own.smallest / value - 1 if value > 0 else value
-                bound = f"0 or not below the {2 * own.smallest:.6g} m that the grooves leave"
-            elif own.kind == "radius":
-                ball = own.diameter if own.ball < 0 else float(theta[self.unknowns[own.ball].at])
-                inside = 2 * (value - own.oversize) / ball - 1
-                bound = f"not above the ball's radius of {0.5 * ball + own.oversize:.6g} m"
+            if unknown.kind == "diameter":
+                inside = 2 * unknown.smallest / value - 1 if value > 0 else value
+                bound = f"0 or not below the {2 * unknown.smallest:.6g} m that the grooves leave"
+            elif unknown.kind == "radius":
+                ball = unknown.diameter if unknown.ball < 0 else float(theta[self.unknowns[unknown.ball].at])
+                inside = 2 * (value - unknown.oversize) / ball - 1
+                bound = f"not above the ball's radius of {0.5 * ball + unknown.oversize:.6g} m"
             if not inside > 0:
                 raise InfeasibleError(
-                    f"{own.name} of {value:.6g} is {bound}", remedy="start from a value that can be built"
+                    f"{unknown.name} of {value:.6g} is {bound}", remedy="start from a value that can be built"
                 )
             xi[k] = np.log(inside)
         return xi
