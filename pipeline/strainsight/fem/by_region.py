@@ -69,15 +69,15 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
             if change * np.prod([axis.largest(k) for axis, k in zip(axes, index, strict=True)]) > TOLERANCE:
                 kept.add(index)
     shape: list[int] = (np.max(list(kept), axis=0) + 1).tolist()
-    weights = np.zeros((len(span), *shape))
+    weights = np.zeros((len(span), int(np.prod(shape))))
     for degrees in kept:
-        weights[(slice(len(found[degrees])), *degrees)] = found[degrees]
+        weights[: len(found[degrees]), np.ravel_multi_index(degrees, shape)] = found[degrees]
     bases = tuple(axis.newton(m - 1) for axis, m in zip(axes, shape, strict=True))
     labels = [f"{' '.join(names)} ({k + 1})" for k in range(len(span))]
     return AffineOperator(
         first,
         {label: _like(first, B / scale) for label, B in zip(labels, span, strict=True)},
-        {label: Coefficient(bases, each) for label, each in zip(labels, weights, strict=True)},
+        {label: Coefficient(bases, each.reshape(shape)) for label, each in zip(labels, weights, strict=True)},
     )
 
 

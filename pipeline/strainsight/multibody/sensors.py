@@ -37,10 +37,10 @@ def position_sensor(name: str, frame: Frame, rate: bool = False) -> RelationSens
     return RelationSensor(name, tuple(place(frame, e) for e in np.eye(3)), rate)
 
 
-def axis_sensor(name: str, frame: Frame, k: int, rate: bool = False) -> RelationSensor:
-    """Axis k of a frame in global axes [-], or its rate [1/s]."""
+def axis_sensor(name: str, frame: Frame, k: int) -> RelationSensor:
+    """Axis k of a frame in global axes [-]."""
     along = (Relation(f"axis {k} of {frame.name}", (constant(e),), (frame.axis(k),)) for e in np.eye(3))
-    return RelationSensor(name, tuple(along), rate)
+    return RelationSensor(name, tuple(along))
 
 
 @dataclass(frozen=True)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -208,7 +208,6 @@ def eliminate_from(
     keep: int | Limits,
     aggregate: Aggregate = "mean",
     *,
-    fixed: Collection[int] = (),
     names: Sequence[str] = (),
 ) -> Elimination:
     """Remove, again and again, the gauge that raises the aggregate of the metric least, until the limits are kept.
@@ -224,13 +223,13 @@ def eliminate_from(
     One product bounds every candidate from below (`slopes`). The candidate of the least bound is evaluated
     exactly; those whose bound does not exceed its value get a sharper one (`sharper_bound`), and are evaluated exactly
     in that order until the next bound exceeds the best value: the same answer as evaluating all of them. A removal
-    after which an unknown is undetectable costs infinity, by test. All scenarios have the same gauges; fixed: gauges
-    that stay; names: of the unknowns.
+    after which an unknown is undetectable costs infinity, by test. All scenarios have the same gauges; names:
+    of the unknowns.
     Raises InfeasibleError where no layout within the limits was found that detects the unknowns, ConfigError for an
     impossible `keep`.
     Source of the ratio: Senju and Toyoda, Management Science 15 (1968).
     """
-    limits = as_limits(len(pools[0].rows), keep, fixed)
+    limits = as_limits(len(pools[0].rows), keep)
     unknowns, least = fewest_gauges(pools)
     if limits.keep < least:
         raise InfeasibleError(
