@@ -234,19 +234,13 @@ def channel_rows(
     field: np.ndarray,
     *,
     facets: Facets | Skin | None = None,
-    offset: np.ndarray | None = None,
-    rotation: np.ndarray | None = None,
     thickness: Thickness | None = None,
 ) -> np.ndarray:
     """What every channel reads in every displacement field: `channel_matrix` times the field.
 
-    field (3n, r) [m per unit], row 3·node + component; offset (gauges, 2) [m] and rotation (gauges,) [deg] misplace the
-    gauges of the `grids`, see `misplaced`. An accelerometer has the row of a displacement sensor, for accelerations.
+    field (3n, r) [m per unit], row 3·node + component. An accelerometer has the row of a displacement sensor, for accelerations.
     Returns (m, r) [strain or m per unit]. Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
     """
-    if offset is not None or rotation is not None:
-        moved, _ = misplaced(position, candidates.grids, facets, offset, rotation)
-        return candidates.read(channel_rows(position, moved, field, facets=facets, thickness=thickness))
     return channel_matrix(position, candidates, facets, thickness) @ np.asarray(field).reshape(3 * len(position), -1)
 
 
