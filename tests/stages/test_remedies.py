@@ -14,9 +14,8 @@ from strainsight.config.estimate import Estimate
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 from strainsight.experiment.recorded import _calibration
-from strainsight.experiment.structure.diagnosed import judgement_of
+from strainsight.experiment.structure.consistency import judgement_of
 from strainsight.experiment.structure.measured import records_of
 from strainsight.measurements.calibration import calibrate
 from strainsight.measurements.clock import shifted
@@ -24,6 +23,7 @@ from strainsight.measurements.records import Recording
 
 from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import FOUR, LONG, broken, suspect
+from ..estimation.truth import draw_truth
 from ..shared import slowly
 
 NAMES = ("G1", "G2", "G3", "G4")
@@ -60,10 +60,10 @@ def as_read(samples, settings):
 
 def judged(truth, samples, settings=STATED):
     model, P, _, _ = truth
-    test = SimpleNamespace(labels=NAMES, time=CLOCK, h=H, every=1)
+    test = SimpleNamespace(labels=NAMES, time=CLOCK, step=H, record=records_of(settings)[0])
     lowest = SimpleNamespace(known=(), model=model.model)
     record = suspect(model, P, forces(LONG), as_read(samples, settings))
-    return judgement_of(records_of(settings)[0], test, lowest, record, 0.0, lambda share: None)
+    return judgement_of(test, lowest, record, 0.0, lambda share: None)
 
 
 def followed(message, samples):

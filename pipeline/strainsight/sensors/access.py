@@ -206,10 +206,9 @@ def _held(mesh: Mesh) -> np.ndarray:
     held[mesh.held] = True
     for own in mesh.springs:
         held[own.node] = True
-    ties = [(own.reference, own.nodes) for own in mesh.rigid] + [(own.reference, own.nodes) for own in mesh.averaging]
-    for reference, nodes in ties:
-        if held[reference]:
-            held[nodes] = True
+    for tie in mesh.ties:
+        if held[tie.reference]:
+            held[tie.nodes] = True
     for relation in mesh.relations:
         held[relation.node[0]] |= bool(held[relation.node[1:]].all())
     return mesh.above(held)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -24,8 +24,7 @@ from strainsight.stages import inputs
 def run(context: Context[PlacementConfig]) -> Output:
     """The training run, and where bonded gauges were moved to."""
     reduced = inputs.reduced(context)
-    result = trained(context.config, inputs.mesh(context), reduced, context)
-    training, surface = result.training, result.surface
+    training, surface = trained(context.config, inputs.mesh(context), reduced, context)
     pool, moved = training.candidates, training.moved
     rms = training.rms
     if warning := unresolved_candidates(training):
@@ -76,10 +75,6 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     return ", ".join(parts)
 
 
-def _spaced(words: Iterable[str]) -> str:
-    return " ".join(words)
-
-
 def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> Table:
     """Where the bonded gauges are, of bridges all arms; they are the first candidates."""
     rows = tuple(
@@ -87,8 +82,8 @@ def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> 
             names[i] or f"fixed {i + 1}",
             "/".join(str(element) for element in grids.element),
             "/".join(str(facet) for facet in grids.facet),
-            ", ".join(_spaced(f"{x:.4f}" for x in position) for position in grids.position),
-            ", ".join(_spaced(f"{round(d, 3) + 0.0:g}" for d in direction) for direction in grids.direction),
+            ", ".join(" ".join(f"{x:.4f}" for x in position) for position in grids.position),
+            ", ".join(" ".join(f"{round(d, 3) + 0.0:g}" for d in direction) for direction in grids.direction),
             f"{1e3 * moved[i]:.3g} mm",
         )
         for i, c in enumerate(pool.first[: len(moved)])

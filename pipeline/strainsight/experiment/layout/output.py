@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 from strainsight.csv_cells import csv_bytes
 from strainsight.experiment.layout.advice import advice_table
-from strainsight.experiment.layout.comparison import Comparison, criteria_table
+from strainsight.experiment.layout.comparison import RuleComparison, criteria_table
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
     deck_frame,
@@ -24,7 +24,7 @@ from strainsight.experiment.layout.gauge_list import (
 )
 from strainsight.experiment.layout.placement import Placement
 from strainsight.mesh.model import Mesh
-from strainsight.pages.picture.layout import Frame
+from strainsight.pages.picture.layout import PositionAxes
 from strainsight.placement.score import worth_keeping
 from strainsight.records.mesh import gauge_grid
 from strainsight.records.placed import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
@@ -150,7 +150,7 @@ def _selection(placement: Placement, gauges: np.ndarray, load: np.ndarray | None
     )
 
 
-def _rules(others: Comparison, names: tuple[str, ...]) -> Rules:
+def _rules(others: RuleComparison, names: tuple[str, ...]) -> Rules:
     scores, sets = list(others.scores.values()), list(others.sets.values())
     criteria = tuple(scores[0].cost)
     # Under a budget the elimination may end with fewer than are in the layout.
@@ -218,7 +218,7 @@ def _summary(placement: Placement) -> dict[str, Scalar]:
     return numbers
 
 
-def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, frame: Frame) -> bytes:
+def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, frame: PositionAxes) -> bytes:
     """A line a channel, of a bridge an arm with its sign, lengths in m, the largest training reading in the unit of the channel,
     σ of every unknown without the gauge relative to its scale; then places and distances to the edges in the deck's unit, and
     what is to be looked at where it is bonded, where there is something."""
