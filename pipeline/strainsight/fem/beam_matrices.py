@@ -14,7 +14,7 @@ from strainsight.fem.beam_properties import (
     end_stiffness,
     properties_of,
     require,
-    require_positive,
+    require_area,
 )
 from strainsight.mesh.thin_faces import ALONG, axes_along, beam_shape
 
@@ -124,7 +124,7 @@ def rod_stiffnesses(
     Returns (e, 12, 12) [m, m³], to be multiplied with E. Raises DeckError for a rod without length, area ≤ 0 or J < 0.
     """
     x, length = _directions(position, ids)
-    require_positive("area", area, ids, "m²")
+    require_area(area, ids)
     require(
         torsion >= 0,
         torsion,
