@@ -15,7 +15,7 @@ from strainsight.experiment.bench.bench import Bench, bench_of
 from strainsight.experiment.bench.sensors import sensors_of
 from strainsight.multibody.forces import RelativeElement
 from strainsight.multibody.initial import project_position, state, static_equilibrium
-from strainsight.multibody.sensors import Readings, RelationSensor, readings
+from strainsight.multibody.sensors import CompiledSensors, RelationSensor, readings
 from strainsight.records.bench import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
@@ -32,7 +32,7 @@ class FullBench:
 
     config: BenchConfig
     bench: Bench
-    sensors: Readings
+    sensors: CompiledSensors
     bearing: RelativeElement
 
     def at_rest(self, u: np.ndarray) -> np.ndarray:

@@ -13,7 +13,6 @@ from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.fem.beam_matrices import (
     beam_masses,
-    beam_strain_rows,
     curved_beam_masses,
     curved_beam_stiffnesses,
     rod_masses,
@@ -27,6 +26,7 @@ from strainsight.mesh.thin_faces import with_sides
 
 from ..beams import Arch, Frame, axes_of, line, properties, rectangle, threes
 from .shell_models import rigid_motions
+from .strain_rows import beam_strain_rows
 
 E, DENSITY = 200e9, 8000.0
 SHEAR = (5 / 6, 5 / 6)

@@ -11,7 +11,7 @@ from scipy.linalg import sqrtm
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import Coefficient, Newton
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator, Unknowns, rate_matrix
-from strainsight.loads.linearisation import augment_rows, linearisation_instants, linearise, measurement_rows
+from strainsight.loads.linearisation import linearisation_instants, linearise, measurement_rows
 from strainsight.loads.observability import (
     balanced_units,
     least_gauges,
@@ -24,6 +24,7 @@ from strainsight.loads.observability import (
 from strainsight.rom.model import Damping, damping_matrix
 from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, STRAIN
 
+from ..placement.whole_pools import augment_rows
 from .conftest import chain_of, theta
 
 AMPLITUDE = {"tip": 40.0, "side": 7.0}

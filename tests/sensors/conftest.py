@@ -12,6 +12,7 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.joins import RigidElement
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
+from strainsight.sensors.rows import channel_rows, misplaced
 
 from ..bodies import body, held
 
@@ -92,3 +93,9 @@ def bricks() -> Mesh:
 @pytest.fixture
 def box_mesh() -> Mesh:
     return bricks()
+
+
+def misplaced_rows(position, candidates, field, facets=None, offset=None, rotation=None):
+    """`channel_rows` of the gauges that are `misplaced`."""
+    moved, _ = misplaced(position, candidates.grids, facets, offset, rotation)
+    return candidates.read(channel_rows(position, moved, field, facets=facets))

@@ -22,7 +22,7 @@ from strainsight.sensors.installation import (
 )
 from strainsight.sensors.rows import channel_rows, fits, misplaced
 
-from .conftest import KINDS, bare, plate, tube
+from .conftest import KINDS, bare, misplaced_rows, plate, tube
 
 STD = InstallationStd(position=0.03, angle=0.05, gain=0.02, transverse=0.01, offset=3e-6, drift=2e-6)
 FIRST = tuple(name for name in (*COMMON, *OWN) if name not in SECOND)
@@ -221,9 +221,7 @@ def test_on_a_plate_it_is_found_on_whatever_facet_the_offset_leads_to(kind):
     stop = gauges.position[~on] + share[:, None] * (meant - gauges.position)[~on]
     np.testing.assert_allclose(moved.position[~on], stop, atol=1e-9)
     G = rng.standard_normal((3, 3))
-    rows = channel_rows(
-        position, gauges, (position @ G.T).reshape(-1, 1), facets=facets, offset=offset, rotation=rotation
-    )
+    rows = misplaced_rows(position, gauges, (position @ G.T).reshape(-1, 1), facets, offset, rotation)
     np.testing.assert_allclose(rows[:, 0], np.einsum("mi,ij,mj->m", expected, G, expected), atol=1e-11)
 
 

@@ -25,8 +25,8 @@ from strainsight.multibody.bodies import Frame
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.sensors import (
     Accelerometer,
+    CompiledSensors,
     Felt,
-    Readings,
     RelationSensor,
     Sensor,
     axis_sensor,
@@ -48,7 +48,7 @@ class Sensors:
     """readings: all compiled, strains first; channels: sensor → its rows there; zeroed (k,): channels that are zeroed at the
     start; moved: strain sensor → how far (gauges,) [m] each of its gauges was moved to the surface."""
 
-    readings: Readings
+    readings: CompiledSensors
     channels: Mapping[str, slice]
     zeroed: np.ndarray
     moved: Mapping[str, np.ndarray]
@@ -125,7 +125,7 @@ def instants_of(
 
 
 def read_in_time(
-    system: System, sensors: Readings, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
+    system: System, sensors: CompiledSensors, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
 ) -> np.ndarray:
     """What all sensors read (T, channels) in a run; instants: not read without accelerometers."""
     if not sensors.accelerometers:
@@ -148,7 +148,7 @@ def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -
     return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
 
 
-def _channels(compiled: Readings) -> dict[str, slice]:
+def _channels(compiled: CompiledSensors) -> dict[str, slice]:
     channels, at = {}, 0
     for own in compiled.sensors:
         count = len(own.rows) if isinstance(own, StrainRows) else 3

@@ -12,6 +12,7 @@ from strainsight.experiment.layout.task import Task
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
 from strainsight.placement.criteria import CRITERIA, criterion_of
 from strainsight.placement.elimination import eliminate_from
+from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Pool
 from strainsight.placement.score import Scores, scores
 from strainsight.runner.output import Table
@@ -127,6 +128,6 @@ def _some(of: np.ndarray) -> list[int]:
 def _kept(pools: Sequence[Pool], keep: int, fixed: frozenset[int]) -> np.ndarray | None:
     """What an elimination by the metric of these pools keeps; None where it cannot go so far."""
     try:
-        return eliminate_from(pools, keep, fixed=fixed).kept
+        return eliminate_from(pools, limits_of(len(pools[0].rows), keep, fixed=fixed)).kept
     except (InfeasibleError, NumericalError):
         return None

@@ -129,7 +129,9 @@ def _change(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -> Chan
     return Change(parameter, _made_with(stated, mesh, parameter), stated.second.at)
 
 
-def _gather(wanted: list[WantedCovariances], default: str, mesh: Mesh, length: float, files: Mapping[str, Path]) -> list[str]:
+def _gather(
+    wanted: list[WantedCovariances], default: str, mesh: Mesh, length: float, files: Mapping[str, Path]
+) -> list[str]:
     """Read every file once, and put what is wanted of it on the nodes of the mesh; default: the key of the file of all that
     name none; length: the unit of the files [m]."""
     by_file: dict[Path, tuple[str, list[WantedCovariances]]] = {}

@@ -336,7 +336,9 @@ def skin_in_test(
         return None, (f"no strain and stress of the surface: {error.what}",)
 
 
-def wanted_of(config: PlacementConfig, record: RecordFilter, virtual: Virtual | None, run: FilterRun) -> WantedCovariances:
+def wanted_of(
+    config: PlacementConfig, record: RecordFilter, virtual: Virtual | None, run: FilterRun
+) -> WantedCovariances:
     """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
     its pictures; run: of the filter."""
     assert config.estimate is not None

@@ -15,7 +15,7 @@ from strainsight.experiment.bench.inverse.unknowns import asked
 from strainsight.experiment.bench.sensors import Sensors, gauges_of
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
-from strainsight.multibody.sensors import Readings, readings
+from strainsight.multibody.sensors import CompiledSensors, readings
 from strainsight.multibody.sensors import StrainSensor as StrainRows
 from strainsight.records.bench import BenchPlaced, ReducedBody
 from strainsight.sensors.candidates import Candidates
@@ -52,7 +52,7 @@ class Observed:
     """What a truth reads: all sensors (columns own) and the coordinates of the bodies under gauges that have tolerances, by the
     sensor, less what they are at the start where it is zeroed."""
 
-    readings: Readings
+    readings: CompiledSensors
     zeroed: np.ndarray
     own: np.ndarray
     eta: Mapping[str, np.ndarray]

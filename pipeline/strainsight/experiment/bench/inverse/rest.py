@@ -13,7 +13,7 @@ from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked
 from strainsight.experiment.bench.sensors import Sensors
 from strainsight.multibody.accelerations import at_rest
 from strainsight.multibody.inverse.parameters import Zero, static_response, zero_at_rest
-from strainsight.multibody.sensors import Readings
+from strainsight.multibody.sensors import CompiledSensors
 
 FITS, SETTLED = 20, 1e-9
 """Gauss-Newton steps to loads at rest, and the share of their σ below which they are found."""
@@ -45,7 +45,7 @@ def free_zero(
 def loads_at_rest(
     config: BenchConfig,
     bench: Bench,
-    channels: Readings,
+    channels: CompiledSensors,
     unknowns: Unknowns,
     guess: np.ndarray,
     first: np.ndarray,
@@ -96,7 +96,7 @@ def loads_at_rest(
 
 
 def moved_at_rest(
-    config: BenchConfig, bench: Bench, channels: Readings, unknowns: Unknowns, under: tuple[np.ndarray, ...]
+    config: BenchConfig, bench: Bench, channels: CompiledSensors, unknowns: Unknowns, under: tuple[np.ndarray, ...]
 ) -> tuple[np.ndarray, NumericalError | None]:
     """What one σ of every unknown, or of its change in a step, moves every reading by at rest (m, nu + p): the most of all
     these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest. With the error

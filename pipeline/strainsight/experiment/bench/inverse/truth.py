@@ -24,7 +24,7 @@ from strainsight.experiment.bench.sensors import MOTION_UNITS, instants_of, read
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.sensors import Readings
+from strainsight.multibody.sensors import CompiledSensors
 from strainsight.multibody.simulate import simulate, simulate_radau
 from strainsight.records import record
 from strainsight.records.bench import BenchTruths, ReducedBody, Simulated
@@ -49,7 +49,7 @@ class Reality:
 
 def simulated(
     bench: Bench,
-    sensors: Readings,
+    sensors: CompiledSensors,
     zeroed: np.ndarray,
     settings: Simulate,
     loads: Callable[[np.ndarray], np.ndarray],
@@ -260,7 +260,7 @@ def truths_of(
 
 
 def reality_of(
-    there: BenchTruths, bench: Bench, sensors: Readings, zeroed: np.ndarray, h: float, steps: int, runs: int
+    there: BenchTruths, bench: Bench, sensors: CompiledSensors, zeroed: np.ndarray, h: float, steps: int, runs: int
 ) -> Reality:
     """The first histories, one a run where there are several, at 0, h, … of the filter; zeroed (channels,)."""
     every = round(h / (there.time[1] - there.time[0]))
