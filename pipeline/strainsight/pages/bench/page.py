@@ -24,8 +24,8 @@ from strainsight.pages.chart.panels import drawable, legend_above, plain_axis, p
 from strainsight.pages.page.markup import bullets, figures, measure, picture, plain, table
 from strainsight.pages.page.markup import figure as card
 from strainsight.pages.page.sections import advice_card, document, notes_card, panel, rests_on, section
+from strainsight.pages.page.verdicts import headline
 from strainsight.pages.placement.figures import trend_figure
-from strainsight.pages.placement.first import headline
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
 from strainsight.pages.text import number, percent, prefix, quantity, short

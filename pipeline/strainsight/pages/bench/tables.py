@@ -26,7 +26,7 @@ from strainsight.pages.page.markup import (
     table,
     verdict_mark,
 )
-from strainsight.pages.placement.first import accused
+from strainsight.pages.page.verdicts import accused
 from strainsight.pages.text import number
 from strainsight.runner.output import Scalar
 
