@@ -95,10 +95,9 @@ def given(gauges: tuple[Gauge, ...]) -> bool:
 
 def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
     """What the columns of places mean, as far as they occur."""
-    text = [
-        f"Places and measuring directions are in {frame.in_words()}"
-        + ("; a rosette's or triaxial sensor's further directions stand below." if _several(gauges) else ".")
-    ]
+    text = [f"Places and measuring directions are in {frame.in_words()}."]
+    if any(len(gauge.channels) > 1 for gauge in gauges):
+        text[0] = f"{text[0][:-1]}; a rosette's or triaxial sensor's further directions stand below."
     if any(gauge.arms for gauge in gauges):
         text.append("The arms of a bridge stand below one another, in the order of the signs beside its kind.")
     if any(len(gauge.edges) for gauge in gauges):
@@ -132,10 +131,6 @@ def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
     if any(math.isinf(value) for gauge in gauges for value in gauge.without.values()):
         text.append("∞: without that gauge the unknown can no longer be observed.")
     return " ".join(text)
-
-
-def _several(gauges: tuple[Gauge, ...]) -> bool:
-    return any(len(gauge.channels) > 1 for gauge in gauges)
 
 
 def _kind(gauge: Gauge) -> str:
