@@ -12,6 +12,7 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.structure import expectation as expecting
 from strainsight.experiment.structure import filtering
+from strainsight.experiment.structure.filtering import excluded, excluded_in_words
 from strainsight.experiment.structure.problem import (
     exactly_damped,
     filter_model,
@@ -20,7 +21,6 @@ from strainsight.experiment.structure.problem import (
     problem_of,
 )
 from strainsight.experiment.structure.start import ringing_in_words
-from strainsight.experiment.structure.suspected import excluded, excluded_in_words
 from strainsight.sensors.candidates import ACCELERATION
 
 from ..edges.beam import PLACEMENT_CONFIG, E, apart, bricks, prepared

@@ -14,9 +14,9 @@ from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight.experiment.structure.early import check_files
+from strainsight.experiment.structure.filtering import beyond_ranges, widen
 from strainsight.experiment.structure.mesh import mesh_of
 from strainsight.experiment.structure.mesh_tables import ASSUMES
-from strainsight.experiment.structure.suspected import beyond_ranges, widen
 from strainsight.records.record import read
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import no_nuisances
-from strainsight.estimation.decision import expected_ratio
+from strainsight.estimation.decision import expected_ratio, out_of_range
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import Posterior, marginal
 from strainsight.estimation.model import FilterModel, physical
@@ -20,16 +23,19 @@ from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, on_average
-from strainsight.experiment.structure.problem import Problem, exactly_damped
+from strainsight.experiment.structure.problem import Method, Problem, exactly_damped
+from strainsight.experiment.structure.references import unknown_units
 from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
 
 IDENTIFIED = 0.5
 """Share of its initial σ that the samples may leave of a parameter that they identify."""
+NO_OFFSETS = np.zeros(0, dtype=int)
+"""Channels with an unknown offset, where there are none."""
 
 
 @dataclass(frozen=True)
 class Filtered:
-    """run: B runs of a filter; banks: what each run's bank found, none of another filter, None for one that failed."""
+    """run: B runs of a filter; banks: that of each run, none of another filter, None for one that failed."""
 
     run: FilterRun
     banks: tuple[BankRun | None, ...]
@@ -61,22 +67,20 @@ def filtered(
     sets = np.broadcast_to(channels, (runs, channels.shape[-1]))
     starts = np.broadcast_to(start, (runs, model.size))
     kept: Keep = "parameters" if keep == "mean" and not model.unknowns.inputs else keep
-    found: list[BankRun | None] = []
+    banks: list[BankRun | None] = []
     failure: NumericalError | None = None
     for b in range(runs):
-        there = sets[b] >= 0
-        own = on_average(tolerated, _of_run(model, b, there), sets[b][there])
-        nuisances = nuisances_of(tolerated, own, sets[b][there])
+        has = sets[b] >= 0
+        of_run = on_average(tolerated, _of_run(model, b, has), sets[b][has])
+        samples = known, data[:, b, has], nuisances_of(tolerated, of_run, sets[b][has])
         try:
-            samples = data[:, b, there]
-            record = BankRecord(own, starts[b], covariance, known, samples, nuisances, settled=settled)
-            found.append(filter_bank(record, kept))
+            banks.append(filter_bank(BankRecord(of_run, starts[b], covariance, *samples, settled=settled), kept))
         except NumericalError as error:
             failure = error
-            found.append(None)
-    if failure is not None and refuse and all(own is None for own in found):
+            banks.append(None)
+    if failure is not None and refuse and all(bank is None for bank in banks):
         raise failure
-    return Filtered(_together(model, found, sets >= 0, len(known)), tuple(found))
+    return Filtered(_together(model, banks, sets >= 0, len(known)), tuple(banks))
 
 
 def by_moments(
@@ -89,17 +93,14 @@ def by_moments(
     keep: Keep = "mean",
     biased: np.ndarray | None = None,
     refuse: bool = True,
+    method: Method | None = None,
 ) -> FilterRun:
-    """The sigma-point or the extended filter of the config, which carry mean and covariance; biased: as of `run_filter`."""
-    form = problem.form
-    if problem.method == "sigma-point":
-        return run_sigma_points(
-            model, start, covariance, known, measured, keep, form=form, biased=biased, refuse=refuse
-        )
-    turns = problem.iterations
-    return run_filter(
-        model, start, covariance, known, measured, keep, form=form, iterations=turns, biased=biased, refuse=refuse
-    )
+    """The sigma-point or the extended filter, which carry mean and covariance; biased: as of `run_filter`; method: by default
+    that of the config."""
+    run: Callable[..., FilterRun] = partial(run_filter, iterations=problem.iterations)
+    if (method or problem.method) == "sigma-point":
+        run = run_sigma_points
+    return run(model, start, covariance, known, measured, keep, form=problem.form, biased=biased, refuse=refuse)
 
 
 def _of_run(model: FilterModel, b: int, there: np.ndarray) -> FilterModel:
@@ -116,34 +117,32 @@ def _of_run(model: FilterModel, b: int, there: np.ndarray) -> FilterModel:
     return model.of_channels(there)
 
 
-def _together(model: FilterModel, found: list[BankRun | None], there: np.ndarray, steps: int) -> FilterRun:
-    """Runs of many banks as one, NaN where one failed or has no channel."""
-    if len(found) == 1 and found[0] is not None:
-        return found[0].run
-    runs, n, u, m = len(found), model.size, len(model.position), there.shape[1]
-    mean, std = np.full((2, steps + 1, runs, n), np.nan)
+def _together(model: FilterModel, banks: list[BankRun | None], has: np.ndarray, steps: int) -> FilterRun:
+    """Runs of many banks as one, NaN where one failed or lacks a channel (runs, m)."""
+    if len(banks) == 1 and banks[0] is not None:
+        return banks[0].run
+    runs, n, u, m = len(banks), model.size, len(model.position), has.shape[1]
+    by_state = {name: np.full((steps + 1, runs, n), np.nan) for name in ("mean", "std")}
+    by_channel = {
+        name: np.full((steps, runs, m), np.nan) for name in ("gauge_mean", "gauge_std", "innovation", "whitened")
+    }
     unknown = np.full((steps + 1, runs, u, u), np.nan)
-    gauge_mean, gauge_std, innovation, whitened = np.full((4, steps, runs, m), np.nan)
     fit, last = np.full(runs, -np.inf), np.full((runs, n, n), np.nan)
-    for b, bank in enumerate(found):
+    for b, bank in enumerate(banks):
         if bank is None:
             continue
-        own = bank.run
-        mean[:, b], std[:, b], unknown[:, b] = own.mean[:, 0], own.std[:, 0], own.unknown_covariance[:, 0]
-        gauge_mean[:, b, there[b]], gauge_std[:, b, there[b]] = own.gauge_mean[:, 0], own.gauge_std[:, 0]
-        innovation[:, b, there[b]], whitened[:, b, there[b]] = own.innovation[:, 0], own.whitened[:, 0]
-        fit[b], last[b] = own.log_likelihood[0], own.last[0]
+        for name, values in by_state.items():
+            values[:, b] = getattr(bank.run, name)[:, 0]
+        for name, values in by_channel.items():
+            values[:, b, has[b]] = getattr(bank.run, name)[:, 0]
+        unknown[:, b], fit[b], last[b] = bank.run.unknown_covariance[:, 0], bank.run.log_likelihood[0], bank.run.last[0]
     return FilterRun(
         time=model.h * np.arange(steps + 1),
-        mean=mean,
-        std=std,
+        **by_state,
+        **by_channel,
         unknown_covariance=unknown,
-        gauge_mean=gauge_mean,
-        gauge_std=gauge_std,
-        innovation=innovation,
-        whitened=whitened,
-        nis=np.nansum(whitened**2, axis=2),
-        lost=np.where([own is None for own in found], 1, -1),
+        nis=np.nansum(by_channel["whitened"] ** 2, axis=2),
+        lost=np.where([bank is None for bank in banks], 1, -1),
         log_likelihood=fit,
         last=last,
     )
@@ -157,13 +156,13 @@ def smoothed(
     covariance: np.ndarray,
     known: np.ndarray,
     measured: np.ndarray,
-    found: Filtered,
+    run: Filtered,
     settled: Settled | None = None,
 ) -> Smoothed:
-    """What all samples say of every instant; arguments as of `filtered`, which found the one run, from a start at zero."""
+    """The estimate of every instant from all samples; arguments as of `filtered`, whose one run begins at zero."""
     if problem.method != "bank":
-        return smooth(model, found.run)
-    bank = found.banks[0]
+        return smooth(model, run.run)
+    bank = run.banks[0]
     assert bank is not None  # a bank that fails alone is refused
     start, model = np.zeros(model.size), on_average(tolerated, model, channels)
     nuisances = nuisances_of(tolerated, model, channels)
@@ -177,36 +176,36 @@ def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None
         return {}
     names, guess = problem.unknowns.parameters, problem.unknowns.guess
     first = problem.unknowns.size(problem.model) - len(names)
-    found = {}
+    posteriors = {}
     for i, name in enumerate(names):
         prior = 0.0, float(np.sqrt(covariance[first + i, first + i]))
         of_log = marginal(bank.point[:, i], bank.weight, float(bank.step[i]), prior)
         value, peak = guess[name] * np.exp(of_log.value), guess[name] * np.exp(of_log.peak)
-        found[name] = replace(of_log, value=value, peak=peak)
-    return found
+        posteriors[name] = replace(of_log, value=value, peak=peak)
+    return posteriors
 
 
 def posterior_numbers(posterior: Mapping[str, Posterior]) -> dict[str, float | bool | int]:
     """Every number by its name."""
     numbers: dict[str, float | bool | int] = {}
-    for name, own in posterior.items():
-        numbers |= {f"left.{name}": own.left, f"identified.{name}": own.left <= IDENTIFIED}
-        numbers[f"peaks.{name}"] = len(own.peak)
+    for name, one in posterior.items():
+        numbers |= {f"left.{name}": one.left, f"identified.{name}": one.left <= IDENTIFIED}
+        numbers[f"peaks.{name}"] = len(one.peak)
     return numbers
 
 
 def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str]) -> list[str]:
-    """What a reader has to know of it: that a parameter is hardly seen, or that several values explain the samples."""
+    """That a parameter is hardly measured, or that several values explain the samples."""
     words = []
-    for name, own in posterior.items():
-        if own.left > IDENTIFIED:
-            words.append(f"{name} is not identified: the measurements leave {100 * own.left:.0f} % of its initial σ")
-        if len(own.peak) > 1:
+    for name, one in posterior.items():
+        if one.left > IDENTIFIED:
+            words.append(f"{name} is not identified: the measurements leave {100 * one.left:.0f} % of its initial σ")
+        if len(one.peak) > 1:
             places = ", ".join(
                 f"{peak:.4g} {units[name]} ({100 * share:.0f} %)"
-                for peak, share in zip(own.peak, own.share, strict=True)
+                for peak, share in zip(one.peak, one.share, strict=True)
             )
-            words.append(f"the measurements allow {len(own.peak)} values of {name}: {places}; its σ spans them all")
+            words.append(f"the measurements allow {len(one.peak)} values of {name}: {places}; its σ spans them all")
     return words
 
 
@@ -216,7 +215,7 @@ def compared(
     covariance: np.ndarray,
     known: np.ndarray,
     measured: np.ndarray,
-    biased: np.ndarray | None = None,
+    biased: np.ndarray = NO_OFFSETS,
 ) -> Compared | None:
     """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
     without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
@@ -226,41 +225,82 @@ def compared(
     """
     if not model.unknowns.parameters:
         return None
-    start, form, at = np.zeros(len(covariance)), problem.form, model.parameter_states
-    model = exactly_damped(problem, model)
-
-    def by_bank() -> FilterRun:
-        record = BankRecord(model, start, covariance, known, measured, no_nuisances(model))
-        return filter_bank(record if biased is None else replace(record, biased=biased), "parameters").run
-
-    def by_extended() -> FilterRun:
-        turns = problem.iterations
-        return run_filter(model, start, covariance, known, measured, form=form, iterations=turns, biased=biased)
-
-    def by_sigma_points() -> FilterRun:
-        return run_sigma_points(model, start, covariance, known, measured, form=form, biased=biased)
-
-    exact = _at_end(by_bank, at)
-    found = np.array([exact, *(_at_end(run, at) for run in (by_sigma_points, by_extended))])
-    mean, std = np.zeros((2, len(found), model.size))
-    mean[:, at], std[:, at] = found[:, 0], found[:, 1]
-    values, names = physical(model, mean, std), model.unknowns.parameters
-    ratio = {
-        name: np.array([expected_ratio(*own, *found[0, :, i]) for own in found[:, :, i]])
-        for i, name in enumerate(names)
+    model, names = exactly_damped(problem, model), model.unknowns.parameters
+    data = model, np.zeros(len(covariance)), covariance, known, measured
+    record = BankRecord(*data, no_nuisances(model), biased)
+    filters: dict[str, Callable[[], FilterRun]] = {
+        BANK: lambda: filter_bank(record, "parameters").run,
+        SIGMA_POINT: lambda: by_moments(problem, *data, biased=biased, method="sigma-point"),
+        EXTENDED: lambda: by_moments(problem, *data, biased=biased, method="extended"),
     }
+    mean, std = np.full((2, len(filters), model.size), np.nan)
+    for i, run_of in enumerate(filters.values()):
+        with suppress(NumericalError):
+            run = run_of()
+            mean[i], std[i] = run.mean[-1, 0, : model.size], run.std[-1, 0, : model.size]
+    values = physical(model, mean, std)
+    at = range(*model.parameter_states.indices(model.size))
     return Compared(
-        filter=(BANK, SIGMA_POINT, EXTENDED),
+        filter=tuple(filters),
         estimate={name: values[name][0] for name in names},
         std={name: values[name][1] for name in names},
-        ratio=ratio,
+        ratio={
+            name: np.array(
+                [expected_ratio(m, s, mean[0, k], std[0, k]) for m, s in zip(mean[:, k], std[:, k], strict=True)]
+            )
+            for name, k in zip(names, at, strict=True)
+        },
     )
 
 
-def _at_end(run: Callable[[], FilterRun], at: slice) -> np.ndarray:
-    """Mean and σ (2, k) of p at the end, NaN of a filter that diverges."""
-    try:
-        own = run()
-    except NumericalError:
-        return np.full((2, at.stop - at.start), np.nan)
-    return np.stack([own.mean[-1, 0, at], own.std[-1, 0, at]])
+def beyond_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
+    """Parameter → a sentence, of those whose values [SI] are beyond `parameters.*.range`.
+
+    Modes and static responses of `rom` span the range; a damping factor multiplies C within the reduced model and is exact
+    anywhere.
+    """
+    free = [name for name in problem.unknowns.parameters if name != problem.model.damping.parameter]
+    ranges = {name: config.parameters[name].range for name in free}
+    return out_of_range(values, ranges, unknown_units(config), "rom")
+
+
+def widen(beyond: Mapping[str, str]) -> str:
+    """What to do about parameters beyond their ranges."""
+    return f"widen {' and '.join(f'parameters.{name}.range' for name in beyond)}"
+
+
+EXCLUDED = 5.0
+"""Of the σ of both together: two estimates that are farther apart exclude each other."""
+Values = Mapping[str, tuple[float, float]]
+"""Parameter → value and σ [SI]."""
+
+
+def last_values(model: FilterModel, run: FilterRun | Smoothed) -> Values:
+    """Of the unknowns at the end of the first run."""
+    values = physical(model, run.mean[-1, 0], run.std[-1, 0])
+    return {name: (float(value), float(std)) for name, (value, std) in values.items()}
+
+
+def by_bank(comparison: Compared | None) -> dict[str, tuple[float, float]]:
+    """By the bank of a comparison; empty where nothing was compared."""
+    if comparison is None:
+        return {}
+    return {name: (float(value[0]), float(comparison.std[name][0])) for name, value in comparison.estimate.items()}
+
+
+def excluded(estimate: Values, other: Values) -> str:
+    """Which parameters two estimates give values that exclude each other, in words; empty where none."""
+    words = []
+    for name, (b, t) in other.items():
+        a, s = estimate[name]
+        if abs(np.log(a / b)) > EXCLUDED * np.hypot(s / a, t / b):
+            words.append(f"{name} is {a:.4g} ± {100 * s / a:.2g} % or {b:.4g} ± {100 * t / b:.2g} %")
+    return "; ".join(words)
+
+
+def excluded_in_words(words: str, settled: bool, key: str) -> str:
+    """Why there is no σ, by the words of `excluded`; settled: whether the start of the estimate is, as `key` says."""
+    remedy = (
+        f"with a settled and with an unknown start: check {key}" if settled else "by two searches: report this record"
+    )
+    return f"two estimates exclude each other: {words}, {remedy}" if words else ""

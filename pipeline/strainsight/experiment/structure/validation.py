@@ -18,7 +18,17 @@ from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import disagreements_in_words, ratios
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.filtering import compared, posterior_doubts, posterior_numbers, posteriors_of
+from strainsight.experiment.structure.filtering import (
+    beyond_ranges,
+    by_bank,
+    compared,
+    excluded,
+    excluded_in_words,
+    posterior_doubts,
+    posterior_numbers,
+    posteriors_of,
+    widen,
+)
 from strainsight.experiment.structure.nuisances import budget_of, tolerated
 from strainsight.experiment.structure.problem import (
     filter_model,
@@ -37,7 +47,6 @@ from strainsight.experiment.structure.studies import (
     studies_of,
     sweeps_of,
 )
-from strainsight.experiment.structure.suspected import beyond_ranges, by_bank, excluded, excluded_in_words, widen
 from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.experiment.structure.truth import truth_of
 from strainsight.mesh.model import Mesh
