@@ -18,7 +18,6 @@ from strainsight.decks.nastran.beams import (
     bar_shape,
     beam_section,
     beam_shape,
-    own_section,
     read_beams,
     rod_section,
     tube_section,
@@ -48,9 +47,8 @@ SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
     "PBARL": lambda card, _: bar_shape(card),
     "PBEAM": beam_section,
     "PBEAML": lambda card, _: beam_shape(card),
-    "PROD": lambda card, _: rod_section(card),
+    **dict.fromkeys(("PROD", "CONROD"), lambda card, _: rod_section(card)),
     "PTUBE": lambda card, _: tube_section(card),
-    "CONROD": lambda card, _: own_section(card),
 }
 """Card → its material, 0 where its plies have theirs, and its section; a CONROD has its own."""
 PROPERTIES = tuple(name for name in SECTIONS if name[0] == "P")
