@@ -71,6 +71,7 @@ def test_two_levels_contradict_each_other(call, tmp_path):
     assert call("--log-level", "loud").exit_code == 2
 
 
+@pytest.mark.slow
 def test_every_command_prints_the_warnings_of_its_model_once(call, tmp_path):
     log = tmp_path / "results" / "beam" / "run.log"
     for count in (1, 2):  # computed, then up to date

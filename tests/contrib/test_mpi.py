@@ -48,8 +48,9 @@ def start(monkeypatch):
     return started
 
 
+@pytest.mark.slow
 @needs_slepc
-@pytest.mark.parametrize("processes", [*slowly(1), 2])
+@pytest.mark.parametrize("processes", [1, 2])
 def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     K, M, exact = lattice()

@@ -30,7 +30,6 @@ from strainsight.estimation.decision import (
     samples_alike,
     word_of,
 )
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.smoother import smooth
 from strainsight.loads.input_models import Matern, Oscillator
@@ -38,6 +37,7 @@ from strainsight.pages.text import number
 
 from ..shared import slowly
 from .conftest import make_beam, make_filter, sine
+from .truth import draw_truth
 
 SEEDS = range(200)
 

@@ -12,8 +12,9 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.motion import constant_acceleration, constant_step, measure, step, surface_reading
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.model import constant_acceleration, constant_step, measure, step, surface_reading
+from strainsight.estimation.record import BankRecord
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
@@ -177,7 +178,7 @@ def known_at(model, p):
 
 def samples(model, p, seed):
     """(T, 2) at k1 = guess exp(p), without process noise."""
-    driven, x, y = Driven(known_at(model, p), forces()), np.zeros((1, 4)), []
+    driven, x, y = DrivenModel(known_at(model, p), forces()), np.zeros((1, 4)), []
     for k in range(len(forces())):
         x = driven.step(x, k)[0]
         y.append(driven.measure(x, k)[0][0])
@@ -205,14 +206,16 @@ def test_bank_is_bayes_by_brute_force_and_the_other_filters_are_near():
     y = samples(model, 0.12, 7)
     mean, std = by_brute_force(model, y)
     assert abs(mean - 0.12) < 3 * std
-    bank = filter_bank(model, np.zeros(5), START, forces(), y, no_nuisances(model))
+    bank = filter_bank(BankRecord(model, np.zeros(5), START, forces(), y, no_nuisances(model)))
     assert bank.run.mean[-1, 0, 4] == pytest.approx(mean, abs=0.01 * std)
     assert bank.run.std[-1, 0, 4] == pytest.approx(std, rel=0.01)
-    later = smooth_bank(model, np.zeros(5), START, forces(), y, no_nuisances(model), bank)
+    later = smooth_bank(BankRecord(model, np.zeros(5), START, forces(), y, no_nuisances(model)), bank)
     assert later.mean[0, 0, 4] == pytest.approx(mean, abs=0.01 * std)
     for run in (run_filter, run_sigma_points):
         other = run(model, np.zeros(5), START, forces(), y)
         assert other.mean[-1, 0, 4] == pytest.approx(mean, abs=0.3 * std)
         assert other.std[-1, 0, 4] == pytest.approx(std, rel=0.1)
-    blind = filter_bank(replace(model, change=NO_CHANGE), np.zeros(5), START, forces(), y, no_nuisances(model))
+    blind = filter_bank(
+        BankRecord(replace(model, change=NO_CHANGE), np.zeros(5), START, forces(), y, no_nuisances(model))
+    )
     assert abs(blind.run.mean[-1, 0, 4] - mean) > 2 * std

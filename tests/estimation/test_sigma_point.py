@@ -9,23 +9,23 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.reduced import Driven, driven_with_offsets
+from strainsight.estimation.reduced import DrivenModel, driven_with_offsets
 from strainsight.estimation.sigma_point import points_of, regression, run_sigma_points
 from strainsight.estimation.smoother import smooth
 
 from .chain import REFERENCE, ROWS, H, chain, continuous, forces, gathered, start, step_at
 from .conftest import drawn, make_beam, make_filter, sine
+from .truth import draw_truth
 
 
 @pytest.mark.parametrize("k", [0, 1, 2, 3])
 def test_points_have_the_moments_of_normal_numbers_up_to_degree_five_each(k):
-    points = points_of(k)
-    assert points.weight.min(initial=1.0) > 0
+    z, weight = points_of(k)
+    assert weight.min(initial=1.0) > 0
     odd = {0: 1.0, 1: 0.0, 2: 1.0, 3: 0.0, 4: 3.0, 5: 0.0}
     for degree in product(range(6), repeat=k):
-        found = points.weight @ np.prod(points.z ** np.array(degree, dtype=int).reshape(1, k), axis=1)
+        found = weight @ np.prod(z ** np.array(degree, dtype=int).reshape(1, k), axis=1)
         assert found == pytest.approx(np.prod([odd[d] for d in degree]), abs=1e-13)
 
 
@@ -118,7 +118,7 @@ def test_an_accelerometer_is_brute_force():
     w = w / w.sum()
     gain, off = P1[:5, 5:] @ np.linalg.inv(P1[5:, 5:]), z @ np.linalg.cholesky(P1[5:, 5:]).T
     left = P1[:5, :5] - gain @ P1[5:, :5]
-    core = Driven(model, u)
+    core = DrivenModel(model, u)
     read, spread, cross = np.zeros((len(w), 3)), np.zeros((3, 3)), np.zeros((7, 3))
     for i, own in enumerate(off):
         at = x + np.concatenate([gain @ own, own])

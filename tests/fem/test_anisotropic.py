@@ -15,8 +15,7 @@ from strainsight.fem.checks import check_mesh
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.nodal_forces import pressure
-from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.recovery import facet_strain, surface_model, surface_state
 from strainsight.mesh.additions import with_face, with_properties
 from strainsight.mesh.anisotropic import Anisotropic, Orientation, orthotropic, stiffness_fault
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem

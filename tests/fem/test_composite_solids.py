@@ -16,8 +16,7 @@ from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.fem.nodal_forces import body_forces
 from strainsight.fem.patch import Incidence, patch_around
-from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.recovery import facet_strain, surface_model, surface_state
 from strainsight.mesh.additions import with_material, with_properties
 from strainsight.mesh.anisotropic import STACKED, Anisotropic, CompositeSolid, Layer, Orientation, orthotropic
 from strainsight.mesh.coordinates import BASIC

@@ -15,7 +15,7 @@ import sweep_tasks as tasks
 
 from strainsight.contrib import dask_cluster as module
 from strainsight.errors import ConfigError, StrainsightError, UserError
-from strainsight.parallel.sweep import serial, watched
+from strainsight.parallel import serial, watched
 from strainsight.runner.where import Where, opened
 
 pytest.importorskip("distributed")
@@ -158,6 +158,7 @@ def test_a_worker_that_computes_for_long_is_waited_for(cluster, monkeypatch):
         assert sweep(tasks.longer, [7.0], None) == [7.0]
 
 
+@pytest.mark.slow
 def test_distributed_is_not_installed(monkeypatch):
     monkeypatch.setitem(sys.modules, "distributed", None)
     assert "pip install 'strainsight[dask]'" in refusal("127.0.0.1:8786")

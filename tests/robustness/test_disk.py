@@ -68,6 +68,7 @@ def ran(words: list[str], **more) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, check=False, **more)
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_reported_and_what_was_there_stays(mounts, project, placed, tmp_path):
     (tmp_path / "results" / "beam").mkdir(parents=True)
     for name in ("import.h5", "import.vtkhdf"):
@@ -108,8 +109,8 @@ def test_a_read_only_folder_is_reported_and_can_be_looked_at(mounts, project, re
 
 COMMAND = """
 import sys
-from strainsight.parallel import processes
-processes.WORTH = 0.0  # other processes at once, however little there is to do
+from strainsight import parallel
+parallel.WORTH = 0.0  # other processes at once, however little there is to do
 from strainsight_cli.main import main
 if __name__ == "__main__":
     main()

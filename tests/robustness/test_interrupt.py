@@ -46,15 +46,15 @@ with reported():
 """
 WORKERS = """
 import math, os, sys, time
-from strainsight.parallel import processes
+from strainsight import parallel
 
 def task(folder, point):
     if point:
         open(os.path.join(folder, str(os.getpid())), "w").close()
         time.sleep(600)
 
-processes.WORTH = 0.0
-processes.in_processes(2, lambda: math.inf)(task, range(9), sys.argv[1])
+parallel.WORTH = 0.0
+parallel.in_processes(2, lambda: math.inf)(task, range(9), sys.argv[1])
 """
 APART = """
 import sys

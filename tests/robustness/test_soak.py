@@ -19,11 +19,11 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from typer.testing import CliRunner
 
+from strainsight import parallel
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.run import FilterRun
-from strainsight.parallel import processes
 from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -146,7 +146,7 @@ def same(one: FilterRun, other: FilterRun) -> bool:
 def test_the_filter_over_many_steps(capsys):
     """A stream of one run: in the end P is that of SciPy's Riccati solver, errors and innovations are as large as claimed."""
     model, nothing = make_filter(make_beam(MODES, 0.05), ("tip",), q_velocity=1.0), np.zeros((BLOCK, 3, 0))
-    A = Driven(model, nothing[:1]).step(np.zeros((1, model.size)), 0)[1][0]
+    A = DrivenModel(model, nothing[:1]).step(np.zeros((1, model.size)), 0)[1][0]
     start = np.diag([1e-6] * MODES + [1e-3] * MODES + [1.0])
     truth = Truth(A, model, start)
     d = np.sqrt(np.diag(model.process))
@@ -185,7 +185,7 @@ def test_the_filter_over_many_steps(capsys):
 
 @pytest.mark.slow
 def test_placements_in_one_process(project, capsys, monkeypatch):
-    monkeypatch.setattr(processes, "WORTH", 5.0)  # whole runs may have sweeps by others
+    monkeypatch.setattr(parallel, "WORTH", 5.0)  # whole runs may have sweeps by others
     runner, results = CliRunner(), str(project / "again")
     folder = project / "again" / "beam"
 

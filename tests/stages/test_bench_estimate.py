@@ -77,6 +77,7 @@ def test_every_number_of_a_summary_is_listed(estimate, bench):
         assert_summary_is_listed(estimate(config, *changes), "estimate.h5 of a bench")
 
 
+@pytest.mark.slow
 def test_the_page_of_a_bench_shows_its_estimate_and_its_balls(estimate):
     changes = ("estimate.duration=0.3", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8")
     upstream = {stage: estimate(DIAMETER, *changes, stage=stage) for stage in ("simulate", "estimate")}

@@ -11,7 +11,7 @@ import pytest
 from strainsight.experiment.bench.inverse.balls import spread
 from strainsight.multibody.bearing.element import ball_loads
 from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.bench import BenchEstimated
 from strainsight.records.record import read
 
 from .conftest import BANK, DIAMETER, LOADS, MODULUS

@@ -8,7 +8,7 @@ import rainflow
 
 from strainsight import api
 from strainsight.config.estimate import DamageSettings, SNCurve
-from strainsight.estimation.error_paths import Paths
+from strainsight.estimation.bank_smoother import Paths
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.damage import Asked, Places, Recorded, damage_in_test
 from strainsight.experiment.structure.damage_drawn import DECISIVE, walking, walks

@@ -13,7 +13,7 @@ from scipy.sparse.linalg import spsolve
 from strainsight.config.load import load_config
 from strainsight.config.loads import Load
 from strainsight.errors import ConfigError, UserError
-from strainsight.experiment.structure.settings import load_shapes, load_slopes, point_loads
+from strainsight.experiment.structure.references import load_shapes, load_slopes, point_loads
 from strainsight.fem.affine import Parameter
 from strainsight.fem.loads import input_shape
 from strainsight.fem.model import build_model

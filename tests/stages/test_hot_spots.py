@@ -13,8 +13,7 @@ from strainsight import api
 from strainsight.experiment.layout.gauge_list import deck_frame
 from strainsight.experiment.layout.output import gauge_csv
 from strainsight.experiment.structure.bonded_gauges import read_bonded
-from strainsight.experiment.structure.clearance import HAND, IN_PLACE, OVER_GRID, _steep, notes_at_gauges
-from strainsight.experiment.structure.hot_spots import at_guess
+from strainsight.experiment.structure.clearance import HAND, IN_PLACE, OVER_GRID, _steep, at_guess, notes_at_gauges
 from strainsight.mesh.facets import exterior_facets
 from strainsight.records.placed import AtGauges
 from strainsight.sensors.candidates import candidates

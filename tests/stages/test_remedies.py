@@ -12,7 +12,8 @@ import yaml
 
 from strainsight.config.estimate import Estimate
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.record import BankRecord
 from strainsight.experiment.recorded import _calibration
 from strainsight.experiment.structure.diagnosed import judgement_of
 from strainsight.experiment.structure.measured import records_of
@@ -22,6 +23,7 @@ from strainsight.measurements.records import Recording
 
 from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import FOUR, LONG, broken, suspect
+from ..estimation.truth import draw_truth
 from ..shared import slowly
 
 NAMES = ("G1", "G2", "G3", "G4")
@@ -85,7 +87,7 @@ def followed(message, samples):
 def error_over_sigma(truth, samples):
     """RMS error of the load over its σ, filtered."""
     model, P, load, _ = truth
-    run = filter_bank(model, np.zeros(5), P, forces(LONG), samples).run
+    run = filter_bank(BankRecord(model, np.zeros(5), P, forces(LONG), samples, no_nuisances(model))).run
     return float(np.sqrt(np.mean(((run.mean[1:, 0, LOAD] - load) / run.std[1:, 0, LOAD]) ** 2)))
 
 

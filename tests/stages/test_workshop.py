@@ -22,7 +22,7 @@ from strainsight.errors import ConfigError
 from strainsight.experiment.layout.workshop import abaqus_sets, nastran_sets
 from strainsight.records.mesh import mesh_from
 from strainsight.runner.stage import Context
-from strainsight.stages.pages.workshop import exported, sheet_files, sheets_of, workshop_files, workshop_of_run
+from strainsight.stages.report import exported, sheet_files, sheets_of, workshop_files, workshop_of_run
 
 from ..edges.beam import TIP, bricks
 from ..robustness.small import PLACEMENT

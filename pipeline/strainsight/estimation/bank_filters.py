@@ -9,104 +9,25 @@ from functools import cached_property, partial
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.conditional import (
-    Nuisances,
-    conditional_states,
-    considers,
-    discrepancy,
-    known_ends,
-    linear_models,
-)
-from strainsight.estimation.judge import FreeLoads, Judge, free_loads, judge_of, judged
-from strainsight.estimation.lattice import one_point
-from strainsight.estimation.linear import LinearModels, joined_models
+from strainsight.estimation.conditional import Nuisances, considers, linear_models
+from strainsight.estimation.judge import Judge, joined_judges, judge_of, judged, noise_alone
+from strainsight.estimation.lattice import DEPTH, SPACING, one_point
 from strainsight.estimation.mixture import C, Standing, log_normal
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import KEPT, Filters, Passage, States, advance, filters_of, joined_filters
-from strainsight.estimation.reduced import LOST, Settled, beginning
+from strainsight.estimation.parallel_filters import (
+    KEPT,
+    Filters,
+    LinearModels,
+    Passage,
+    States,
+    advance,
+    filters_of,
+    joined,
+    joined_models,
+)
+from strainsight.estimation.record import BankRecord
+from strainsight.estimation.reduced import LOST
 from strainsight.estimation.run import Keep
-
-SETTLED = 1e-9
-"""Change of a covariance from sample to sample, beside its standard deviations, below which it stays."""
-
-
-@dataclass(frozen=True)
-class _Step:
-    """Of one step of a filter on noise: P (n, n) as claimed and Π (n, n) by noise alone of its prediction; gain K (n, m),
-    weight S⁻¹ (m, m) of the innovations, zero where none is; variance R (m,) of the samples, zero where there is none."""
-
-    P: np.ndarray
-    covariance: np.ndarray
-    gain: np.ndarray
-    weight: np.ndarray
-    noise: np.ndarray
-
-
-def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray, every: int = 1) -> np.ndarray:
-    """β (T, d), of which the sum is the mean of Σₜ εₜᵀ Sₜ⁻¹ eₜ over records that are the noise of gauges alone.
-
-    ε are the slopes of innovations e in ν (`parallel_filters.advance`). Innovations that are as the filter claims are
-    independent of the motion that is predicted, and so of ε: β = 0. Those of readings that are quieter are not: what a
-    prediction has followed of the noise is taken back in the next steps, and ε goes with it. Under noise alone, with
-    Φ = A(1 − KH) from prediction to prediction,
-
-        Π⁺ = ΦΠΦᵀ + AKRKᵀAᵀ = E x̂x̂ᵀ,   Y = ΦᵀY⁺Φ + HᵀS⁻¹H
-        β_k = ⟨KᵀAᵀY⁺ΦΠ − S⁻¹HΠ, D_k⟩ − ⟨Y⁺(ΦΠ(1 − KH)ᵀ + AKRKᵀ), A_k⟩
-
-    Π forward in time and Y backward, in place of E x̂V_kᵀ of every k.
-    models: one; covariance (n, n) of its states at t = 0; noise (T, m) variances of the samples, infinite where there is none;
-    every: steps from sample to sample. βₜ is what comes of the noise up to step t, in that step and later.
-    """
-    A, H, A_nu = models.A[0], models.H[0], models.A_nu[0]
-    steps = _forward(A, H, models.Q[0], covariance, noise, every)
-    Y, one, found = [np.zeros_like(A)] * (len(steps) + 1), np.eye(len(A)), np.zeros((len(noise), models.nuisances))
-    for t in reversed(range(len(steps))):
-        now, after, later = steps[t], Y[t + 1], t + every
-        if later < len(steps) and now is steps[later] and _settled(after, Y[later + 1], after):
-            Y[t], found[t] = Y[later], found[later]
-            continue
-        kept = one - now.gain @ H
-        loop = A @ kept
-        seen = loop @ now.covariance
-        on_rows = (A @ now.gain).T @ after @ seen - now.weight @ H @ now.covariance
-        on_motion = after @ (seen @ kept.T + A @ (now.gain * now.noise) @ now.gain.T)
-        found[t] = np.tensordot(models.D, on_rows)
-        found[t, : len(A_nu)] -= np.tensordot(A_nu, on_motion)
-        Y[t] = loop.T @ after @ loop + H.T @ now.weight @ H
-    return found
-
-
-def _forward(A: np.ndarray, H: np.ndarray, Q: np.ndarray, P: np.ndarray, noise: np.ndarray, every: int) -> list[_Step]:
-    """Every step of the filter, from rest; where nothing changes any more it is the one a sample before."""
-    steps: list[_Step] = []
-    one, by_noise = np.eye(len(A)), np.zeros_like(A)
-    for t, variance in enumerate(noise):
-        P, by_noise = A @ P @ A.T + Q, A @ by_noise @ A.T
-        there = np.isfinite(variance)
-        R = np.where(there, variance, 0.0)
-        before = steps[t - every] if t >= every else None
-        if (
-            before is not None
-            and np.array_equal(R, before.noise)
-            and _settled(P, before.P, P)
-            and _settled(by_noise, before.covariance, P)
-        ):
-            now = before
-        else:
-            weight, seen = np.zeros((len(H), len(H))), H[there]
-            weight[np.ix_(there, there)] = np.linalg.inv(seen @ P @ seen.T + np.diag(R[there]))
-            now = _Step(P, by_noise, P @ H.T @ weight, weight, R)
-        steps.append(now)
-        left, fed = one - now.gain @ H, (now.gain * now.noise) @ now.gain.T
-        P, by_noise = left @ now.P @ left.T + fed, left @ now.covariance @ left.T + fed
-    return steps
-
-
-def _settled(X: np.ndarray, before: np.ndarray, P: np.ndarray) -> bool:
-    """Whether X (n, n) has moved by less than SETTLED of the standard deviations of P."""
-    std = np.sqrt(np.abs(np.diag(P)))
-    return bool(np.all(np.abs(X - before) <= SETTLED * np.outer(std, std)))
-
 
 MOVED = 0.05
 """Of ln c of a mode: half its square is what a slope in it leaves out, a thousandth of the damping."""
@@ -120,40 +41,9 @@ which it is nothing to them."""
 
 
 @dataclass(frozen=True)
-class Data:
-    """known (T, p) and known_end (T, p₁) of every step, samples (T, m) with NaN where none, noise (T, m) and
-    discrepancy (m,) their variances."""
-
-    known: np.ndarray
-    known_end: np.ndarray
-    samples: np.ndarray
-    noise: np.ndarray
-    discrepancy: np.ndarray
-
-
-@dataclass(frozen=True)
-class BankRecord:
-    """A record of a bank: the model with its step and noise, its samples, its nuisances, and the motion it begins in, as of
-    `filter_bank`."""
-
-    model: FilterModel
-    data: Data
-    nuisances: Nuisances
-    settled: Settled | None
-
-    @property
-    def steps(self) -> int:
-        return len(self.data.known)
-
-    @cached_property
-    def free(self) -> FreeLoads:
-        """What a judge takes for its model."""
-        return free_loads(self.model, self.steps)
-
-
-@dataclass(frozen=True)
 class BankProblem:
-    """What a bank has to solve: records that follow one another, and arguments as of `filter_bank`.
+    """What a bank has to solve: records that follow one another, with one mean and covariance at t = 0; spacing and depth of a
+    lattice, keep and progress as of `filter_bank`.
 
     Parameters and ν are the same in all records. Motion, loads and offsets begin anew in each, as mean and covariance say.
     judged: whether parameters beside unknown loads are judged by what no load could cause, and not by how likely the readings
@@ -163,11 +53,8 @@ class BankProblem:
     """
 
     records: tuple[BankRecord, ...]
-    mean: np.ndarray
-    covariance: np.ndarray
-    biased: np.ndarray
-    spacing: float
-    depth: float
+    spacing: float = SPACING
+    depth: float = DEPTH
     keep: Keep = "all"
     progress: Callable[[float], None] | None = None
     judged: bool = False
@@ -182,13 +69,12 @@ class BankProblem:
     @property
     def first(self) -> tuple[int, ...]:
         """Steps before each record, and those of all."""
-        return tuple(int(count) for count in np.cumsum([0, *(own.steps for own in self.records)]))
+        return tuple(int(count) for count in np.cumsum([0, *(record.steps for record in self.records)]))
 
     @property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean (k,) and covariance (k, k) of the parameters at t = 0."""
-        at = self.model.parameter_states
-        return self.mean[at], self.covariance[at, at]
+        return self.records[0].prior
 
     @property
     def centre(self) -> np.ndarray | None:
@@ -204,25 +90,24 @@ class BankProblem:
     def bilinear(self) -> bool:
         """Whether parameters are judged beside ν over which readings are far from linear: a damping or a frequency that is not
         exact, or anything beside unknown loads."""
-        own, unknowns = self.records[0].nuisances, self.model.unknowns
-        of_modes = own.of_modes(self.model.model.size)
-        return bool(unknowns.parameters) and (of_modes > 0 or (self.beside_loads and len(own.D) > 0))
+        nuisances, unknowns = self.records[0].nuisances, self.model.unknowns
+        of_modes = nuisances.of_modes(self.model.model.size)
+        return bool(unknowns.parameters) and (of_modes > 0 or (self.beside_loads and len(nuisances.D) > 0))
 
     @cached_property
     def noise_alone(self) -> tuple[np.ndarray, ...]:
         """Of every record (T, d): what its judge takes off, the same at all points of all covers, so that these compare."""
-        found = []
-        for i, own in enumerate(self.records):
+        by_record = []
+        for i, record in enumerate(self.records):
             _, _, judge = _begun(self, one_point(self.prior[0]), i)
             assert judge is not None
-            at = conditional_states(self.model, len(self.biased))
-            noise = np.where(np.isnan(own.data.samples), np.inf, own.data.noise)
-            found.append(noise_alone(judge.models, self.covariance[np.ix_(at, at)], noise, own.model.every))
-        return tuple(found)
+            noise = np.where(np.isnan(record.data.samples), np.inf, record.data.noise)
+            by_record.append(noise_alone(judge.models, record.start[1], noise, record.model.every))
+        return tuple(by_record)
 
     def with_nuisances(self, of: Callable[[Nuisances], Nuisances]) -> BankProblem:
         """The same with others in every record."""
-        return replace(self, records=tuple(replace(one, nuisances=of(one.nuisances)) for one in self.records))
+        return replace(self, records=tuple(replace(each, nuisances=of(each.nuisances)) for each in self.records))
 
     def log_prior(self, point: np.ndarray) -> np.ndarray:
         """Of points (B, k), but for a constant."""
@@ -253,24 +138,11 @@ def of_judge(states: States, judge: States) -> States:
 
 @dataclass(frozen=True)
 class Passed:
-    """own: what the filters found under loads as stated; fit (B, L): by which the points are weighed; states with ν by that."""
+    """passage: by loads as stated; fit (B, L): by which the points are weighed; states with ν by that."""
 
-    own: Passage
+    passage: Passage
     fit: np.ndarray
     states: States
-
-
-def bank_record(
-    model: FilterModel, known: np.ndarray, measurement: np.ndarray, nuisances: Nuisances, settled: Settled | None
-) -> BankRecord:
-    """known (T, HOLD, n_known), measurement (T/every, m)."""
-    steps, m = len(known), model.H.shape[-2]
-    samples = np.full((steps, m), np.nan)
-    samples[model.every - 1 :: model.every] = measurement
-    noise = model.noise[:, 0] if model.noise.ndim == 3 else np.broadcast_to(model.noise, (steps, m))
-    held, more = known.reshape(steps, known.shape[1] * known.shape[2]), discrepancy(model, nuisances, measurement)
-    data = Data(held, known_ends(known, nuisances), samples, np.ascontiguousarray(noise), more)
-    return BankRecord(model, data, nuisances, settled)
 
 
 def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
@@ -285,17 +157,17 @@ def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
     return now
 
 
-def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, Filters, Judge | None]:
+def _begun(problem: BankProblem, cover: C, number: int) -> tuple[LinearModels, Filters, Judge | None]:
     """Filters at the beginning of a record, nothing known of ν, and who judges."""
-    own, at = problem.records[record], conditional_states(problem.model, len(problem.biased))
-    mean, covariance = problem.mean[at], problem.covariance[np.ix_(at, at)]
-    models, judge = linear_models(own.model, cover.point, own.nuisances, problem.biased), None
+    record = problem.records[number]
+    models, judge = linear_models(record.model, cover.point, record.nuisances, record.biased), None
     if problem.beside_loads:
-        judge = judge_of(own.free, models, cover.point, mean, covariance, problem.biased, own.nuisances)
+        judge = judge_of(record, models, cover.point)
         if not problem.along:  # nobody asks for loads as they are stated
             return judge.models, judge.filters, judge
-    start = beginning(own.model, models, mean, covariance, own.settled)
-    filters = filters_of(models, *start, consider=problem.along and considers(own.model, own.nuisances))
+    filters = filters_of(
+        models, *record.begun(models), consider=problem.along and considers(record.model, record.nuisances)
+    )
     return models, filters, judge
 
 
@@ -316,9 +188,8 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
     """Linear about the damping and the frequencies that all samples speak for, beside unknown loads about all of ν that act on
     motion and rows; the same where that is hardly MOVED from where it is linear.
 
-    point (k,), nu (d,): parameters, and the mean of ν there. Slopes at the mean of ν, again and again, are the way of Gauss and
-    Newton to the most likely ν, at one value of the parameters. The normal density there is Laplace's: the parameters are off
-    by what second order does with what is left of ν, and not with all that it was before the samples.
+    point (k,), nu (d,): parameters, and the mean of ν there. By Gauss and Newton to the most likely ν at these parameters, with
+    Laplace's normal density about it.
     Source: Tierney and Kadane, J. American Statistical Association 81 (1986).
     """
     here, fit = one_point(point), np.inf
@@ -326,19 +197,19 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
         if not moved(problem, nu):
             break
         problem = problem.with_nuisances(partial(replace, about=_about(problem, nu)))
-        found = filtered_at(problem, here, problem.first[-1])
-        if abs(found.fit[0] - fit) <= NOTICED:
+        now = filtered_at(problem, here, problem.first[-1])
+        if abs(now.fit[0] - fit) <= NOTICED:
             break
-        nu, fit = found.states.nu[0, 0] + found.models.about, float(found.fit[0])
+        nu, fit = now.states.nu[0, 0] + now.models.about, float(now.fit[0])
     return problem
 
 
 def moved(problem: BankProblem, nu: np.ndarray) -> bool:
     """Whether the mean of ν (d,) is MOVED from where readings are linear: by ln c in the damping, by σ in all else."""
-    own, about = problem.records[0].nuisances, _about(problem, nu)
-    off = np.abs(about - np.pad(own.about, (0, len(about) - len(own.about))))
-    modes = problem.model.model.size * (own.damping > 0)
-    return bool(own.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
+    nuisances, about = problem.records[0].nuisances, _about(problem, nu)
+    off = np.abs(about - np.pad(nuisances.about, (0, len(about) - len(nuisances.about))))
+    modes = problem.model.model.size * (nuisances.damping > 0)
+    return bool(nuisances.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
 
 
 def _about(problem: BankProblem, nu: np.ndarray) -> np.ndarray:
@@ -348,25 +219,24 @@ def _about(problem: BankProblem, nu: np.ndarray) -> np.ndarray:
     if not problem.beside_loads:
         return np.asarray(about[: problem.records[0].nuisances.of_modes(problem.model.model.size)])
     # of several records, what adds to readings of one does nothing in the others
-    offset = np.any([(own.nuisances.offset != 0).any(axis=1) for own in problem.records], axis=0)
+    offset = np.any([(record.nuisances.offset != 0).any(axis=1) for record in problem.records], axis=0)
     about[len(nu) - len(offset) :][offset] = 0.0
     return np.asarray(about)
 
 
 def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passed:
     """The next steps, as far as the record goes."""
-    data, before = problem.records[now.record].data, problem.first[now.record]
+    before = problem.first[now.record]
     span = slice(now.step - before, now.step - before + steps)
-    measured = data.known[span], data.known_end[span], data.samples[span], data.noise[span], data.discrepancy
-    power = problem.birge_ratio**-2
+    data, power = problem.records[now.record].data.of(span), problem.birge_ratio**-2
     if now.judge is None:
-        own = advance(now.models, now.filters, *measured, keep)
-        return Passed(own, power * own.fit, own.states)
-    found = judged(now.judge, *measured, problem.noise_alone[now.record][span], keep)
+        passage = advance(now.models, now.filters, data, keep)
+        return Passed(passage, power * passage.fit, passage.states)
+    verdict = judged(now.judge, data, problem.noise_alone[now.record][span], keep)
     if not problem.along:
-        return Passed(found, power * found.fit, found.states)
-    own = advance(now.models, now.filters, *measured, keep)
-    return Passed(own, power * found.fit, of_judge(own.states, found.states))
+        return Passed(verdict, power * verdict.fit, verdict.states)
+    passage = advance(now.models, now.filters, data, keep)
+    return Passed(passage, power * verdict.fit, of_judge(passage.states, verdict.states))
 
 
 def on(now: LinearStanding[C], passage: Passed, steps: int) -> LinearStanding[C]:
@@ -376,22 +246,11 @@ def on(now: LinearStanding[C], passage: Passed, steps: int) -> LinearStanding[C]
 
 def one_standing(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding[C]:
     """Parts of one cover, in the order of its points."""
-
-    def all_of(of: Sequence[np.ndarray]) -> np.ndarray:
-        return np.concatenate(of)
-
-    prior, fit = (all_of([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
-    who, judge = [part.judge for part in parts if part.judge is not None], None
-    if who:
-        judge = Judge(
-            joined_models([own.models for own in who]),
-            joined_filters([own.filters for own in who]),
-            joined_models([own.alone for own in who]),
-            joined_filters([own.louder for own in who]),
-            joined_filters([own.quieter for own in who]),
-        )
-    own = joined_models([part.models for part in parts]), joined_filters([part.filters for part in parts])
-    return LinearStanding(cover, prior, fit, parts[0].step, *own, parts[0].record, judge)
+    prior, fit = (np.concatenate([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
+    models, filters = joined_models([part.models for part in parts]), joined([part.filters for part in parts])
+    judges = [part.judge for part in parts if part.judge is not None]
+    judge = joined_judges(judges) if judges else None
+    return LinearStanding(cover, prior, fit, parts[0].step, models, filters, parts[0].record, judge)
 
 
 def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:

@@ -1,28 +1,30 @@
-"""What parameters beside unknown loads are judged by: the readings that no load could cause.
+"""Likelihood by which parameters are weighed jointly with unknown loads: of loads that are free, less its mean over noise alone.
 
-    ln p(y | θ, ν) of loads that are free, less what it is on average of readings that are the noise of the gauges alone
-
-An unknown load is modelled as a walk, and a real one is none: a sine is smoother and of another size. A likelihood counts how
-large readings are, so that a walk of another size speaks for parameters at which readings are larger or smaller, and how white
-the steps of the load are, which those of a sine are not. So the walk is made free enough to follow a line in the spectrum. But
-then it would read more than is there, wherever no line is: noise, which is all there is, would speak for constants at which
-loads are felt less, as with more damping. On average it is to say nothing: of the parameters by the likelihood of loads alone,
-of ν by `noise_alone`.
-Source: Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010).
+An unknown load is modelled as a random walk, and a real one is none. The likelihood of the walk as stated depends on the size of
+the readings, and speaks for parameters at which they are larger or smaller. So the walk is free enough to follow a line in the
+spectrum, and what noise of the gauges alone adds to the likelihood on average is taken off: of the parameters by a filter of
+loads alone (`judged`), of ν by `noise_alone`. Source: Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010).
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances, tuned
-from strainsight.estimation.linear import LinearModels
-from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import Filters, Passage, advance, filters_of
-from strainsight.estimation.reduced import beginning
-from strainsight.loads.input_models import line_intensity
+from strainsight.estimation.conditional import linear_models, no_nuisances, tuned
+from strainsight.estimation.parallel_filters import (
+    Data,
+    Filters,
+    LinearModels,
+    Passage,
+    advance,
+    filters_of,
+    joined,
+    joined_models,
+)
+from strainsight.estimation.record import BankRecord, beginning
 
 SLIGHT = 1e-3
 """Change of ln R for slopes in it."""
@@ -40,85 +42,129 @@ class Judge:
     quieter: Filters
 
 
-def with_free_loads(model: FilterModel, steps: int) -> FilterModel:
-    """Of a record of so many steps: no unknown load is stiffer than a line of its amplitude and frequency asks for
-    (`line_intensity`), however it was stated to move."""
-    Q, unknowns = model.Q.copy(), model.unknowns
-    for name, end in zip(unknowns.inputs, model.input_states.start + np.cumsum(unknowns.lengths), strict=True):
-        line = line_intensity(unknowns.model_of(name), unknowns.frequency_of(name), steps * model.h)
-        Q[..., end - 1, end - 1] = np.maximum(Q[..., end - 1, end - 1], line)
-    return replace(model, Q=Q)
-
-
-@dataclass(frozen=True)
-class FreeLoads:
-    """Models of a record whose unknown loads are free, the same at all points: with all that drives the motion, and `alone` with
-    nothing else that does. Their `process` is worked out once, by a matrix exponential of twice the states."""
-
-    model: FilterModel
-    alone: FilterModel
-
-
-def free_loads(model: FilterModel, steps: int) -> FreeLoads:
-    """Of a record of so many steps."""
-    free, loads = with_free_loads(model, steps), _loads(model)
-    return FreeLoads(free, replace(free, Q=np.where(np.outer(loads, loads), free.Q, 0.0)))
-
-
-def _loads(model: FilterModel) -> np.ndarray:
-    """Which of x* are states of loads (n*,)."""
-    loads = np.zeros(model.size, dtype=bool)
-    loads[model.input_states] = True
-    return loads
-
-
-def judge_of(
-    own: FreeLoads,
-    stated: LinearModels,
-    point: np.ndarray,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    biased: np.ndarray,
-    nuisances: Nuisances,
-) -> Judge:
-    """At points (B, k) before any step of a record, where the filters of loads as stated have the models `stated`. mean (n,) and
-    covariance (n, n) of the states of a filter at t = 0; biased and nuisances as of `linear_models`."""
-    free, states = own.model, own.model.parameter_states.start
-    Q = np.pad(free.process[:states, :states], (0, len(biased)))
+def judge_of(record: BankRecord, stated: LinearModels, point: np.ndarray) -> Judge:
+    """At points (B, k) before any step of a record, where the filters of loads as stated have the models `stated`."""
+    (free, alone), (mean, covariance) = record.free, record.start
+    offsets, loads = len(record.biased), np.zeros(len(mean), dtype=bool)
+    states, loads[free.input_states] = free.parameter_states.start, True
+    Q = np.pad(free.process[:states, :states], (0, offsets))
     models = replace(stated, Q=np.broadcast_to(Q, stated.Q.shape))
-    alone = linear_models(tuned(own.alone, nuisances, point)[0], point, no_nuisances(free), biased)
-    loads = np.pad(_loads(free)[:states], (0, len(biased)))
+    alone = tuned(alone, record.nuisances, point)[0]
+    of_loads = linear_models(alone, point, no_nuisances(free), record.biased)
     start = np.zeros((len(point), len(mean))), np.where(np.outer(loads, loads), covariance, 0.0)
     return Judge(
         models,
         filters_of(models, *beginning(free, models, mean, covariance, None)),
-        alone,
-        *(filters_of(alone, *start, np.zeros((len(point), 0, len(mean)))) for _ in range(2)),
+        of_loads,
+        *(filters_of(of_loads, *start, np.zeros((len(point), 0, len(mean)))) for _ in range(2)),
     )
 
 
-def judged(
-    judge: Judge,
-    known: np.ndarray,
-    known_end: np.ndarray,
-    measurement: np.ndarray,
-    noise: np.ndarray,
-    discrepancy: np.ndarray,
-    less: np.ndarray,
-    keep: bool,
-) -> Passage:
+def joined_judges(parts: Sequence[Judge]) -> Judge:
+    """Judges of parts of a bank as one."""
+    return Judge(
+        joined_models([part.models for part in parts]),
+        joined([part.filters for part in parts]),
+        joined_models([part.alone for part in parts]),
+        joined([part.louder for part in parts]),
+        joined([part.quieter for part in parts]),
+    )
+
+
+def judged(judge: Judge, data: Data, less: np.ndarray, keep: bool) -> Passage:
     """Take it some steps on: what its filters found, with the fit by which points are weighed. Arguments as of `advance`.
 
     Of noise v alone, with S the covariance of all that loads alone read, E ln p(v) = −½ ln|S| − ½ tr(R S⁻¹) but for a constant,
     and tr(R S⁻¹) is the slope of ln|S| in ln R: of readings of zero at R e^{±δ}.
     """
-    free = judge.models, judge.filters
-    found = advance(*free, known, known_end, measurement, noise, discrepancy, keep, states=False, less=less)
-    loads = np.zeros((len(known_end), judge.alone.F.shape[-1]))
-    nothing = np.where(np.isnan(measurement), np.nan, 0.0)
+    passage = advance(judge.models, judge.filters, data, keep, states=False, less=less)
+    loads = np.zeros((len(data.known_end), judge.alone.F.shape[-1]))
+    quiet = replace(data, known=0 * data.known, known_end=loads, samples=np.where(np.isnan(data.samples), np.nan, 0.0))
 
     def alone(filters: Filters, factor: float) -> np.ndarray:
-        return advance(judge.alone, filters, 0 * known, loads, nothing, factor * noise, discrepancy, False).fit
+        return advance(judge.alone, filters, replace(quiet, noise=factor * data.noise), False).fit
 
     louder, quieter = alone(judge.louder, np.exp(SLIGHT)), alone(judge.quieter, np.exp(-SLIGHT))
-    return replace(found, fit=found.fit - 0.5 * (louder + quieter) - (louder - quieter) / (2 * SLIGHT))
+    return replace(passage, fit=passage.fit - 0.5 * (louder + quieter) - (louder - quieter) / (2 * SLIGHT))
+
+
+SETTLED = 1e-9
+"""Change of a covariance from sample to sample, beside its standard deviations, below which it stays."""
+
+
+@dataclass(frozen=True)
+class _NoiseStep:
+    """Of one step of a filter on noise: P (n, n) as claimed and Π (n, n) by noise alone of its prediction; gain K (n, m),
+    weight S⁻¹ (m, m) of the innovations, zero where none is; variance R (m,) of the samples, zero where there is none."""
+
+    P: np.ndarray
+    covariance: np.ndarray
+    gain: np.ndarray
+    weight: np.ndarray
+    noise: np.ndarray
+
+
+def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray, every: int = 1) -> np.ndarray:
+    """β (T, d), of which the sum is the mean of Σₜ εₜᵀ Sₜ⁻¹ eₜ over records that are the noise of gauges alone.
+
+    ε are the slopes of innovations e in ν (`parallel_filters.advance`). β = 0 where innovations are as the filter claims, and so
+    independent of ε; readings that are quieter have others. Under noise alone, with Φ = A(1 − KH) from prediction to prediction,
+
+        Π⁺ = ΦΠΦᵀ + AKRKᵀAᵀ = E x̂x̂ᵀ,   Y = ΦᵀY⁺Φ + HᵀS⁻¹H
+        β_k = ⟨KᵀAᵀY⁺ΦΠ − S⁻¹HΠ, D_k⟩ − ⟨Y⁺(ΦΠ(1 − KH)ᵀ + AKRKᵀ), A_k⟩
+
+    Π forward in time and Y backward, in place of E x̂V_kᵀ of every k.
+    models: one; covariance (n, n) of its states at t = 0; noise (T, m) variances of the samples, infinite where there is none;
+    every: steps from sample to sample. βₜ is what comes of the noise up to step t, in that step and later.
+    """
+    A, H, A_nu = models.A[0], models.H[0], models.A_nu[0]
+    steps = _forward(A, H, models.Q[0], covariance, noise, every)
+    Y, one, beta = [np.zeros_like(A)] * (len(steps) + 1), np.eye(len(A)), np.zeros((len(noise), models.nuisances))
+    for t in reversed(range(len(steps))):
+        now, after, later = steps[t], Y[t + 1], t + every
+        if later < len(steps) and now is steps[later] and _settled(after, Y[later + 1], after):
+            Y[t], beta[t] = Y[later], beta[later]
+            continue
+        kept = one - now.gain @ H
+        loop = A @ kept
+        seen = loop @ now.covariance
+        on_rows = (A @ now.gain).T @ after @ seen - now.weight @ H @ now.covariance
+        on_motion = after @ (seen @ kept.T + A @ (now.gain * now.noise) @ now.gain.T)
+        beta[t] = np.tensordot(models.D, on_rows)
+        beta[t, : len(A_nu)] -= np.tensordot(A_nu, on_motion)
+        Y[t] = loop.T @ after @ loop + H.T @ now.weight @ H
+    return beta
+
+
+def _forward(
+    A: np.ndarray, H: np.ndarray, Q: np.ndarray, P: np.ndarray, noise: np.ndarray, every: int
+) -> list[_NoiseStep]:
+    """Every step of the filter, from rest; where nothing changes any more it is the one a sample before."""
+    steps: list[_NoiseStep] = []
+    one, by_noise = np.eye(len(A)), np.zeros_like(A)
+    for t, variance in enumerate(noise):
+        P, by_noise = A @ P @ A.T + Q, A @ by_noise @ A.T
+        measured = np.isfinite(variance)
+        R = np.where(measured, variance, 0.0)
+        before = steps[t - every] if t >= every else None
+        if (
+            before is not None
+            and np.array_equal(R, before.noise)
+            and _settled(P, before.P, P)
+            and _settled(by_noise, before.covariance, P)
+        ):
+            now = before
+        else:
+            weight, seen = np.zeros((len(H), len(H))), H[measured]
+            weight[np.ix_(measured, measured)] = np.linalg.inv(seen @ P @ seen.T + np.diag(R[measured]))
+            now = _NoiseStep(P, by_noise, P @ H.T @ weight, weight, R)
+        steps.append(now)
+        left, fed = one - now.gain @ H, (now.gain * now.noise) @ now.gain.T
+        P, by_noise = left @ now.P @ left.T + fed, left @ now.covariance @ left.T + fed
+    return steps
+
+
+def _settled(X: np.ndarray, before: np.ndarray, P: np.ndarray) -> bool:
+    """Whether X (n, n) has moved by less than SETTLED of the standard deviations of P."""
+    std = np.sqrt(np.abs(np.diag(P)))
+    return bool(np.all(np.abs(X - before) <= SETTLED * np.outer(std, std)))

@@ -4,12 +4,211 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+from typing import Any, TypeVar
 
 import numpy as np
 
-from strainsight.estimation.linear import LinearModels, agree, compilable
-from strainsight.parallel.sweep import threads
+from strainsight.parallel import threads
+
+
+@dataclass(frozen=True)
+class ModalMotion:
+    """How B models of n states move in a step, and what e constants ν change of it, in coordinates z of the states x = T z in
+    which q modes are apart:
+
+        z⁺ₐ = p₀ₐ zₐ + p₁ₐ z_{q+a} + …,   z⁺_{q+a} = p₂ₐ zₐ + p₃ₐ z_{q+a} + …,   a < q
+
+    and what the other s = n − 2q do, to all of them and to each other, is the rows of `beside`. A step takes a tenth of the
+    products that it takes of a full matrix.
+    basis T and its inverse (B, n, n); pairs p (B, 4, q); beside (B, s, n); fed (B, n, p) by what is known; slopes in ν:
+    pairs_nu (B, e, 4, q), beside_nu (B, e, s, n), fed_nu (B, e, n, p).
+    """
+
+    basis: np.ndarray
+    inverse: np.ndarray
+    pairs: np.ndarray
+    beside: np.ndarray
+    fed: np.ndarray
+    pairs_nu: np.ndarray
+    beside_nu: np.ndarray
+    fed_nu: np.ndarray
+
+    def __post_init__(self) -> None:
+        (B, n, p), q, e = self.fed.shape, self.pairs.shape[-1], self.pairs_nu.shape[1]
+        shapes = "basis Bnn, inverse Bnn, pairs B4q, beside Bsn, pairs_nu Be4q, beside_nu Besn, fed_nu Benp"
+        agree(self, shapes, {"B": B, "n": n, "p": p, "q": q, "e": e, "s": n - 2 * q, "4": 4})
+
+    def of(self, points: slice) -> ModalMotion:
+        """Of some of the models."""
+        return ModalMotion(*(getattr(self, entry.name)[points] for entry in fields(self)))
+
+    def about(self, nu: np.ndarray) -> ModalMotion:
+        """That at ν (e,), in which it is linear."""
+        slopes = {"pairs": self.pairs_nu, "beside": self.beside_nu, "fed": self.fed_nu}
+        moved = {name: getattr(self, name) + np.tensordot(slope, nu, (1, 0)) for name, slope in slopes.items()}
+        return replace(self, **moved)
+
+    def with_constants(self, count: int) -> ModalMotion:
+        """With as many more states that stay as they are."""
+        if count == 0:
+            return self
+
+        basis, inverse, beside = (wider(each, count, -1, -2) for each in (self.basis, self.inverse, self.beside))
+        constants = range(-count, 0)
+        for each in (basis, inverse, beside):
+            each[:, constants, constants] = 1.0
+        beside_nu, fed_nu = wider(self.beside_nu, count, -1, -2), wider(self.fed_nu, count, -2)
+        return ModalMotion(
+            basis, inverse, self.pairs, beside, wider(self.fed, count, -2), self.pairs_nu, beside_nu, fed_nu
+        )
+
+    @cached_property
+    def transition(self) -> np.ndarray:
+        """A (B, n, n) of the states."""
+        return np.asarray(self.basis @ _full(self.pairs, self.beside) @ self.inverse)
+
+    @cached_property
+    def input(self) -> np.ndarray:
+        """G (B, n, p) of what is known."""
+        return np.asarray(self.basis @ self.fed)
+
+    @cached_property
+    def transition_nu(self) -> np.ndarray:
+        """A_ν (B, e, n, n)."""
+        return np.asarray(self.basis[:, None] @ _full(self.pairs_nu, self.beside_nu) @ self.inverse[:, None])
+
+    @cached_property
+    def input_nu(self) -> np.ndarray:
+        """G_ν (B, e, n, p)."""
+        return np.asarray(self.basis[:, None] @ self.fed_nu)
+
+
+def _full(pairs: np.ndarray, beside: np.ndarray) -> np.ndarray:
+    """(..., n, n) in the coordinates of the modes."""
+    q, n = pairs.shape[-1], beside.shape[-1]
+    full, a = np.zeros((*beside.shape[:-2], n, n)), np.arange(q)
+    for k, (i, j) in enumerate(((0, 0), (0, q), (q, 0), (q, q))):
+        full[..., i + a, j + a] = pairs[..., k, :]
+    full[..., 2 * q :] = np.swapaxes(beside, -1, -2)
+    return full
+
+
+def wider(array: np.ndarray, count: int, *axes: int) -> np.ndarray:
+    """With as many more zeros along some axes, numbered from the last."""
+    return np.pad(array, [(0, count if axis - array.ndim in axes else 0) for axis in range(array.ndim)])
+
+
+BY_MODEL = ("Q", "H", "F", "shift")
+"""Arrays of `LinearModels` with a row for every model."""
+
+
+@dataclass(frozen=True)
+class LinearModels:
+    """B models  x⁺ = A x + G w + Σₖ νₖ(Aₖx + Gₖw) + noise,   y = H x + F w₁ + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Bₖz) + noise
+
+    of one size. ν are d constants that no filter estimates, of mean zero and variance one; the first e of them change the motion.
+    motion: A (B, n, n); G (B, n, p) of what is known, w (T, p) in a step; A_ν (B, e, n, n), G_ν (B, e, n, p). Q (B, n, n)
+    covariance of a step; H (B, m, n); F (B, m, p₁) of what is known at its end, w₁ (T, p₁);
+    D (d, m, n), E (d, m, p₁), o (d, m). B (d, m, f) on
+    zⱼ = νⱼ(Uⱼx + Wⱼw₁) of the last f of those that change the motion, U (f, n), W (f, p₁).
+    about (d,): ν is counted from there, and of every model from `shift` (B, d) beyond, so that its mean is −about − shift;
+    held (d,): whether slopes are those there.
+    """
+
+    motion: ModalMotion
+    Q: np.ndarray
+    H: np.ndarray
+    F: np.ndarray
+    D: np.ndarray
+    E: np.ndarray
+    offset: np.ndarray
+    B: np.ndarray
+    U: np.ndarray
+    W: np.ndarray
+    about: np.ndarray
+    shift: np.ndarray
+    held: np.ndarray
+
+    def __post_init__(self) -> None:
+        (B, m, n), p1 = self.H.shape, self.F.shape[-1]
+        d, f = len(self.D), len(self.U)
+        sizes = {"B": B, "m": m, "n": n, "p": p1, "d": d, "f": f}
+        agree(self.motion, "basis Bnn", sizes)
+        agree(self, "Q Bnn, F Bmp, D dmn, E dmp, offset dm, B dmf, U fn, W fp, about d, shift Bd, held d", sizes)
+
+    @property
+    def A(self) -> np.ndarray:
+        return self.motion.transition
+
+    @property
+    def G(self) -> np.ndarray:
+        return self.motion.input
+
+    @property
+    def A_nu(self) -> np.ndarray:
+        return self.motion.transition_nu
+
+    @property
+    def G_nu(self) -> np.ndarray:
+        return self.motion.input_nu
+
+    @property
+    def count(self) -> int:
+        return len(self.H)
+
+    @property
+    def nuisances(self) -> int:
+        return len(self.D)
+
+    @property
+    def moving(self) -> int:
+        """How many ν change the motion."""
+        return self.motion.pairs_nu.shape[1]
+
+    @property
+    def kept_a_step(self) -> int:
+        """How many numbers the states of the filters are at one instant."""
+        n, d = self.H.shape[-1], self.nuisances
+        return self.count * (n * (n + 1 + d) + d**2)
+
+    def of(self, points: slice) -> LinearModels:
+        """Some of them."""
+        by_model = {name: getattr(self, name)[points] for name in BY_MODEL}
+        return replace(self, motion=self.motion.of(points), **by_model)
+
+    @cached_property
+    def compiled(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
+        """As `take_steps` takes them: motion, readings, and what is beyond the coordinates."""
+        modal, acts = self.motion, (self.D != 0).any(axis=2) | (self.E != 0).any(axis=2)
+        Q = modal.inverse @ self.Q @ np.swapaxes(modal.inverse, 1, 2)
+        motion = modal.pairs, modal.beside, modal.fed, Q, modal.pairs_nu, modal.beside_nu, modal.fed_nu, modal.basis
+        reading = self.H @ modal.basis, self.F, self.D, self.E, self.offset, acts
+        beyond = self.B, self.U, self.W, self.held.astype(float)
+
+        return compilable(*motion), compilable(*reading), compilable(*beyond)
+
+
+def compilable(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
+    """One behind the other in memory and writable: loops are compiled once more, for seconds, for arrays of another kind."""
+    return tuple(np.require(each, requirements=("C", "W")) for each in arrays)
+
+
+def joined_models(parts: Sequence[LinearModels]) -> LinearModels:
+    """Models of the same ν, one behind the other."""
+    by_model = {name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_MODEL}
+    return replace(parts[0], motion=joined([part.motion for part in parts]), **by_model)
+
+
+def agree(arrays: Any, shapes: str, sizes: dict[str, int]) -> None:
+    """Raises ValueError where an array has not the shape that it should have, as "name letters, …" with the size of every letter:
+    compiled loops do not look where they write."""
+    for name, letters in (each.split() for each in shapes.split(", ")):
+        actual, shape = getattr(arrays, name).shape, tuple(sizes[letter] for letter in letters)
+        if actual != shape:
+            raise ValueError(f"arrays of filters side by side do not fit: {name} is {actual} in place of {shape}")
+
 
 KEPT = 4_000_000
 """Numbers that are kept of the filters at a time."""
@@ -42,8 +241,8 @@ class Filters:
     @property
     def states(self) -> States:
         """As they are, at one instant; by the gains that consider ν, where there are some."""
-        own = (self.x_c, self.P_c, self.V_c) if self.x_c.size else (self.x, self.P, self.V)
-        x, P, V = _of_states(self.basis, *(each[:, None] for each in own))
+        parts = (self.x_c, self.P_c, self.V_c) if self.x_c.size else (self.x, self.P, self.V)
+        x, P, V = _of_states(self.basis, *(each[:, None] for each in parts))
         return States(x, P, V, self.nu[:, None].copy(), self.left[:, None].copy())
 
     def copy(self) -> Filters:
@@ -51,9 +250,13 @@ class Filters:
         return Filters(*(getattr(self, entry.name).copy() for entry in fields(self)))
 
 
-def joined_filters(parts: Sequence[Filters]) -> Filters:
-    """Filters of the same ν, one behind the other."""
-    return Filters(*(np.concatenate([getattr(one, entry.name) for one in parts]) for entry in fields(Filters)))
+R = TypeVar("R")
+
+
+def joined(parts: Sequence[R], axis: int = 0) -> R:
+    """Parts of one kind as one, every array joined along an axis."""
+    names = [entry.name for entry in fields(parts[0])]  # type: ignore[arg-type]
+    return type(parts[0])(*(np.concatenate([getattr(part, name) for part in parts], axis=axis) for name in names))
 
 
 def _of_states(
@@ -80,12 +283,23 @@ class States:
 
     def first(self, count: int) -> States:
         """At the first instants."""
-        return States(*(own[:, :count] for own in (self.x, self.P, self.V, self.nu, self.left)))
+        return States(*(each[:, :count] for each in (self.x, self.P, self.V, self.nu, self.left)))
 
 
-def one_passage(parts: Sequence[States]) -> States:
-    """Parts of one record, one behind the other."""
-    return States(*(np.concatenate([getattr(own, entry.name) for own in parts], axis=1) for entry in fields(States)))
+@dataclass(frozen=True)
+class Data:
+    """What filters are given of L steps: known (L, p) in each of them and known_end (L, p₁) at its end, samples (L, m) with NaN
+    where none, noise (L, m) and discrepancy (m,) their variances."""
+
+    known: np.ndarray
+    known_end: np.ndarray
+    samples: np.ndarray
+    noise: np.ndarray
+    discrepancy: np.ndarray
+
+    def of(self, span: slice) -> Data:
+        """Of some steps."""
+        return Data(self.known[span], self.known_end[span], self.samples[span], self.noise[span], self.discrepancy)
 
 
 @dataclass(frozen=True)
@@ -109,34 +323,14 @@ def filters_of(
     inverse = models.motion.inverse
     T = np.swapaxes(inverse, 1, 2)
     x, P, V = (x[:, None] @ T)[:, 0], inverse @ covariance @ T, V @ T
-    return Filters(
-        x,
-        P,
-        V,
-        np.zeros((B, m, n)),
-        np.zeros((B, m)),
-        np.zeros((B, m, m)),
-        np.zeros(B, dtype=np.int64),
-        -models.about - models.shift,
-        np.tile(np.eye(models.nuisances), (B, 1, 1)),
-        x[:second].copy(),
-        P[:second].copy(),
-        V[:second].copy(),
-        models.motion.basis,
-    )
+    gain, variance, S, calm = np.zeros((B, m, n)), np.zeros((B, m)), np.zeros((B, m, m)), np.zeros(B, dtype=np.int64)
+    nu, left = -models.about - models.shift, np.tile(np.eye(models.nuisances), (B, 1, 1))
+    x_c, P_c, V_c = (each[:second].copy() for each in (x, P, V))
+    return Filters(x, P, V, gain, variance, S, calm, nu, left, x_c, P_c, V_c, models.motion.basis)
 
 
 def advance(
-    models: LinearModels,
-    filters: Filters,
-    known: np.ndarray,
-    known_end: np.ndarray,
-    measurement: np.ndarray,
-    noise: np.ndarray,
-    discrepancy: np.ndarray,
-    keep: bool,
-    states: bool = True,
-    less: np.ndarray | None = None,
+    models: LinearModels, filters: Filters, data: Data, keep: bool, states: bool = True, less: np.ndarray | None = None
 ) -> Passage:
     """Take the filters L steps on, each a prediction and an update by every channel that measured (1.57-1.60):
 
@@ -144,59 +338,45 @@ def advance(
 
     the error that constants ν make in a filter that does not know of them. Its innovations are e = ε ν + white noise, and least
     squares on them give mean ν̂ and covariance of ν (Friedland's separate filter of a bias), and the likelihood of the samples
-    with ν integrated out. Linear in ν about the motion that is predicted: an innovation is independent of that, so that noise
-    makes no bias.
-    The states that are kept are of a second filter where `filters` has one, with the gains of Schmidt, of least variance among
-    those that do not learn ν:
+    with ν integrated out. It is linear about the predicted motion, of which innovations are independent: noise makes no bias.
+    States that are kept are of a second filter where `filters` has one, with the gains of Schmidt, which consider ν:
 
         K = (P⁻Hᵀ − V⁻εᵀ)(H P⁻Hᵀ + ε εᵀ + R)⁻¹,   P = (I − K H)P⁻(I − K H)ᵀ + K R Kᵀ
 
-    where a filter that takes its readings for exact would follow what gauges make of their tolerances the more, the quieter
-    they are.
-    known (L, p), known_end (L, p₁), measurement (L, m) with NaN where missing, noise (L, m) variances of the samples, with
-    discrepancy (m,) on top of them, which S of what is kept is without; keep: whether states are returned; states: and not mean
-    and covariance of ν alone; less (L, d): information on ν that is taken off in every step (`noise_alone`). Changes `filters`
-    in place.
+    keep: whether states are returned, S of which is without the discrepancy; states: and not mean and covariance of ν alone;
+    less (L, d): information on ν that is taken off in every step (`noise_alone`). Changes `filters` in place.
     Sources: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
     """
     B, m, n = models.H.shape
     less = np.zeros((0, models.nuisances)) if less is None else less
-    L, d, second = len(measurement), models.nuisances, len(filters.x_c)
+    L, d, second = len(data.samples), models.nuisances, len(filters.x_c)
     kept, whole = L if keep else 0, L if keep and states else 0
-    agree(
-        (filters.x, (B, n)),
-        (filters.P, (B, n, n)),
-        (filters.V, (B, d, n)),
-        (filters.x_c, (B if second else 0, n)),
-        (filters.P_c, (second, n, n)),
-        (filters.V_c, (second, d, n)),
-        (known, (L, models.motion.fed.shape[-1])),
-        (known_end, (L, models.F.shape[-1])),
-        (measurement, (L, m)),
-        (noise, (L, m)),
-        (discrepancy, (m,)),
-        (less, (L if len(less) else 0, d)),
-    )
+    sizes = {"B": B, "c": B if second else 0, "d": d, "m": m, "n": n, "L": L, "p": models.motion.fed.shape[-1]}
+    agree(filters, "x Bn, P Bnn, V Bdn, x_c cn, P_c cnn, V_c cdn", sizes)
+    agree(data, "known Lp, known_end Le, samples Lm, noise Lm, discrepancy m", sizes | {"e": models.F.shape[-1]})
+    if len(less) and less.shape != (L, d):
+        raise ValueError(f"information of shape {less.shape} in place of {(L, d)}")
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
     nu, left, fit = np.zeros((B, kept, d)), np.zeros((B, kept, d, d)), np.zeros((B, L))
     ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))
-    own, (motion, reading, beyond) = filters, models.compiled
-    data = compilable(known, known_end, measurement, noise, discrepancy, less)
+    state = (
+        filters.x,
+        filters.P,
+        filters.V,
+        filters.gain,
+        filters.variance,
+        filters.S,
+        filters.calm,
+        filters.nu,
+        filters.left,
+    )
+    considering = filters.x_c, filters.P_c, filters.V_c
+    read = compilable(data.known, data.known_end, data.samples, data.noise, data.discrepancy, less)
+    out = fit, nu, left, x, P, V
     from strainsight.estimation.compiled.filters import take_steps  # not before: numba takes a second to import
 
     def part(span: np.ndarray) -> None:
-        take_steps(  # type: ignore[no-untyped-call]
-            span,
-            motion,
-            reading,
-            beyond,
-            (own.x, own.P, own.V, own.gain, own.variance, own.S, own.calm, own.nu, own.left),
-            (own.x_c, own.P_c, own.V_c),
-            data,
-            (kept > 0, whole > 0),
-            (fit, nu, left, x, P, V),
-            ahead,
-        )
+        take_steps(span, *models.compiled, state, considering, read, (kept > 0, whole > 0), out, ahead)  # type: ignore[no-untyped-call]
 
     count = min(threads(), max(1, B * L // APART))
     spans = [span for span in np.array_split(np.arange(B), count) if len(span)]

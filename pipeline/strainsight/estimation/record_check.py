@@ -11,21 +11,25 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.decision import judged
-from strainsight.estimation.fault_search import Finding, checked_by_others, examined
+from strainsight.estimation.fault_search import Diagnosis, checked_by_others, examined
 from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, chosen
 from strainsight.estimation.load_faults import ResidualPattern, residual_pattern
-from strainsight.estimation.peak import known_at
-from strainsight.estimation.stretches import (
+from strainsight.estimation.suspect import (
     LONGEST,
+    Suspect,
     at_rest,
+    explained,
     loudest_channel,
     loudest_stretches,
+    missed_of,
     moving_part_of,
     part_of,
+    ratio_of,
     stretch_at,
+    suspected,
+    too_large,
     with_intensity,
 )
-from strainsight.estimation.suspect import Suspect, explained, missed_of, ratio_of, suspected, too_large
 
 INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
 """Factors on the intensity of unknown loads, the most likely of which a stretch at rest is checked with."""
@@ -48,7 +52,8 @@ SILENT = 3
 SUDDEN = 1e6
 """Factor on the intensity of unknown loads, with which they may change from one sample to the next."""
 
-Fit = Callable[[Suspect], tuple[Explained, BankRun | None]]
+Fit = tuple[Explained, BankRun | None]
+"""How a record fits, and what its bank estimated, None where that fails."""
 Progress = Callable[[float], None]
 
 
@@ -57,7 +62,7 @@ class RecordCheck:
     """What was found in the stretch that shows most; worst: sample of the record and channel of the largest innovation, and its
     size over σ; part: the samples of the record that the check of channels is of, the first and the one behind the last."""
 
-    finding: Finding
+    finding: Diagnosis
     stretch: Suspect
     worst: tuple[int, int, float]
     part: tuple[int, int]
@@ -97,39 +102,37 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
         as_it_is = explained(part, None)
         worst = _worst_of(part, as_it_is[1])
     if worst[2] > SPIKE and (spikes := spikes_of(part)) is not None:
-        fault, without, cleaned = spikes
-        best = replace(cleaned, fault=fault)
+        without, best = spikes
         check, ratios = checked_by_others(without, progress)
-        finding = Finding(True, as_it_is[0], check, ratios, (best,), best, (best,))
+        finding = Diagnosis(True, as_it_is[0], check, ratios, (best,), best, (best,))
         return RecordCheck(finding, part, worst, _moving(part))
     finding = examined(part, discrepancy, progress, as_it_is)
     if finding.searched and (pattern := _unmodelled_load(part, as_it_is, finding)) is not None:
         finding = replace(finding, contradicts=True, named=None, candidates=(), shifted=None, pattern=pattern)
-    if len(part.samples) == len(whole.samples) or len(finding.candidates) < 2:
-        return RecordCheck(finding, part, worst, _moving(part))
-    later = part.begin - whole.begin
-    faults = [one.fault.later(later) for one in finding.candidates if one.fault is not None]
-    tried = [explained(whole, fault)[0] for fault in faults]
-    named, candidates = chosen(explained(whole, None)[0].evidence, tried)
-    if not candidates:
-        return RecordCheck(finding, part, worst, _moving(part))
-    return RecordCheck(replace(finding, named=named, candidates=candidates), whole, worst, _moving(part))
+    stretch = part
+    if len(part.samples) < len(whole.samples) and len(finding.candidates) > 1:
+        later = part.begin - whole.begin
+        faults = [one.fault.later(later) for one in finding.candidates if one.fault is not None]
+        tried = [explained(whole, fault)[0] for fault in faults]
+        named, candidates = chosen(explained(whole, None)[0].evidence, tried)
+        if candidates:
+            finding, stretch = replace(finding, named=named, candidates=candidates), whole
+    return RecordCheck(finding, stretch, worst, _moving(part))
 
 
-def _unmodelled_load(part: Suspect, fit: tuple[Explained, BankRun | None], finding: Finding) -> ResidualPattern | None:
+def _unmodelled_load(part: Suspect, fit: Fit, finding: Diagnosis) -> ResidualPattern | None:
     """The pattern of a load that the model does not have.
 
     None where a fault leaves innovations as large as claimed, where a fault or loads of the model that change faster than stated
     explain the measurements as well, and where channels are too few to tell a pattern.
     """
     as_it_is, bank = fit
-    inputs, every = part.model.unknowns.inputs, part.model.every
+    inputs = part.model.unknowns.inputs
     samples = int(np.isfinite(part.samples).sum())
     explains = any(not judged(one.ratio, samples).overconfident for one in finding.candidates)
     if bank is None or explains or part.samples.shape[1] < len(inputs) + 2:
         return None
-    sampled = slice(every - 1, None, every)
-    white, innovation = bank.run.whitened[sampled, 0], bank.run.innovation[sampled, 0]
+    white, innovation = bank.run.whitened[part.sampled, 0], bank.run.innovation[part.sampled, 0]
     pattern = residual_pattern(white, innovation, part.noise, BELIEVABLE)
     if pattern is None:
         return None
@@ -139,7 +142,7 @@ def _unmodelled_load(part: Suspect, fit: tuple[Explained, BankRun | None], findi
     return pattern if evidence > max([as_it_is.evidence + MARGIN, *(other + APART for other in others)]) else None
 
 
-def _agrees(part: Suspect, fit: tuple[Explained, BankRun | None]) -> bool:
+def _agrees(part: Suspect, fit: Fit) -> bool:
     return not suspected(*fit) and _worst_of(part, fit[1])[2] <= SPIKE
 
 
@@ -171,8 +174,8 @@ def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: flo
     named = check.finding.named if _has_spikes(check.finding) else None
     point = np.array((named or check.finding.as_it_is).point)
 
-    def fit(own: Suspect) -> tuple[Explained, BankRun | None]:
-        return _filtered_at(own, point)
+    def fit(record: Suspect) -> Fit:
+        return _filtered_at(record, point)
 
     whole = fit(suspect)
     worst = _worst_of(suspect, whole[1])
@@ -180,9 +183,8 @@ def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: flo
     if not too_large(*whole) and worst[2] <= SPIKE:
         return check
     if worst[2] > SPIKE and (spikes := spikes_of(suspect, fit)) is not None:
-        fault, _, cleaned = spikes
-        named = replace(cleaned, fault=fault)
-        finding = Finding(True, whole[0], check.finding.check, tried=(named,), named=named, candidates=(named,))
+        named = spikes[1]
+        finding = Diagnosis(True, whole[0], check.finding.check, tried=(named,), named=named, candidates=(named,))
         return RecordCheck(finding, suspect, worst, check.part)
     if named is not None:
         return check
@@ -220,22 +222,11 @@ def _stretch_elsewhere(suspect: Suspect, bank: BankRun, checks: Sequence[RecordC
     return max([begin, *(b for _, b in checked if b <= k)]), min([end, *(a for a, _ in checked if a > k)])
 
 
-def _filtered_at(suspect: Suspect, point: np.ndarray) -> tuple[Explained, BankRun | None]:
+def _filtered_at(suspect: Suspect, point: np.ndarray) -> Fit:
     """How a record fits with its parameters known: ratio of innovations over the LONGEST samples where it is largest."""
-    nuisances = replace(suspect.nuisances, learned=True)
-    model, mean, covariance = known_at(suspect.model, point, suspect.mean, suspect.covariance)
+    record = replace(suspect, nuisances=replace(suspect.nuisances, learned=True)).known_at(point)
     try:
-        bank = filter_bank(
-            model,
-            mean,
-            covariance,
-            suspect.known,
-            suspect.samples,
-            nuisances,
-            biased=suspect.biased,
-            settled=suspect.settled,
-            keep="mean",
-        )
+        bank = filter_bank(record, "mean")
     except NumericalError:
         return Explained(None, -np.inf, np.inf, point=tuple(point)), None
     begin, every = _loudest_innovations(suspect, bank), suspect.model.every
@@ -245,8 +236,7 @@ def _filtered_at(suspect: Suspect, point: np.ndarray) -> tuple[Explained, BankRu
 
 def _loudest_innovations(suspect: Suspect, bank: BankRun) -> int:
     """First of the LONGEST samples whose innovations are largest over their σ, the first such."""
-    every = suspect.model.every
-    whole = np.concatenate([[0.0], np.cumsum(np.nansum(bank.run.whitened[every - 1 :: every, 0] ** 2, axis=1))])
+    whole = np.concatenate([[0.0], np.cumsum(np.nansum(bank.run.whitened[suspect.sampled, 0] ** 2, axis=1))])
     length = min(LONGEST, len(whole) - 1)
     return int(np.argmax(whole[length:] - whole[:-length]))
 
@@ -260,7 +250,7 @@ def _worst_of(suspect: Suspect, bank: BankRun | None) -> tuple[int, int, float]:
     return suspect.begin + k, int(np.argmax(each[k])), float(size[k])
 
 
-def _has_spikes(finding: Finding) -> bool:
+def _has_spikes(finding: Diagnosis) -> bool:
     fault = None if finding.named is None else finding.named.fault
     return fault is not None and fault.kind == "spikes"
 
@@ -268,29 +258,29 @@ def _has_spikes(finding: Finding) -> bool:
 def sizes_of(suspect: Suspect, bank: BankRun) -> tuple[np.ndarray, np.ndarray]:
     """Size (T,) of the innovations of all channels together over their σ; and every one (T, m) over what is usual of its
     channel."""
-    every = suspect.model.every
-    sampled = slice(every - 1, None, every)
-    size = np.sqrt(np.nansum(bank.run.whitened[sampled, 0] ** 2, axis=1))
-    innovation = np.abs(np.nan_to_num(bank.run.innovation[sampled, 0]))
+    size = np.sqrt(np.nansum(bank.run.whitened[suspect.sampled, 0] ** 2, axis=1))
+    innovation = np.abs(np.nan_to_num(bank.run.innovation[suspect.sampled, 0]))
     usual = np.maximum(suspect.noise, 1.5 * np.median(innovation, axis=0))
     return size, innovation / usual
 
 
-def spikes_of(suspect: Suspect, fit: Fit = lambda own: explained(own, None)) -> tuple[Fault, Suspect, Explained] | None:
-    """Few samples without which a record agrees with its model, the record without them, and how it fits; None where it does not
-    come to agree. fit: how a record does.
+def spikes_of(
+    suspect: Suspect, fit: Callable[[Suspect], Fit] = lambda record: explained(record, None)
+) -> tuple[Suspect, Explained] | None:
+    """The record without few samples, without which it agrees with its model, and how it fits with that fault; None where it does
+    not come to agree. fit: how a record does.
 
     They are sought beside unknown loads that may change at once, which channels then show together. The first sample of every
     disturbance is that of the channel whose innovation is largest; what follows it is what the filter made of it.
     """
     marked: list[tuple[int, int]] = []
     free, samples = _with_sudden_loads(suspect), suspect.samples.copy()
-    found = fit(free)
+    fitted = fit(free)
     most = max(ALWAYS, int(MOST_SHARE * samples.size))
     for _ in range(ROUNDS):
-        if found[1] is None:
+        if fitted[1] is None:
             return None
-        size, each = sizes_of(suspect, found[1])
+        size, each = sizes_of(suspect, fitted[1])
         rows = np.flatnonzero(size > max(SPIKE, 0.1 * size.max()))
         if not len(rows):
             break
@@ -301,7 +291,7 @@ def spikes_of(suspect: Suspect, fit: Fit = lambda own: explained(own, None)) -> 
         if len(marked) > most:
             return None
         samples[tuple(np.transpose(marked)[::-1])] = np.nan
-        found = fit(replace(free, samples=samples))
+        fitted = fit(replace(free, samples=samples))
     else:
         return None
     without = replace(suspect, samples=samples)
@@ -312,7 +302,7 @@ def spikes_of(suspect: Suspect, fit: Fit = lambda own: explained(own, None)) -> 
     if suspected(*as_stated):
         return None
     spans = _joined(marked)
-    return Fault("spikes", spans[0][0], 0.0, spans=spans), without, as_stated[0]
+    return without, replace(as_stated[0], fault=Fault("spikes", spans[0][0], 0.0, spans=spans))
 
 
 def _with_sudden_loads(suspect: Suspect) -> Suspect:

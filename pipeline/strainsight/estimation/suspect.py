@@ -1,4 +1,4 @@
-"""A record and the filter it is judged by: the evidence of its samples under one fault or none, and whether it is believable."""
+"""A record and the filter it is judged by: its evidence under a fault or none, whether it is believable, its loudest parts."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.decision import judged
 from strainsight.estimation.faults import BELIEVABLE, FORESEEN, Explained, Fault, dead_density, of_any_size, undone
-from strainsight.estimation.load_faults import KnownLoads
+from strainsight.estimation.load_faults import without_load_fault
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.peak import known_at, peak_of
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.peak import peak_of
+from strainsight.estimation.record import BankRecord
 
 IMPOSSIBLE = -1e200
 """ln evidence below which a record is beyond what numbers can hold."""
@@ -25,37 +25,22 @@ BROAD = np.sqrt(3.0)
 """σ of an offset, or of a drift by the end of the record, before the samples, over the RMS of the channel."""
 
 
-@dataclass(frozen=True)
-class Suspect:
-    """A record and the filter it is judged by.
+@dataclass(frozen=True, kw_only=True)
+class Suspect(BankRecord):
+    """A record whose channels and known loads may be wrong, and the bank that it is judged by.
 
-    model, without drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0; known (T, HOLD, n_known) [N]; samples
-    (T/every, m), NaN where missing; nuisances; biased (b,): channels with an unknown offset; settled: as of `filter_bank`.
     turned_rows (m, angles, n*): what a channel would read turned by each of ANGLES, NaN where it cannot be; turned: channel and
-    degrees → model and nuisances with it turned. load (n_known,): number of the load that each column of `known` belongs to,
-    None: each is one. moving (n*, n*): the covariance where nothing is known of the motion, None: the same. begin: samples of
-    the record before these; span: the first sample that moves, and the one behind the last.
+    degrees → model and nuisances with it turned. load (n_known,): number of the load that each column of `known` belongs to.
+    moving (n*, n*): the covariance where nothing is known of the motion, None: the same. begin: samples of the record before
+    these; span: the first sample that moves, and the one behind the last.
     """
 
-    model: FilterModel
-    mean: np.ndarray
-    covariance: np.ndarray
-    known: np.ndarray
-    samples: np.ndarray
-    nuisances: Nuisances
-    biased: np.ndarray
-    settled: Settled | None
     turned_rows: np.ndarray
     turned: Callable[[int, float], tuple[FilterModel, Nuisances]]
-    load: np.ndarray | None = None
+    load: np.ndarray
     moving: np.ndarray | None = None
     begin: int = 0
     span: tuple[int, int] | None = None
-
-    @property
-    def loads(self) -> KnownLoads:
-        load = np.arange(self.known.shape[-1]) if self.load is None else self.load
-        return KnownLoads(self.known, load, self.settled, self.samples)
 
     @property
     def noise(self) -> np.ndarray:
@@ -77,45 +62,42 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
 
         ln p(y | fault) = ln p(T y) + ln |det T|,    y in units of the noise of a sample
 
-    p(T y): parameters, motion, loads and all tolerances integrated out; innovations are those at the most likely parameters.
-    Offset and drift are one more of its constants ν, whose σ is BROAD times the RMS of the channel, so that a fault with a free
-    size pays for it. A dead channel has the density of a constant and white noise.
+    p(T y): all integrated out; innovations are those at the most likely parameters. Offset and drift are one more of its
+    constants ν, of σ BROAD times the RMS of the channel. A dead channel has the density of a constant and white noise.
     """
-    # likelihood and innovations are the same whether states follow what is learned of ν, which is the quicker
-    model, nuisances, unit = suspect.model, replace(suspect.nuisances, learned=True), 0.0
-    loads, samples, change = suspect.loads, suspect.samples, 0.0
+    record, change, unit = suspect, 0.0, 0.0
     if fault is not None and fault.of_load:
-        loads = loads.without(fault, model)
-        samples = loads.samples
+        record = without_load_fault(suspect, suspect.load, fault)
     elif fault is not None:
-        samples, change = undone(fault, samples)
+        samples, change = undone(fault, suspect.samples)
+        record = replace(suspect, samples=samples)
     if fault is not None and fault.kind == "angle":
         model, nuisances = suspect.turned(fault.channel, fault.amount)
-        nuisances = replace(nuisances, learned=True)
+        record = replace(record, model=model, nuisances=nuisances)
+    # likelihood and innovations are the same whether states follow what is learned of ν, which is the quicker
+    nuisances = replace(record.nuisances, learned=True)
     if fault is not None and fault.kind in ("offset", "drift"):
-        unit = BROAD * float(np.sqrt(np.nanmean(samples[:, fault.channel] ** 2)))
+        unit = BROAD * float(np.sqrt(np.nanmean(record.samples[:, fault.channel] ** 2)))
         nuisances = _with_zero(nuisances, fault, unit, suspect)
-    kept = np.isfinite(samples)
-    missing = np.isfinite(suspect.samples).sum(axis=0) - kept.sum(axis=0)
+    measured = np.isfinite(record.samples)
+    missing = np.isfinite(suspect.samples).sum(axis=0) - measured.sum(axis=0)
     if fault is not None:
         change += of_any_size(fault, suspect.samples, suspect.noise)
     if fault is not None and fault.kind == "dead":
         change += dead_density(suspect.samples[:, fault.channel], suspect.noise[fault.channel])
         missing[fault.channel] = 0
-    mean, covariance, known, settled = suspect.mean, suspect.covariance, loads.held, loads.settled
     try:
         # parameters explain frequencies that are off, and are no result here
-        exact = nuisances.exactly_tuned if model.unknowns.parameters else nuisances
-        peak = peak_of(model, mean, covariance, known, samples, exact, suspect.biased, settled)
+        exact = nuisances.exactly_tuned if record.model.unknowns.parameters else nuisances
+        peak = peak_of(replace(record, nuisances=exact))
         if peak.evidence < IMPOSSIBLE:
             return Explained(fault, -np.inf, np.inf), None
         if peak.about is not None:
             nuisances = replace(nuisances, about=peak.about)
-        there, mean, covariance = known_at(model, peak.point, mean, covariance)
-        bank = filter_bank(there, mean, covariance, known, samples, nuisances, biased=suspect.biased, settled=settled)
+        bank = filter_bank(replace(record, nuisances=nuisances).known_at(peak.point))
     except NumericalError:
         return Explained(fault, -np.inf, np.inf), None
-    evidence = peak.evidence + change + float(kept.sum(axis=0) @ np.log(suspect.noise))
+    evidence = peak.evidence + change + float(measured.sum(axis=0) @ np.log(suspect.noise))
     evidence += FORESEEN * float(missing.sum())
     amount, std = 0.0 if fault is None else fault.amount, 0.0
     if unit:
@@ -152,8 +134,9 @@ def _with_zero(nuisances: Nuisances, fault: Fault, unit: float, suspect: Suspect
 def ratio_of(bank: BankRun, part: slice = slice(None)) -> float:
     """Innovations over their claim, RMS, of all steps or of a part of them, the larger; NaN where nothing was measured."""
     squares = bank.run.whitened**2
-    found = [np.sqrt(np.mean(own[np.isfinite(own)])) for own in (squares, squares[part]) if np.isfinite(own).any()]
-    return float(max(found)) if found else np.nan
+    parts = [each[np.isfinite(each)] for each in (squares, squares[part])]
+    ratios = [np.sqrt(np.mean(each)) for each in parts if each.size]
+    return float(max(ratios)) if ratios else np.nan
 
 
 def missed_of(bank: BankRun | None) -> float:
@@ -162,9 +145,9 @@ def missed_of(bank: BankRun | None) -> float:
         return np.inf
     read = bank.run.innovation[:, 0]
     foreseen = bank.run.gauge_mean[:, 0]
-    there = np.isfinite(read)
-    of = np.where(there, read, 0.0), np.where(there, foreseen, 0.0)
-    missed, whole = (np.sqrt(np.sum(own**2, axis=0)) for own in (of[0], np.hypot(*of)))
+    finite = np.isfinite(read)
+    of = np.where(finite, read, 0.0), np.where(finite, foreseen, 0.0)
+    missed, whole = (np.sqrt(np.sum(each**2, axis=0)) for each in (of[0], np.hypot(*of)))
     return float(np.max(missed / np.maximum(whole, np.finfo(float).tiny), initial=0.0))
 
 
@@ -191,3 +174,174 @@ def shifted_mode(suspect: Suspect, bank: BankRun | None) -> ShiftedMode | None:
     size = np.abs(change) / np.sqrt(np.sum(rows**2, axis=0))
     j = int(np.argmax(size))
     return ShiftedMode(j, float(np.exp(change[j])), float(size[j])) if size[j] > STRETCHED else None
+
+
+LONGEST = 4000
+"""Samples of a stretch at most."""
+MOST = 3
+"""Stretches of a record at most that are checked."""
+FAINT_READING = 3.0
+"""Of the noise of a sample, up to which a reading counts as rest."""
+TAIL, FEWEST = 0.01, 20
+"""Share of the energy of the readings that may lie before the moving part, and behind it; fewest samples of such a part."""
+LEAD = 0.25
+"""Share of a stretch that lies before the instant for which it was chosen; of rest beside the part that moves."""
+
+
+def loudest_stretches(suspect: Suspect) -> tuple[tuple[int, int], ...]:
+    """First sample of a stretch and the one behind its last, MOST of them at most: where the channels read most, then where
+    those read most that read less than half of that in the stretches before. The whole record where it is no longer than one."""
+    energy = _energy(suspect)
+    count = len(energy)
+    if count <= LONGEST:
+        return ((0, count),)
+    stretches = [_loudest(_second_largest(energy))]
+    of_channels = [(_loudest(of_channel), of_channel) for of_channel in energy.T]
+    for stretch, of_channel in sorted(of_channels, key=lambda one: one[0]):
+        covered = max(float(of_channel[slice(*each)].sum()) for each in stretches)
+        if len(stretches) < MOST and covered < 0.5 * float(of_channel[slice(*stretch)].sum()):
+            stretches.append(stretch)
+    return tuple(stretches)
+
+
+def stretch_at(suspect: Suspect, sample: int) -> tuple[int, int]:
+    """The stretch about a sample, a quarter of it before that."""
+    first = max(0, min(sample - int(LEAD * LONGEST), len(suspect.samples) - LONGEST))
+    return first, min(first + LONGEST, len(suspect.samples))
+
+
+def at_rest(part: Suspect) -> bool:
+    """Whether no two channels of a stretch read more than noise together, but for a few samples."""
+    return bool(np.count_nonzero(_second_largest(_energy(part))) < FEWEST)
+
+
+def loudest_channel(part: Suspect) -> int:
+    """The channel that reads most over its noise."""
+    return int(np.argmax(_energy(part).sum(axis=0)))
+
+
+def with_intensity(part: Suspect, factor: float) -> Suspect:
+    """A stretch whose unknown loads are less intense by a factor: Q and the covariance of the motion are multiplied by it."""
+    n = part.model.parameter_states.start
+
+    def scaled(model: FilterModel) -> FilterModel:
+        Q = model.Q.copy()
+        Q[..., :n, :n] *= factor
+        return replace(model, Q=Q)
+
+    def turned(channel: int, angle: float) -> tuple[FilterModel, Nuisances]:
+        model, nuisances = part.turned(channel, angle)
+        return scaled(model), nuisances
+
+    covariance = _wider_motion(part.covariance, n, np.sqrt(factor))
+    return replace(part, model=scaled(part.model), covariance=covariance, turned=turned)
+
+
+def _wider_motion(covariance: np.ndarray, n: int, factor: float) -> np.ndarray:
+    """With σ of the first n states times a factor."""
+    P = covariance.copy()
+    P[:n] *= factor
+    P[:, :n] *= factor
+    return P
+
+
+def moving_part_of(part: Suspect) -> Suspect:
+    """Where a stretch moves, with a quarter of that before and behind it; all of it where more than half does."""
+    if part.span is None:
+        return part
+    first, behind = part.span
+    more = int(LEAD * (behind - first))
+    begin = max(0, first - more)
+    return replace(part_of(part, begin, min(len(part.samples), behind + more)), span=(first - begin, behind - begin))
+
+
+def part_of(suspect: Suspect, begin: int, end: int) -> Suspect:
+    """Samples from begin to before end, with the part of them that moves.
+
+    A stretch that is not the beginning of its record begins in an unknown motion, as wide as its readings ask for; a periodic
+    motion and a drift, t/T of the record, go on.
+    """
+    every, whole = suspect.model.every, len(suspect.samples)
+    samples = suspect.samples[begin:end]
+    part = replace(
+        suspect,
+        samples=samples,
+        known=suspect.known[begin * every : end * every],
+        begin=suspect.begin + begin,
+        span=_moving_part(_second_largest(_energy(suspect)[begin:end])),
+    )
+    if (begin, end) == (0, whole):
+        return part
+    loads = suspect.known.shape[-1]
+
+    def within(nuisances: Nuisances) -> Nuisances:
+        if nuisances.E.shape[-1] == loads:
+            return nuisances
+        E, drift = nuisances.E.copy(), nuisances.E[..., -1]
+        E[..., -1] = drift * (end - begin) / whole
+        return replace(nuisances, E=E, offset=nuisances.offset + drift * begin / whole)
+
+    def turned(channel: int, angle: float) -> tuple[FilterModel, Nuisances]:
+        model, nuisances = suspect.turned(channel, angle)
+        return model, within(nuisances)
+
+    settled = suspect.settled
+    if settled is not None:
+        phase = np.exp(1j * settled.frequency * begin * every * suspect.model.h)
+        settled = replace(settled, held=settled.held * phase[:, None, None])
+    return replace(
+        part,
+        covariance=suspect.covariance if begin == 0 else _unknown_motion(suspect, samples),
+        nuisances=within(suspect.nuisances),
+        settled=settled,
+        turned=turned,
+    )
+
+
+def _energy(suspect: Suspect) -> np.ndarray:
+    """Squares (T, m) of the readings over their noise, less what is rest; those of single samples count for nothing."""
+    y = suspect.samples
+    if len(suspect.biased):
+        y = y.copy()
+        known = np.isfinite(y[:, suspect.biased]).any(axis=0)
+        at = suspect.biased[known]
+        y[:, at] -= np.nanmedian(y[:, at], axis=0)
+    size = np.abs(np.nan_to_num(y)) / suspect.noise
+    if len(size) > 2:
+        size[1:-1] = np.sort([size[:-2], size[1:-1], size[2:]], axis=0)[1]
+    return np.asarray(np.maximum(size**2 - FAINT_READING**2, 0.0))
+
+
+def _second_largest(energy: np.ndarray) -> np.ndarray:
+    """Of the channels at every instant (T,): no single wrong channel decides on it."""
+    return np.asarray(np.sort(energy, axis=1)[:, -min(2, energy.shape[1])])
+
+
+def _loudest(energy: np.ndarray) -> tuple[int, int]:
+    """The stretch of LONGEST samples with the most energy (T,), the first of equal ones."""
+    whole = np.concatenate([[0.0], np.cumsum(energy)])
+    first = int(np.argmax(whole[LONGEST:] - whole[:-LONGEST]))
+    return first, first + LONGEST
+
+
+def _moving_part(energy: np.ndarray) -> tuple[int, int] | None:
+    """The shortest part with all of the energy (T,) but TAIL at either end; None where it is more than half of all samples."""
+    whole = np.cumsum(energy)
+    if not len(energy) or not whole[-1] > 0:
+        return None
+    first, last = np.searchsorted(whole, np.array([TAIL, 1 - TAIL]) * whole[-1])
+    return (int(first), int(last) + 1) if FEWEST <= last + 1 - first <= 0.5 * len(energy) else None
+
+
+def _unknown_motion(suspect: Suspect, samples: np.ndarray) -> np.ndarray:
+    """The covariance of a motion that nothing is known of, widened where the channels (T, m) read more than it foresees."""
+    covariance = suspect.covariance if suspect.moving is None else suspect.moving
+    model, n = suspect.model, suspect.model.parameter_states.start
+    rows = model.H[..., :n]
+    foreseen = np.sqrt(np.einsum("mi,ij,mj->m", rows, covariance[:n, :n], rows))
+    largest = np.nanmax(np.abs(np.nan_to_num(samples)), axis=0)
+    use = foreseen > 0
+    if model.accelerometers is not None:
+        use &= ~model.accelerometers
+    wider = max(1.0, float(np.median(largest[use] / foreseen[use]))) if use.any() else 1.0
+    return _wider_motion(covariance, n, wider)

@@ -10,9 +10,16 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
-from strainsight.sensors.points import Points, surface_of
-from strainsight.sensors.rows import channel_rows, installation_axes, matrix_of, misplaced, points_within
-from strainsight.sensors.surface import by_kind, facet_points, normals, turned
+from strainsight.sensors.rows import (
+    Points,
+    channel_rows,
+    installation_axes,
+    matrix_of,
+    misplaced,
+    points_within,
+    surface_of,
+)
+from strainsight.sensors.surface import facet_frames, turned
 from strainsight.sensors.walk import Skin
 
 LEAST = 1e-6
@@ -77,12 +84,11 @@ def sensitivity_rows(
         transverse    dε̂/dK_t = ε_t + ν₀ ε,   of   ε̂ = (ε + K_t ε_t)/(1 − ν₀ K_t),   ε_t = (n × d)ᵀE(n × d)
         motion        reading d·z: gain as above, turns (ω × d)·z about ω = n, e₁, e₂
 
-    The difference in position is taken where Gauss-Hermite quadrature of three points has its nodes: the slope is that of
-    statistical linearisation over a normal distribution of σ, exact where the strain is a cubic, and it sees jumps of strain
-    between facets. So are the second differences: with them the mean over that distribution is that of the quadrature. On facets
-    without nodes between their corners, in which strain is constant or nearly so, the step is at least ¾ of the facet's size: a
-    step within the facet would see no gradient. A gauge that a sharp edge holds back has the slope over the way it can go, zero
-    where it cannot move at all, and the second differences of the ways that are open.
+    Differences in position are taken at the nodes of Gauss-Hermite quadrature of three points: the slope is that of statistical
+    linearisation over a normal distribution of σ, exact of a cubic, and the mean is that of the quadrature. On facets without
+    nodes between their corners, in which strain is constant or nearly so, the step is at least ¾ of the facet's size. A gauge
+    that a sharp edge holds back has the slope over the way it can go, zero where it cannot move at all, and the second
+    differences of the ways that are open.
 
     Over a grid all are means of its points; that its ends move aside as it turns is left out, which is nothing where strain
     varies linearly over the grid. ν₀ = 0.285, that of the manufacturers' calibration, after which uniaxial stress in such a
@@ -189,11 +195,7 @@ def _in_place(
 
 def normals_of(position: np.ndarray, points: Points) -> np.ndarray:
     """Outward unit normals (p, 3) of the facets at the points."""
-    n = np.zeros((len(points.kind), 3))
-    for kind, which, nodes in by_kind(points.kind, points.nodes):
-        _, J = facet_points(kind, position[nodes], points.local[which])
-        n[which] = normals(J)
-    return n
+    return facet_frames(position, points.kind, points.nodes, points.local)[1]
 
 
 @dataclass(frozen=True)

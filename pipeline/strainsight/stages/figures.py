@@ -43,8 +43,8 @@ def figures_of(
 
     Raises UserError with the command to run where there is no page yet.
     """
-    there = [page for page in pages if not _missing(page, folder)]
-    if not there:
+    ready = [page for page in pages if not _missing(page, folder)]
+    if not ready:
         raise UserError(
             f"there are no figures yet: {folder / _missing(pages[-1], folder)[0]}.h5 has not been written",
             where=config_file,
@@ -54,19 +54,18 @@ def figures_of(
     counted = {}
     with kept() as drawn:
         drawings: list[Drawing] = []
-        for page in there:
+        for page in ready:
             upstream = {name: Artefact(folder / f"{name}.h5") for name in page.upstream}
-            own = declared(config, prune(data, page.reads))
-            if isinstance(own, BenchConfig):
-                found = _of_bench(Context(own, upstream, {}, silent))
-            elif page.name == TEST:
-                found = _of_test(Context(own, upstream, {}, silent))
+            settings = declared(config, prune(data, page.reads))
+            if isinstance(settings, BenchConfig):
+                shown = _of_bench(Context(settings, upstream, {}, silent))
             else:
-                found = _of_placement(Context(own, upstream, {}, silent))
-            counted[page.name] = len(found)
-            drawings += found
+                of = _of_test if page.name == TEST else _of_placement
+                shown = of(Context(settings, upstream, {}, silent))
+            counted[page.name] = len(shown)
+            drawings += shown
         files = figure_files(drawings, drawn)
-    return Figures(files, counted, tuple(dict.fromkeys(name for page in there for name in page.upstream)))
+    return Figures(files, counted, tuple(dict.fromkeys(name for page in ready for name in page.upstream)))
 
 
 def _missing(page: Stage, folder: Path) -> list[str]:
@@ -76,7 +75,7 @@ def _missing(page: Stage, folder: Path) -> list[str]:
 def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
     from strainsight.pages.placement.figures import placement_figures
     from strainsight.stages.pages.page import placement_report
-    from strainsight.stages.pages.workshop import workshop_of_run
+    from strainsight.stages.report import workshop_of_run
 
     mesh = inputs.mesh(context)
     return list(placement_figures(placement_report(context, mesh, workshop_of_run(context, mesh))))
@@ -87,19 +86,18 @@ def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
     unknown, too."""
     from strainsight.pages.tested.campaign import campaign_figures
     from strainsight.pages.tested.figures import figures_of_test
-    from strainsight.stages.pages.tested import pages_of
+    from strainsight.stages.tested import pages_of
 
-    found, drawings = pages_of(context), []
-    if found.campaign is not None:
-        own = campaign_figures(found.campaign)
-        drawings += [replace(one, key=f"{TEST}-{one.key}", title=f"the test: {one.title}") for one in own]
-    for report in found.records:
-        name, of = (f"-{report.record}", f", record {report.record}") if report.record else ("", "")
-        drawings += [
-            replace(one, key=f"{TEST}{name}-{one.key}", title=f"the test{of}: {one.title}")
-            for one in figures_of_test(report)
-        ]
-    return drawings
+    records, campaign = pages_of(context)
+    pages = [] if campaign is None else [("", "", campaign_figures(campaign))]
+    for report in records:
+        name, words = (f"-{report.record}", f", record {report.record}") if report.record else ("", "")
+        pages.append((name, words, figures_of_test(report)))
+    return [
+        replace(figure, key=f"{TEST}{name}-{figure.key}", title=f"the test{words}: {figure.title}")
+        for name, words, figures in pages
+        for figure in figures
+    ]
 
 
 def _of_bench(context: Context[BenchConfig]) -> list[Drawing]:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.full_model import FILES, READS
-from strainsight.experiment.structure.reduction import modes_of
-from strainsight.experiment.structure.settings import WHAT_IS_FREE, reference_value
+from strainsight.experiment.structure.reduction import FILES, READS, modes_of
+from strainsight.experiment.structure.references import WHAT_IS_FREE, reference_value
 from strainsight.experiment.structure.training import hertz
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Table
@@ -16,12 +15,12 @@ from strainsight.stages import inputs
 def run(context: Context[PlacementConfig]) -> Output:
     """The lowest modes; runs that differ in their loads alone share the result."""
     config = context.config
-    found = modes_of(config, inputs.mesh(context), context)
-    frequency, size = found.frequency, len(found.shape)
+    modes = modes_of(config, inputs.mesh(context), context)
+    frequency, size = modes.frequency, len(modes.shape)
     guesses = {name: reference_value(name, entry.guess, context.files) for name, entry in config.parameters.items()}
     values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the deck"
     return Output(
-        datasets=written(found),
+        datasets=written(modes),
         summary={
             "unknowns": size,
             "modes": len(frequency),

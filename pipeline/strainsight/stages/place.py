@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.placed import placement_output
-from strainsight.experiment.structure.placement import placement_of
-from strainsight.experiment.structure.settings import KINDS_OF_LOAD, WHAT_IS_FREE
+from strainsight.experiment.structure.placement import placement_of, placement_output
+from strainsight.experiment.structure.references import KINDS_OF_LOAD, WHAT_IS_FREE
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
@@ -13,10 +12,9 @@ from strainsight.stages import inputs
 
 def run(context: Context[PlacementConfig]) -> Output:
     """The placement, with the pool as points of a grid."""
-    mesh, problem = inputs.mesh(context), inputs.problem(context)
-    training, screened = inputs.training(context), inputs.screened(context)
-    found = placement_of(context.config, mesh, inputs.reduced(context), problem, training, screened, context)
-    return placement_output(found, mesh, context.config.mesh.length_unit)
+    mesh, training, screened = inputs.mesh(context), inputs.training(context), inputs.screened(context)
+    placement = placement_of(context.config, mesh, inputs.reduced(context), training, screened, context)
+    return placement_output(placement, mesh, context.config.mesh.length_unit)
 
 
 PLACE = Stage(

@@ -10,8 +10,7 @@ from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.mass import mass_properties
-from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.recovery import facet_strain, surface_model, surface_state
 from strainsight.fem.thin import thin_operators
 from strainsight.mesh.additions import with_material, with_properties
 from strainsight.mesh.facets import exterior_facets

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from strainsight.pages.arrays import rms
 from strainsight.pages.page.sections import text_of
 from strainsight.pages.suite.data import (
     CONTRADICTED,
@@ -18,14 +19,14 @@ from strainsight.pages.suite.data import (
     THEIRS_ONLY,
     UNDECIDED,
     UNMEASURED,
-    Comparison,
+    SourceComparison,
     Statement,
-    Study,
     Suite,
+    SuiteStudy,
+    comparisons_answer,
 )
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
-from strainsight.pages.suite.statements import comparisons_answer
 from strainsight.pages.suite.summary import counts, groups_of, results_of, series_of
 
 from ...models import compute_once
@@ -60,7 +61,7 @@ def test_placements_have_studies_and_statements_too(suite):
     )
     own = suite(
         runs=runs,
-        studies=(Study("Step", "What it costs.", "train.time_step", (), (0, 1, 2)),),
+        studies=(SuiteStudy("Step", "What it costs.", "train.time_step", (), (0, 1, 2)),),
         statements=(Statement("E is known.", ((0, "error.E", 0.01),), below=0.05),),
     )
     drawings = compute_once(suite_figures, own)
@@ -161,7 +162,7 @@ NAN = float("nan")
 def row(theirs, ours):
     """A row whose number has to be below 1; None: that side is not measured."""
     sides = [None if value is None else Statement("s", ((0, "n", value),), below=1.0) for value in (theirs, ours)]
-    return Comparison("figure 2.4", "It <falls>.", "4", *sides, why="Because.")
+    return SourceComparison("figure 2.4", "It <falls>.", "4", *sides, why="Because.")
 
 
 @pytest.mark.parametrize(
@@ -226,7 +227,7 @@ def test_the_claim_that_decides_is_the_verdict(suite):
         own = replace(run, unknowns=(replace(run.unknowns[0], claims=claims),))
         (result,) = results_of(own)
         assert (result.verdict, result.verdicts) == (verdict, wrong)
-        assert (result.rms, result.worst) == pytest.approx((0.0007, 0.0007))
+        assert result.unknown.repeats.worst == pytest.approx(0.0007)
 
 
 def repeated(run, error):
@@ -237,14 +238,15 @@ def repeated(run, error):
 def test_repeats_that_diverged_are_left_out_of_the_numbers(suite):
     run = suite().runs[0]
     (result,) = results_of(repeated(run, np.full(20, np.nan)))
-    assert np.isnan(result.rms)
-    assert (result.worst, result.lost, result.verdict) == (np.inf, 20, "diverged")
+    repeats = result.unknown.repeats
+    assert (repeats.worst, repeats.lost, result.verdict) == (np.inf, 20, "diverged")
 
 
 def test_one_lost_repeat_makes_the_worst_infinite_and_leaves_the_rms_of_the_others(suite):
     run = suite().runs[0]
     (result,) = results_of(repeated(run, np.append(np.full(19, 0.0007), np.inf)))
-    assert (result.rms, result.worst, result.lost) == (pytest.approx(0.0007), np.inf, 1)
+    repeats = result.unknown.repeats
+    assert (rms(repeats.error), repeats.worst, repeats.lost) == (pytest.approx(0.0007), np.inf, 1)
     assert result.verdicts == ("diverged",)
 
 

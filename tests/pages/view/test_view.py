@@ -13,8 +13,7 @@ from PIL import Image
 from strainsight.errors import StrainsightError, UserError
 from strainsight.pages.chart.drawing import gauge_colour
 from strainsight.pages.view import viewing
-from strainsight.pages.view.viewer import carried, plain
-from strainsight.pages.view.viewing import FACETS, Panel, View, exaggerated
+from strainsight.pages.view.viewing import FACETS, Panel, View, carried, exaggerated, plain
 
 from ..conftest import layout
 from ..outline import HOSTILE
@@ -46,6 +45,7 @@ def pictures():
     ]
 
 
+@pytest.mark.slow
 def test_a_picture_has_the_size_a_white_ground_and_every_gauge_with_its_id(beam, pictures):
     image, _ = pictures
     assert image.shape == (900, 1400, 3)

@@ -22,8 +22,16 @@ from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.coupled import CoupledModes, coupled_modes, growth
 from strainsight.multibody.sensors import axis_sensor, position_sensor, readings
 from strainsight.multibody.simulate import Trajectory
-from strainsight.records.bench import AtRest, Coupled, FrameAtRest, FrameInModes, ReducedBody, RingAtRest, StateSpace
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import (
+    AtRest,
+    BenchPlaced,
+    Coupled,
+    FrameAtRest,
+    FrameInModes,
+    ReducedBody,
+    RingAtRest,
+    StateSpace,
+)
 
 DRAWN = 20
 """Most modes in the grid."""

@@ -35,8 +35,7 @@ from strainsight.multibody.sensors import (
 )
 from strainsight.multibody.sensors import StrainSensor as StrainRows
 from strainsight.multibody.system import System
-from strainsight.records.bench import ReducedBody
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import BenchPlaced, ReducedBody
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.rows import channel_rows

@@ -18,13 +18,20 @@ from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import Instant, reaction
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.coupled import coupled_modes
-from strainsight.multibody.initial import constraints_at, moving_constraints, project_position
-from strainsight.multibody.laws.actuators import Friction, TurningGravity
+from strainsight.multibody.initial import constraints_at, project_position
+from strainsight.multibody.laws import Friction, TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
 from strainsight.ordering import first_of_largest
-from strainsight.records.bench import DriveMotion, ReducedBody, RingMotion, Simulated, Violation, WorstInstant
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import (
+    BenchPlaced,
+    DriveMotion,
+    ReducedBody,
+    RingMotion,
+    Simulated,
+    Violation,
+    WorstInstant,
+)
 from strainsight.records.record import record_from
 
 
@@ -181,7 +188,7 @@ def _violation(bench: Bench, found: Trajectory) -> Violation:
     """Largest |φ| and |Bv| of every instant."""
     if not bench.system.constrained:
         return Violation(position=np.zeros(len(found.time)), velocity=np.zeros(len(found.time)))
-    pairs = [moving_constraints(bench.system, q, u) for q, u in zip(found.q, found.u, strict=True)]
+    pairs = [constraints_at(bench.system, q, u) for q, u in zip(found.q, found.u, strict=True)]
     return Violation(
         position=np.array([np.abs(phi).max() for phi, *_ in pairs]),
         velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, found.v, strict=True)]),

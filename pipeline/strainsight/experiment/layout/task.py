@@ -1,4 +1,5 @@
-"""The task of a placement: a linear problem, the pool of its gauges, and what a layout may be and has to make small."""
+"""The task of a placement: a linear problem with its load cases, the pool of its gauges, and what a layout may be and has to
+make small."""
 
 from __future__ import annotations
 
@@ -12,7 +13,6 @@ from scipy.spatial import cKDTree
 from strainsight.config.layout import LayoutSettings
 from strainsight.errors import blame
 from strainsight.experiment.layout.gauge_list import zone_of
-from strainsight.experiment.layout.load_cases import LoadCases
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.placement.criteria import CRITERIA, Criterion, Metric, Trace, criterion_of
@@ -20,6 +20,44 @@ from strainsight.placement.limits import FIXED, Limits, limits_of
 from strainsight.placement.scenario import Aggregate, Pool, of_last_states, slow_pools, thesis_weight, weight_of_pools
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.zones import inside
+
+
+@dataclass(frozen=True)
+class LoadCases:
+    """names (c,); weight (c,) > 0 [-]; of (scenarios,): the case of each, by number; acts (c, u) bool: whether an unknown acts in
+    a case, a parameter always does; scale (c, u) [unit]: one of x* in the unit of each unknown, an amplitude or a guess."""
+
+    names: tuple[str, ...]
+    weight: np.ndarray
+    of: np.ndarray
+    acts: np.ndarray
+    scale: np.ndarray
+
+    def factors(self, of: np.ndarray, aggregate: Aggregate) -> np.ndarray:
+        """What the metric of every scenario is multiplied by, so that its plain aggregate over scenarios is the weighed one:
+
+            mean    Σ_c w_c mean_s∈c f_s / Σ_c w_c,     factor  S w_c / (S_c Σ w)
+            worst   max_c w_c max_s∈c f_s / max_c w_c,  factor  w_c / max w
+
+        of (S,): the case of each scenario, S_c of them of case c. Two cases that are alike give the cost of one, whatever their
+        weights. Metrics are homogeneous, c(αM) = α c(M), and a factor of the weights W is a metric itself: elimination, exchange,
+        lower bound and proof hold as they are.
+        """
+        weight = self.weight[of]
+        if aggregate == "worst":
+            return np.asarray(weight / self.weight.max())
+        present = np.unique(of)
+        share = self.weight[of] / self.weight[present].sum()
+        return np.asarray(len(of) * share / np.bincount(of)[of])
+
+    def shares(self) -> np.ndarray:
+        """What a scenario counts in the mean of an unknown over the cases in which it acts (scenarios, u), of sum 1 a column."""
+        weight = (self.weight / np.bincount(self.of, minlength=len(self.weight)))[self.of, None] * self.acts[self.of]
+        return np.asarray(weight / weight.sum(axis=0))
+
+    def amplitude(self) -> np.ndarray:
+        """Root of the weighed mean square of `scale` over the cases in which an unknown acts (u,) [unit]."""
+        return np.asarray(np.sqrt(np.sum(self.shares() * self.scale[self.of] ** 2, axis=0)))
 
 
 @dataclass(frozen=True)
@@ -47,8 +85,8 @@ class PoolRows:
 
     def gauges_of(self, rows: np.ndarray) -> np.ndarray:
         """Numbers of the gauges of some pool rows, in their order."""
-        found = self.gauges[rows].ravel()
-        return found[found >= 0]
+        gauges = self.gauges[rows].ravel()
+        return gauges[gauges >= 0]
 
     def summed(self, values: np.ndarray) -> np.ndarray:
         """For every row the sum over its gauges (p,); values: of every gauge of `flat`."""
@@ -176,26 +214,26 @@ class Task:
     @cached_property
     def searched(self) -> tuple[Pool, ...]:
         """What elimination and exchanges go by: the pools, of large models in their slow motions."""
-        own = self.unknowns
-        return slow_pools(self.pools, (len(self.pools[0].P) - len(own.states)) // 2, own.at)
+        unknowns = self.unknowns
+        return slow_pools(self.pools, (len(self.pools[0].P) - len(unknowns.states)) // 2, unknowns.at)
 
     @cached_property
     def metrics(self) -> dict[str, tuple[Metric, ...]]:
         """Every criterion of these unknowns by its name, one a load case: the trace weighed as `weights` asks for, of the
         scenarios of that case; the others in units of `size`. Unknowns that are silent in a case have no weight there."""
-        found = [self._metrics_of(case) for case in range(1 if self.cases is None else len(self.cases.names))]
-        return {c.name: tuple(own[c.name] for own in found) for c in CRITERIA}
+        by_case = [self._metrics_of(case) for case in range(1 if self.cases is None else len(self.cases.names))]
+        return {c.name: tuple(metrics[c.name] for metrics in by_case) for c in CRITERIA}
 
     def _metrics_of(self, case: int) -> dict[str, Metric]:
-        own, states, cases = self.unknowns, len(self.pools[0].P), self.cases
-        over, scale = np.isin(own.names, self.over), own.scale
+        unknowns, states, cases = self.unknowns, len(self.pools[0].P), self.cases
+        over, scale = np.isin(unknowns.names, self.over), unknowns.scale
         pools = self.pools if self.whole is None else self.whole.pools
         if cases is not None:
             over, scale = over & cases.acts[case], cases.scale[case]
             pools = tuple(pools[i] for i in np.flatnonzero(cases.of == case))
-        at = own.at[over]
+        at = unknowns.at[over]
         weight = thesis_weight(states, at, scale[over]) if self.weights == "thesis" else weight_of_pools(pools, at)
-        plain = thesis_weight(states, at, 1 / own.size[over])
+        plain = thesis_weight(states, at, 1 / unknowns.size[over])
         return {c.name: Metric(weight if isinstance(c, Trace) else plain, c) for c in CRITERIA}
 
     def under(

@@ -15,7 +15,7 @@ from strainsight.errors import ConfigError, ContradictionError, NumericalError, 
 from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Wanted
+from strainsight.estimation.smoother import WantedCovariances
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
@@ -61,9 +61,8 @@ from strainsight.experiment.structure.suspected import (
 )
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.parallel.sweep import Sweep
-from strainsight.records.damage import Damaged
-from strainsight.records.estimated import HoldOut, Posterior
+from strainsight.parallel import Sweep
+from strainsight.records.estimated import Damaged, HoldOut, Posterior
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 
@@ -147,7 +146,7 @@ def campaign_of(
     thickness = thickness_at(mesh, free, problem.model.reference)
     turning, judgements, suspects = turning_of(mesh, reduced, training, channels, thickness), [], []
 
-    def wanted(given: Filtering, run: FilterRun) -> Wanted:
+    def wanted(given: Filtering, run: FilterRun) -> WantedCovariances:
         return wanted_of(settings, config.loads, given, virtual, run)
 
     passes = 1 if settings.hold_out is None else 1 + len(np.unique(problem.channels.gauge[channels]))

@@ -10,11 +10,12 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.decision import expected_ratio
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import Posterior, marginal
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.record import BankRecord, Settled
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.estimation.smoother import Smoothed, smooth
@@ -67,8 +68,9 @@ def filtered(
         own = on_average(tolerated, _of_run(model, b, there), sets[b][there])
         nuisances = nuisances_of(tolerated, own, sets[b][there])
         try:
-            of_run = own, starts[b], covariance, known, data[:, b, there], nuisances
-            found.append(filter_bank(*of_run, settled=settled, keep=kept))
+            samples = data[:, b, there]
+            record = BankRecord(own, starts[b], covariance, known, samples, nuisances, settled=settled)
+            found.append(filter_bank(record, kept))
         except NumericalError as error:
             failure = error
             found.append(None)
@@ -144,10 +146,6 @@ def _together(model: FilterModel, found: list[BankRun | None], there: np.ndarray
         lost=np.where([own is None for own in found], 1, -1),
         log_likelihood=fit,
         last=last,
-        covariance=None,
-        jacobian=None,
-        rows=None,
-        adjusted=None,
     )
 
 
@@ -169,7 +167,7 @@ def smoothed(
     assert bank is not None  # a bank that fails alone is refused
     start, model = np.zeros(model.size), on_average(tolerated, model, channels)
     nuisances = nuisances_of(tolerated, model, channels)
-    return smooth_bank(model, start, covariance, known, measured, nuisances, bank, settled=settled)
+    return smooth_bank(BankRecord(model, start, covariance, known, measured, nuisances, settled=settled), bank)
 
 
 def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None) -> dict[str, Posterior]:
@@ -232,7 +230,8 @@ def compared(
     model = exactly_damped(problem, model)
 
     def by_bank() -> FilterRun:
-        return filter_bank(model, start, covariance, known, measured, biased=biased, keep="parameters").run
+        record = BankRecord(model, start, covariance, known, measured, no_nuisances(model))
+        return filter_bank(record if biased is None else replace(record, biased=biased), "parameters").run
 
     def by_extended() -> FilterRun:
         turns = problem.iterations

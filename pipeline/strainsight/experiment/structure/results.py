@@ -12,7 +12,7 @@ from strainsight.config.loads import Load
 from strainsight.config.mesh import MeshFile, ModesOfResults, ResponseOfLoad, Step
 from strainsight.config.mesh import Results as Stated
 from strainsight.errors import DeckError, UserError, blame
-from strainsight.experiment.structure.settings import load_shapes
+from strainsight.experiment.structure.references import load_shapes
 from strainsight.fem.affine import Parameter, of_stiffness
 from strainsight.fem.by_region import density_of, modulus_of, regions_of
 from strainsight.fem.model import FullModel

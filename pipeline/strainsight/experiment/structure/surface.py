@@ -13,24 +13,29 @@ from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, DeckError
-from strainsight.estimation.model import FilterModel, theta_of
-from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.model import FilterModel, surface_reading, theta_of
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Smoothed, Wanted
+from strainsight.estimation.smoother import Smoothed, WantedCovariances
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.filtered_test import Filtering
 from strainsight.experiment.structure.nuisances import Tolerated
-from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.recovery import facet_strain, strain_matrix
-from strainsight.fem.stress import SurfaceModel, SurfaceState, principal, surface_model, surface_state
+from strainsight.fem.recovery import (
+    SurfaceModel,
+    SurfaceState,
+    facet_strain,
+    principal,
+    strain_matrix,
+    surface_model,
+    surface_state,
+)
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
-from strainsight.records.damage import DamageAt
-from strainsight.records.estimated import Moment, Resultant, VirtualStrain
+from strainsight.records.estimated import DamageAt, Moment, Resultant, VirtualStrain
 from strainsight.records.reduced import Reduced
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import STRAIN, Candidates
@@ -358,13 +363,13 @@ def largest(given: Filtering, last: np.ndarray) -> tuple[int, int]:
 
 def wanted_of(
     settings: Estimate, loads: Mapping[str, Load], given: Filtering, virtual: Virtual | None, run: FilterRun
-) -> Wanted:
+) -> WantedCovariances:
     """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
     its pictures. run: what the filter found."""
     field = np.zeros(0) if settings.field is None else frames_of(settings.field, run.time)
     most = (largest(given, run.mean[-1, 0])[0] + 1) * given.test.every
     together = [at for _, at in places_of(loads, given.problem.unknowns.inputs)]
-    return Wanted(
+    return WantedCovariances(
         np.zeros((0, given.smoothed_states)) if virtual is None else virtual.read(given.model, run.mean[:, 0])[1],
         given.model.position[np.unique(np.concatenate([np.zeros(0, int), *together]))],
         np.unique([*field, most]).astype(int),

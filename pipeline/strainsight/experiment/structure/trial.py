@@ -11,13 +11,13 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import blame
 from strainsight.estimation.consistency import input_error, load_scale
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.record import Settled
 from strainsight.estimation.run import Keep
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.filtering import Filtered, filtered, smoothed
 from strainsight.experiment.structure.nuisances import Tolerated
 from strainsight.experiment.structure.problem import Problem, initial_covariance, sample_std, settled_under
-from strainsight.experiment.structure.settings import unknown_units
+from strainsight.experiment.structure.references import unknown_units
 from strainsight.experiment.structure.start import Loading, loading_of
 from strainsight.experiment.structure.truth import Motion, ReadMotion, Truth
 from strainsight.loads.histories import instant_values
@@ -145,7 +145,7 @@ def _simulated(
     duration: float,
 ) -> Trial:
     unknowns, channels, steps = problem.unknowns, problem.channels.of(gauges), round(duration / h)
-    loading = loading_of(problem.settle, list(problem.signals.values()), h, steps)
+    loading = loading_of(problem.run.settle, list(problem.run.signals.values()), h, steps)
     load = instant_values(loading.held)
     history = {name: load[:, problem.columns([name])[0]] for name in unknowns.inputs}
     history |= {name: np.full(steps + 1, truth.theta[name]) for name in unknowns.parameters}

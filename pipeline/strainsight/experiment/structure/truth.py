@@ -24,9 +24,9 @@ from strainsight.experiment.structure.drawn import (
     model_of,
     varies,
 )
-from strainsight.experiment.structure.full_model import full_model, solver_of
 from strainsight.experiment.structure.problem import Problem
-from strainsight.experiment.structure.settings import load_shapes, parameters_of, point_loads
+from strainsight.experiment.structure.reduction import full_model, solver_of
+from strainsight.experiment.structure.references import load_shapes, parameters_of, point_loads
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.fem.affine import Parameter, at_their_references
 from strainsight.fem.loads import PointLoad, misaligned_shape, misalignment_shapes
@@ -244,7 +244,7 @@ def _full(
 ) -> Truth:
     """stated: the damping; modes: how many have its ratio."""
     # with solvers that no other truth needs
-    from strainsight.fem.relief import relief_of
+    from strainsight.fem.factorisation import relief_of
     from strainsight.fem.transient import ViscousDamping, free_rows, modal_damping, steady_state, transient
 
     K, M = built.model.stiffness.at(theta), built.model.mass.at(theta)

@@ -12,14 +12,12 @@ from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.consistency import after_start, nees, nis, settling_time, verdict, whiteness
 from strainsight.estimation.decision import Benefit, Claim, Decision, band_of, benefit_of, samples_alike, without_sigma
-from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.model import FilterModel, physical, surface_reading
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import disagreements_in_words, ratios
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.candidates import units_in_words
 from strainsight.experiment.structure.filtering import compared, posterior_doubts, posterior_numbers, posteriors_of
 from strainsight.experiment.structure.nuisances import budget_of, tolerated
 from strainsight.experiment.structure.problem import (
@@ -45,13 +43,13 @@ from strainsight.experiment.structure.truth import truth_of
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.pages.text import number
-from strainsight.parallel.sweep import Sweep, side_by_side, watched
+from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.placed import budget_of_shares
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
 from strainsight.runner.output import Scalar, Table
-from strainsight.sensors.candidates import ACCELERATION, STRAIN
+from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
 from strainsight.sensors.screening import CLEARANCE
 
 SETTLED = 0.01

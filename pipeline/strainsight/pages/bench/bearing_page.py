@@ -16,8 +16,7 @@ from strainsight.pages.page.markup import figure as card
 from strainsight.pages.page.markup import figures, measure, table
 from strainsight.pages.page.sections import document, section
 from strainsight.pages.text import number, quantity
-from strainsight.records.bench import BearingCase, Displaced
-from strainsight.records.bench_estimated import BallsThen, RingEstimate
+from strainsight.records.bench import BallsThen, BearingCase, Displaced, RingEstimate
 
 CONTACTS = ("inner left", "inner right", "outer left", "outer right")
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
@@ -34,7 +33,7 @@ CASE_HEAD = ("", "load", "displacement", *(f"∂/∂{name}" for name in DISPLACE
 
 
 @dataclass(frozen=True)
-class Loaded:
+class LoadedBearing:
     """A bearing in equilibrium under a load case, both by name."""
 
     bearing: str
@@ -47,32 +46,30 @@ class Loaded:
         return f"{self.bearing} under {self.case}"
 
 
-def bearing_page(name: str, facts: Mapping[str, str], cases: Sequence[Loaded], curves: Sequence[Displaced]) -> str:
+def bearing_page(
+    name: str, facts: Mapping[str, str], cases: Sequence[LoadedBearing], curves: Sequence[Displaced]
+) -> str:
     """The page as HTML text; facts: what the bearings are, by name."""
-    drawings = [curve_figure(curve) for curve in curves]
     polar = [drawn for case in cases for drawn in ball_figures(case)]
+    bearings = table("bearings", ("bearing", "what it is"), [list(map(escape, pair)) for pair in facts.items()])
     sections = [
-        section(
-            "Bearings",
-            table("bearings", ("bearing", "what it is"), [list(map(escape, pair)) for pair in facts.items()]),
-        ),
-        _cases(cases),
+        section("Bearings", bearings),
+        *map(_case, cases),
         figures(map(card, polar, count()), "<h2>Loads of the balls</h2>"),
-        figures(map(card, drawings, count(len(polar))), "<h2>Load over displacement</h2>"),
+        figures(map(card, map(curve_figure, curves), count(len(polar))), "<h2>Load over displacement</h2>"),
     ]
-    worst = max(cases, key=lambda case: float(case.state.pressure.max()), default=None)
-    answer = escape(
-        f"The highest contact pressure is {number(float(worst.state.pressure.max()) / 1e6, 4)} MPa, in {worst.title}."
-        if worst is not None
-        else f"{len(curves)} load-displacement curves."
-    )
+    answer = f"{len(curves)} load-displacement curves."
+    if cases:
+        worst = max(cases, key=lambda case: float(case.state.pressure.max()))
+        pressure = number(float(worst.state.pressure.max()) / 1e6, 4)
+        answer = f"The highest contact pressure is {pressure} MPa, in {worst.title}."
     footer = (
         "Quasi-static contact after Hertz, rings rigid but for the contacts; the outer ring is held, x is the axis."
     )
-    return document("bearing", name, name, answer, sections, footer)
+    return document("bearing", name, name, escape(answer), sections, footer)
 
 
-def ball_figures(case: Loaded) -> list[Drawing]:
+def ball_figures(case: LoadedBearing) -> list[Drawing]:
     """Contact force, contact angle and pressure around the bearing, thesis figures 1.4 and 1.5."""
     loaded = np.where(case.state.force > 0, 1.0, np.nan)
     shown = (
@@ -83,25 +80,24 @@ def ball_figures(case: Loaded) -> list[Drawing]:
     return [_polar(case, *entry) for entry in shown]
 
 
-def _polar(case: Loaded, key: str, what: str, values: FloatArray, unit: str) -> Drawing:
+@styled()
+def _polar(case: LoadedBearing, key: str, what: str, values: FloatArray, unit: str) -> Drawing:
     order = np.argsort(case.state.station)
     around = np.append(case.state.station[order], case.state.station[order][0] + 2 * np.pi)
-    with styled():
-        drawn, axes = figure(4.6)
-        place = axes.get_subplotspec()
-        axes.remove()
-        axes = drawn.add_subplot(place, projection="polar")
-        axes.patch.set_visible(False)
-        for contact, colour in enumerate(COLOURS):
-            column = np.append(values[order, contact], values[order[0], contact])
-            if np.nanmax(np.abs(np.append(column, 0.0))) > 0:
-                # the two contacts of one diagonal carry nearly the same: dashes leave the line below to be seen
-                axes.plot(around, column, color=colour, ls="-" if contact < 2 else (0, (4, 3)), label=CONTACTS[contact])
-        axes.set_title(f"{what} [{unit}]")
-        handles, labels = axes.get_legend_handles_labels()
-        if handles:
-            drawn.legend(handles, labels, loc="outside lower center", ncols=2)
-        image = svg(drawn)
+    drawn, axes = figure(4.6)
+    place = axes.get_subplotspec()
+    axes.remove()
+    axes = drawn.add_subplot(place, projection="polar")
+    axes.patch.set_visible(False)
+    for contact, colour in enumerate(COLOURS):
+        column = np.append(values[order, contact], values[order[0], contact])
+        if np.nanmax(np.abs(np.append(column, 0.0))) > 0:
+            # the two contacts of one diagonal carry nearly the same: dashes leave the line below to be seen
+            axes.plot(around, column, color=colour, ls="-" if contact < 2 else (0, (4, 3)), label=CONTACTS[contact])
+    axes.set_title(f"{what} [{unit}]")
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        drawn.legend(handles, labels, loc="outside lower center", ncols=2)
     largest = np.nanmax(np.append(values, 0.0))
     z = len(case.state.station)
     caption = (
@@ -109,24 +105,25 @@ def _polar(case: Loaded, key: str, what: str, values: FloatArray, unit: str) -> 
         f"axis, 90° the z axis. Largest: {number(float(largest), 4)} {unit}."
     )
     alt = f"Polar chart of the {what} of {z} balls, largest {number(float(largest), 4)} {unit}."
-    return Drawing(f"{key}-{case.bearing}-{case.case}", f"{case.bearing}, {case.case}: {what}", caption, alt, image)
+    return Drawing(
+        f"{key}-{case.bearing}-{case.case}", f"{case.bearing}, {case.case}: {what}", caption, alt, svg(drawn)
+    )
 
 
+@styled()
 def curve_figure(curve: Displaced) -> Drawing:
     """Load along and across one displacement."""
     a = curve.along
     unit = "mm" if a < 3 else "mrad"
     load = np.where(np.abs(curve.curve.load) > ROUNDING * np.abs(curve.curve.load).max(), curve.curve.load, 0.0)
-    with styled():
-        drawn, forces, moments = figure(4.6, (1.0, 1.0))
-        for axes, which, what in ((forces, range(3), "force [kN]"), (moments, range(3, 5), "moment [kN m]")):
-            for i in which:
-                axes.plot(1e3 * curve.curve.displacement, load[:, i] / 1e3, color=COLOURS[i % 3], label="xyzyz"[i])
-            axes.set_ylabel(what)
-            legend_above(axes)
-        moments.locator_params(axis="x", nbins=5)
-        moments.set_xlabel(f"{DISPLACEMENTS[a]} [{unit}]")
-        image = svg(drawn)
+    drawn, forces, moments = figure(4.6, (1.0, 1.0))
+    for axes, which, what in ((forces, range(3), "force [kN]"), (moments, range(3, 5), "moment [kN m]")):
+        for i in which:
+            axes.plot(1e3 * curve.curve.displacement, load[:, i] / 1e3, color=COLOURS[i % 3], label="xyzyz"[i])
+        axes.set_ylabel(what)
+        legend_above(axes)
+    moments.locator_params(axis="x", nbins=5)
+    moments.set_xlabel(f"{DISPLACEMENTS[a]} [{unit}]")
     largest = float(np.abs(curve.curve.load[:, a]).max())
     name = DISPLACEMENTS[a]
     caption = (
@@ -134,7 +131,7 @@ def curve_figure(curve: Displaced) -> Drawing:
         f"At most {number(largest, 4)} {LOAD_UNITS[a]} along it."
     )
     alt = f"Line chart of three forces and two moments over the displacement {name}."
-    return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, image)
+    return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, svg(drawn))
 
 
 def cleared(values: FloatArray) -> FloatArray:
@@ -145,30 +142,23 @@ def cleared(values: FloatArray) -> FloatArray:
     return np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
 
 
-def case_rows(case: Loaded) -> list[tuple[str, list[tuple[float, str, int]]]]:
+def case_rows(case: LoadedBearing) -> list[tuple[str, list[tuple[float, str, int]]]]:
     """Rows below CASE_HEAD: the displacement, and its cells as value, unit and significant digits."""
     load, q, stiffness = cleared(case.state.load), cleared(case.state.displacement), cleared(case.state.stiffness)
+    columns = zip(
+        DISPLACEMENTS, load.tolist(), LOAD_UNITS, q.tolist(), DISPLACEMENT_UNITS, stiffness.tolist(), strict=True
+    )
     return [
-        (
-            DISPLACEMENTS[i],
-            [
-                (float(load[i]), LOAD_UNITS[i], 6),
-                (float(q[i]), DISPLACEMENT_UNITS[i], 6),
-                *((float(value), "", 4) for value in stiffness[i]),
-            ],
-        )
-        for i in range(len(DISPLACEMENTS))
+        (name, [(force, force_unit, 6), (moved, unit, 6), *((value, "", 4) for value in row)])
+        for name, force, force_unit, moved, unit, row in columns
     ]
 
 
-def _cases(cases: Sequence[Loaded]) -> str:
-    text = ""
-    for case in cases:
-        rows = [[name, *(measure(*cell) for cell in cells)] for name, cells in case_rows(case)]
-        caption = "Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
-        words = table(case.title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
-        text += section(escape(case.title), words)
-    return text
+def _case(case: LoadedBearing) -> str:
+    rows = [[name, *(measure(*cell) for cell in cells)] for name, cells in case_rows(case)]
+    caption = "Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
+    text = table(case.title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
+    return section(escape(case.title), text)
 
 
 def balls_figures(name: str, ring: RingEstimate) -> tuple[Drawing, Drawing]:
@@ -176,46 +166,44 @@ def balls_figures(name: str, ring: RingEstimate) -> tuple[Drawing, Drawing]:
     return _around(name, ring.worst), _in_time(name, ring)
 
 
+@styled()
 def _around(name: str, then: BallsThen) -> Drawing:
     order = np.argsort(then.station)
     station = np.rad2deg(then.station[order])
     force, std = then.force[order] / 1e3, then.force_std[order] / 1e3
-    with styled():
-        drawn, axes = figure(2.6)
-        for contact in range(INNER):
-            axes.plot(station, force[:, contact], color=COLOURS[contact], label=CONTACTS[contact])
-            band(axes, station, force[:, contact], std[:, contact], COLOURS[contact])
-        axes.set_ylabel("force [kN]")
-        axes.set_xlabel("station of the ball [°]")
-        axes.set_ylim(bottom=0)
-        plain_axis(axes)
-        legend_above(axes)
-        image = svg(drawn)
+    drawn, axes = figure(2.6)
+    for contact in range(INNER):
+        axes.plot(station, force[:, contact], color=COLOURS[contact], label=CONTACTS[contact])
+        band(axes, station, force[:, contact], std[:, contact], COLOURS[contact])
+    axes.set_ylabel("force [kN]")
+    axes.set_xlabel("station of the ball [°]")
+    axes.set_ylim(bottom=0)
+    plain_axis(axes)
+    legend_above(axes)
     at = np.unravel_index(np.argmax(then.force), then.force.shape)
     caption = (
         f"Force on each of the {len(then.station)} balls of {name} by the estimate at {number(then.time, 4)} s, "
         f"when the pressure is highest: at most {_known(then.force[at], then.force_std[at], 'N')}"
     )
     title = f"{name}: what the balls carry"
-    return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", image)
+    return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", svg(drawn))
 
 
+@styled()
 def _in_time(name: str, ring: RingEstimate) -> Drawing:
-    with styled():
-        drawn, axes = figure(2.4)
-        axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
-        band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
-        axes.set_ylabel("highest pressure [MPa]")
-        plain_axis(axes)
-        time_axis(axes)
-        image = svg(drawn)
+    drawn, axes = figure(2.4)
+    axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
+    band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
+    axes.set_ylabel("highest pressure [MPa]")
+    plain_axis(axes)
+    time_axis(axes)
     at = int(np.argmax(ring.pressure))
     caption = (
         f"Highest contact pressure in {name} by the estimate, of all balls: at most "
         f"{_known(ring.pressure[at], ring.pressure_std[at], 'Pa')}"
     )
     title = f"{name}: highest pressure by the estimate"
-    return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", image)
+    return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", svg(drawn))
 
 
 def _known(value: float, std: float, unit: str) -> str:

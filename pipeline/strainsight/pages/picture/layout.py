@@ -1,4 +1,4 @@
-"""The structure and the sensors on it, as a picture and a table need them."""
+"""The structure and the sensors on it as pages show them, and the axes and unit of their positions."""
 
 from __future__ import annotations
 
@@ -8,7 +8,49 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray, IntArray
-from strainsight.pages.datum import METRES, Frame
+
+
+@dataclass(frozen=True)
+class PositionAxes:
+    """x' = R (x/L − o): unit of length by name, L [m] of one; origin o (3,) [unit]; axes R (3, 3), rows x, y, z, unit vectors."""
+
+    unit: str
+    metres: float
+    origin: FloatArray
+    axes: FloatArray
+
+    def place(self, x: FloatArray) -> FloatArray:
+        """Points (..., 3) [m] → [unit]."""
+        return np.asarray((np.asarray(x, dtype=float) / self.metres - self.origin) @ self.axes.T)
+
+    def turn(self, d: FloatArray) -> FloatArray:
+        """Directions (..., 3)."""
+        return np.asarray(np.asarray(d, dtype=float) @ self.axes.T)
+
+    def length(self, size: FloatArray | float) -> FloatArray:
+        """Lengths [m] → [unit]."""
+        return np.asarray(np.asarray(size, dtype=float) / self.metres)
+
+    @property
+    def heads(self) -> tuple[str, str, str]:
+        """Heads of the columns of a place."""
+        return f"x [{self.unit}]", f"y [{self.unit}]", f"z [{self.unit}]"
+
+    @property
+    def of_the_deck(self) -> bool:
+        """Whether its axes are the deck's own."""
+        return not self.origin.any() and np.array_equal(self.axes, np.eye(3))
+
+    def in_words(self) -> str:
+        """Where it is, in the deck's coordinates."""
+        if self.of_the_deck:
+            return "the deck's coordinates"
+        origin, x, y = (" ".join(f"{round(v, 6) + 0.0:g}" for v in row) for row in (self.origin, *self.axes[:2]))
+        return f"the datum at ({origin}) {self.unit} of the deck, x along ({x}), y along ({y})"
+
+
+METRES = PositionAxes("m", 1.0, np.zeros(3), np.eye(3))
+"""The deck's coordinates in metres."""
 
 
 @dataclass(frozen=True)
@@ -69,13 +111,21 @@ class Gauge:
     foil: tuple[float, float] = (0.0, 0.0)
 
     @property
+    def grids(self) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Position, direction and normal of all that it reads: of every arm of a bridge, else of every channel at its place."""
+        if self.arms:
+            return [(arm.position, arm.direction, arm.normal) for arm in self.arms]
+        position, normal = np.asarray(self.position, dtype=float), np.asarray(self.normal, dtype=float)
+        return [(position, direction, normal) for direction in self.channels]
+
+    @property
     def channels(self) -> FloatArray:
         """Directions of all that it reads (c, 3), one where no more are stated."""
         return self.directions if len(self.directions) else np.asarray(self.direction, dtype=float).reshape(1, 3)
 
 
 @dataclass(frozen=True)
-class Load:
+class LoadArrow:
     """A point load to draw: name, point (3,) [m], direction (3,), and whether its history is known to the filter."""
 
     name: str
@@ -85,7 +135,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Layout:
+class PictureLayout:
     """The structure and what sits on it.
 
     points (n, 3) [m]; faces (f, 8) indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8
@@ -98,11 +148,16 @@ class Layout:
     faces: IntArray
     pool: FloatArray
     gauges: tuple[Gauge, ...]
-    loads: tuple[Load, ...] = ()
+    loads: tuple[LoadArrow, ...] = ()
     fixed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     loose: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     bars: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
-    frame: Frame = METRES
+    frame: PositionAxes = METRES
+
+    @property
+    def size(self) -> float:
+        """The diagonal of the box around the structure [m]."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @property
     def places(self) -> tuple[FloatArray, FloatArray]:

@@ -8,14 +8,24 @@ from dataclasses import dataclass, replace
 from html import escape
 from urllib.parse import quote
 
-import numpy as np
-
 from strainsight.estimation.decision import CONSISTENT, DIVERGED, FAULTS, LOST, OVERCONFIDENT, TOO_CAUTIOUS, Claim
 from strainsight.pages.arrays import rms
-from strainsight.pages.bench.data import BenchRun
-from strainsight.pages.page.markup import block, cell, count, grouped_table, links, plain, share, table, verdict_mark
-from strainsight.pages.placement.data import Case, Unknown
-from strainsight.pages.placement.first import faults, no_benefit, why
+from strainsight.pages.bench.data import BenchPageRun
+from strainsight.pages.page.markup import (
+    block,
+    cell,
+    count,
+    grouped_table,
+    links,
+    plain,
+    share,
+    table,
+    unfolding,
+    verdict_mark,
+)
+from strainsight.pages.page.sections import section
+from strainsight.pages.placement.data import ObservabilityCase, Unknown
+from strainsight.pages.placement.first import accused, faults, no_benefit, why
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.pages.text import listed
 
@@ -25,14 +35,14 @@ TRAINING = "training run"
 
 
 @dataclass(frozen=True)
-class Series:
+class ExcitationSeries:
     """The cases at one excitation: numbers of the runs that share it, from 1; excitation as the first of them calls it;
     label of that run; group → its case."""
 
     runs: tuple[int, ...]
     excitation: str
     label: str
-    cases: Mapping[str, Case]
+    cases: Mapping[str, ObservabilityCase]
 
     @property
     def heading(self) -> str:
@@ -40,23 +50,23 @@ class Series:
         return numbered(self.runs) + ("" if self.excitation == TRAINING else f" at {self.excitation}")
 
 
-def series_of(report: Suite) -> tuple[Series, ...]:
+def series_of(report: Suite) -> tuple[ExcitationSeries, ...]:
     """Every distinct excitation of the runs, in their order; runs with the same one and the same numbers are one series."""
-    found: list[Series] = []
+    series: list[ExcitationSeries] = []
     loads = _loads(report)
     for index, run in report.placements:
         for excitation in dict.fromkeys(case.excitation for case in run.cases):
             cases = {_group(case, run, loads): case for case in run.cases if case.excitation == excitation}
-            for place, other in enumerate(found):
+            for place, other in enumerate(series):
                 if _same(cases, other.cases):
-                    found[place] = replace(other, runs=(*other.runs, index))
+                    series[place] = replace(other, runs=(*other.runs, index))
                     break
             else:
-                found.append(Series((index,), excitation, run.label, cases))
-    return tuple(found)
+                series.append(ExcitationSeries((index,), excitation, run.label, cases))
+    return tuple(series)
 
 
-def groups_of(series: tuple[Series, ...]) -> tuple[str, ...]:
+def groups_of(series: tuple[ExcitationSeries, ...]) -> tuple[str, ...]:
     """Sets of unknowns that occur, fewest unknowns first."""
     names = dict.fromkeys(group for entry in series for group in entry.cases)
     return tuple(sorted(names, key=lambda group: group.count(" + ")))
@@ -73,29 +83,23 @@ def observability_section(report: Suite, cards: Mapping[str, str]) -> str:
     series = series_of(report)
     if not series:
         return ""
-    groups = groups_of(series)
     motions = [[escape(entry.heading), escape(entry.label)] for entry in series]
-    lost = {
-        group: list(dict.fromkeys(entry.cases[group].lost for entry in series if group in entry.cases))
-        for group in groups
-    }
     listed = table("excitations", ("excitation of", "label of the first"), motions)
-    missing = [[escape(group), "<br>".join(escape(text) for text in texts if text)] for group, texts in lost.items()]
-    if missing := [row for row in missing if row[1]]:
+    missing, rows = [], []
+    for group in groups_of(series):
+        cases = [entry.cases.get(group) for entry in series]
+        if lost := dict.fromkeys(escape(case.lost) for case in cases if case is not None and case.lost):
+            missing.append([escape(group), "<br>".join(lost)])
+        rows.append([escape(group), *("–" if case is None else plain(case.condition, 3) for case in cases)])
+    if missing:
         listed += '<h3 class="run">Weakly observable at one of them at least</h3>'
         listed += table("weakly observable", ("unknown together", "what"), missing)
-    rows = [
-        [escape(group)]
-        + ["–" if group not in entry.cases else plain(entry.cases[group].condition, 3) for entry in series]
-        for group in groups
-    ]
     head = ["unknown together", *(escape(entry.heading) for entry in series)]
     caption = "Condition number of the scaled Popov-Belevitch-Hautus matrix at λ = 0: whole pool, median over instants."
     numbers = table("conditions", head, rows, caption=caption, numeric=range(1, len(head)))
-    return (
-        f'<h2>What can be distinguished</h2><div class="figures">{cards.get("pbh", "")}<div class="card">{listed}</div></div>'
-        f'<details class="card below"><summary>The same in numbers</summary>{numbers}</details>'
-    )
+    shown = f'{cards.get("pbh", "")}<div class="card">{listed}</div>'
+    more = unfolding("The same in numbers", numbers)
+    return section("What can be distinguished", shown, kind="figures", more=more)
 
 
 def _loads(report: Suite) -> frozenset[str]:
@@ -105,14 +109,14 @@ def _loads(report: Suite) -> frozenset[str]:
     return frozenset(inputs | drawn)
 
 
-def _group(case: Case, run: PlacementRun, loads: frozenset[str]) -> str:
+def _group(case: ObservabilityCase, run: PlacementRun, loads: frozenset[str]) -> str:
     """The set of unknowns in words: all loads together are "input", as the runs differ in how many they have."""
-    own = {unknown.name for unknown in run.unknowns if unknown.kind == "parameter"}
-    parts = ["input" if name in loads and name not in own else name for name in case.unknowns]
+    parameters = {unknown.name for unknown in run.unknowns if unknown.kind == "parameter"}
+    parts = ["input" if name in loads and name not in parameters else name for name in case.unknowns]
     return " + ".join(dict.fromkeys(parts)) or "none"
 
 
-def _same(one: Mapping[str, Case], other: Mapping[str, Case]) -> bool:
+def _same(one: Mapping[str, ObservabilityCase], other: Mapping[str, ObservabilityCase]) -> bool:
     return one.keys() == other.keys() and all(
         case.excitation == other[group].excitation and _equal(case.condition, other[group].condition)
         for group, case in one.items()
@@ -130,22 +134,16 @@ WORDS = (*FAULTS, CONSISTENT, TOO_CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
 
 @dataclass(frozen=True)
 class Result:
-    """One unknown of one run, all relative.
+    """One unknown of one run.
 
-    error, std: of the filtered parameter, of the smoothed load (`smoothed`; the filtered one where no smoothed is there);
-    rms, worst: error over the repeats, which are filtered: RMS of those that ended, worst of all, ∞ where one was lost;
-    repeats: how many, lost: how many of them diverged; verdicts: what is wrong with it, empty where nothing is. None is
-    what was not computed.
+    error, std: relative, of the filtered parameter, of the smoothed load (`smoothed`; the filtered one where no smoothed is
+    known), None where it was not estimated; verdicts: what is wrong with it, empty where nothing is.
     """
 
     unknown: Unknown
     smoothed: bool
     error: float | None
     std: float | None
-    rms: float | None
-    worst: float | None
-    repeats: int
-    lost: int
     verdicts: tuple[str, ...]
 
     @property
@@ -168,22 +166,22 @@ class Result:
 
 def results_of(run: PlacementRun) -> tuple[Result, ...]:
     """Every unknown of the run, in its order."""
-    return tuple(map(_result, run.unknowns))
-
-
-def is_estimated(run: SuiteRun) -> bool:
-    if isinstance(run, BenchRun):
-        return run.estimate is not None
-    return any(unknown.error is not None for unknown in run.unknowns)
+    results = []
+    for unknown in run.unknowns:
+        smoothed = unknown.kind == "input" and unknown.smoothed_error is not None
+        error, std = (unknown.smoothed_error, unknown.smoothed_std) if smoothed else (unknown.error, unknown.std)
+        diverged = (unknown.repeats is not None and unknown.repeats.lost > 0) or not math.isfinite(error or 0.0)
+        results.append(Result(unknown, smoothed, error, std, faults(unknown, diverged)))
+    return tuple(results)
 
 
 def counts(report: Suite) -> dict[str, list[int]]:
     """Numbers of the runs, from 1, by what they came to, in the order of WORDS; a run may have several faults."""
-    found: dict[str, list[int]] = {word: [] for word in WORDS}
+    numbers: dict[str, list[int]] = {word: [] for word in WORDS}
     for index, run in enumerate(report.runs, start=1):
         for word in _words(run):
-            found[word].append(index)
-    return {word: places for word, places in found.items() if places}
+            numbers[word].append(index)
+    return {word: places for word, places in numbers.items() if places}
 
 
 def without_benefit(report: Suite) -> list[int]:
@@ -191,36 +189,22 @@ def without_benefit(report: Suite) -> list[int]:
     return [
         index
         for index, run in report.placements
-        if run.unknowns and all(own.benefit is not None and own.benefit.verdict == "none" for own in run.unknowns)
+        if run.unknowns
+        and all(unknown.benefit is not None and unknown.benefit.verdict == "none" for unknown in run.unknowns)
     ]
 
 
 def _words(run: SuiteRun) -> tuple[str, ...]:
     """What is wrong with a run, each once; else whether its σ hold."""
-    if not is_estimated(run):
+    if not run.is_estimated:
         return (NOT_ESTIMATED,)
-    if isinstance(run, BenchRun):
+    if isinstance(run, BenchPageRun):
         wrong, held = run.all_faults, {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
     else:
         results = results_of(run)
         wrong = tuple(dict.fromkeys(verdict for result in results for verdict in result.verdicts))
         held = {result.claim.verdict for result in results if result.claim is not None}
     return wrong or (next((word for word in (TOO_CAUTIOUS, CONSISTENT) if word in held), UNKNOWN),)
-
-
-def _result(unknown: Unknown) -> Result:
-    repeats = unknown.repeats
-    smoothed = unknown.kind == "input" and unknown.smoothed_error is not None
-    error, std = (unknown.smoothed_error, unknown.smoothed_std) if smoothed else (unknown.error, unknown.std)
-    typical = worst = None
-    many = lost = 0
-    if repeats is not None and len(repeats.error):
-        size = np.abs(repeats.error)
-        many, lost = len(size), int(np.count_nonzero(~np.isfinite(size)))
-        typical, worst = rms(size), math.inf if lost else float(np.max(size))
-    diverged = bool(lost) or (error is not None and not math.isfinite(error))
-    verdicts = faults(unknown, diverged)
-    return Result(unknown, smoothed, error, std, typical, worst, many, lost, verdicts)
 
 
 METRIC = "metric"
@@ -235,11 +219,11 @@ MEASURED = COLUMNS[5:]
 
 def answer(report: Suite) -> str:
     """What the runs came to, what does not hold first."""
-    found, parts = counts(report), []
-    for word, places in found.items():
+    counted, parts = counts(report), []
+    for word, places in counted.items():
         text = f'<strong class="bad">{word}</strong>' if word in FAULTS else word
         parts.append(f"{count(len(places))} {text} ({_links(places)})")
-    both = [index for index in found.get(OVERCONFIDENT, ()) if index in found.get(LOST, ())]
+    both = [index for index in counted.get(OVERCONFIDENT, ()) if index in counted.get(LOST, ())]
     ending = f"; {numbered(tuple(both))} both" if both else ""
     none = without_benefit(report)
     gains = f' <strong class="bad">Placement brings no benefit in {_links(none)}.</strong>' if none else ""
@@ -277,22 +261,21 @@ def runs_table(report: Suite) -> str:
 
 def run_answer(run: PlacementRun) -> str:
     """What does not hold, then how many gauges tell what."""
-    names = [escape(unknown.name) for unknown in run.unknowns]
-    if not is_estimated(run):
-        what = " and ".join(names) or "nothing"
+    if not run.is_estimated:
+        what = " and ".join(escape(unknown.name) for unknown in run.unknowns) or "nothing"
         return f"<strong>Not estimated</strong>: {what}; the run ends after {escape(run.reached)}."
-    gauges = f"{run.gauges} gauge{'s' * (run.gauges != 1)} of {run.pool}" if run.gauges is not None else "The gauges"
+    gauges, results = "The gauges", results_of(run)
+    if run.gauges is not None:
+        gauges = f"{run.gauges} gauge{'s' * (run.gauges != 1)} of {run.pool}"
     parts = [
         f"<strong>{escape(result.unknown.name)}</strong> to {share(result.error)}"
         + (f" at a claimed σ of {share(result.std)}" if result.std is not None else "")
-        for result in results_of(run)
+        for result in results
     ]
-    text = ""
-    for result in results_of(run):
-        if result.verdicts:
-            said = ", ".join(_why(verdict, result) for verdict in result.verdicts)
-            text += f'<strong class="bad">{escape(result.unknown.name)}: {said}.</strong> '
-    return f"{text}{no_benefit(run.unknowns)}{gauges} tell {', '.join(parts)}."
+    wrong = "".join(
+        accused(result.unknown.name, [_why(verdict, result) for verdict in result.verdicts]) for result in results
+    )
+    return f"{wrong}{no_benefit(run.unknowns)}{gauges} tell {', '.join(parts)}."
 
 
 def link(run: SuiteRun, text: str = "its page", around: str = "{}") -> str:
@@ -312,7 +295,7 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
         _metric(run, mixed),
         "–" if run.trend is None or run.trend.gap is None else share(max(run.trend.gap, 0.0)),
     )
-    if is_estimated(run):
+    if run.is_estimated:
         return block(heading, [[cell(_unknown(result)), *_numbers(result)] for result in results_of(run)], once)
     names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
     absent = f'<td class="v" colspan="{len(MEASURED)}">{_absent(run)}</td>'
@@ -321,9 +304,13 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
 
 def _absent(run: PlacementRun) -> str:
     """Why there is no estimate, and what placement expects where it went so far."""
-    known = [own for own in run.unknowns if own.expected_std is not None]
-    expected = ", ".join(f"{escape(own.name)} ± {share(own.expected_std)}" for own in known)
-    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' + escape(run.note) if run.note else ''}"
+    note = f": {escape(run.note)}" if run.note else ""
+    expected = ", ".join(
+        f"{escape(unknown.name)} ± {share(unknown.expected_std)}"
+        for unknown in run.unknowns
+        if unknown.expected_std is not None
+    )
+    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){note}"
     return text + (f"<br>expected when placed: {expected}" if expected else "")
 
 
@@ -346,8 +333,9 @@ def _unknown(result: Result) -> str:
 
 
 def _numbers(result: Result) -> list[str]:
-    sigmas = "–" if result.sigmas is None else plain(result.sigmas, 2)
-    shown = [*map(share, (result.error, result.std)), sigmas, *map(share, (result.rms, result.worst))]
+    sigmas, repeats = "–" if result.sigmas is None else plain(result.sigmas, 2), result.unknown.repeats
+    spread = (None, None) if repeats is None else (rms(repeats.error), repeats.worst)
+    shown = [share(result.error), share(result.std), sigmas, *map(share, spread)]
     return [*(cell(text, right=True) for text in shown), cell(_verdict(result))]
 
 
@@ -355,21 +343,21 @@ def _verdict(result: Result) -> str:
     if result.error is None:
         return "not estimated"
     if not result.verdicts:
-        if result.verdict == TOO_CAUTIOUS:
-            return f'<strong class="good">✓ {TOO_CAUTIOUS}</strong> <small>{_measured(result)}</small>'
-        return f'<strong class="good">✓ {CONSISTENT}</strong>' if result.verdict == CONSISTENT else result.verdict
+        if result.verdict not in (TOO_CAUTIOUS, CONSISTENT):
+            return result.verdict
+        small = f" <small>{_measured(result)}</small>" * (result.verdict == TOO_CAUTIOUS)
+        return f'<strong class="good">✓ {result.verdict}</strong>{small}'
     lines = []
     for verdict in result.verdicts:
-        over = f" <small>{_measured(result)}</small>" if verdict == OVERCONFIDENT else ""
-        over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
-        lines.append(f"{verdict_mark(verdict, False)}{over}")
+        text = _measured(result) if verdict == OVERCONFIDENT else _lost(result) if verdict == DIVERGED else ""
+        lines.append(verdict_mark(verdict, False) + (f" <small>{text}</small>" if text else ""))
     return "<br>".join(lines)
 
 
 def _why(verdict: str, result: Result) -> str:
     """The verdict and the number it stands on."""
-    if verdict == DIVERGED and result.lost:
-        return f"{DIVERGED} ({_lost(result)})"
+    if verdict == DIVERGED:
+        return " ".join(filter(None, (DIVERGED, _lost(result))))
     return why(verdict, result.unknown)
 
 
@@ -380,4 +368,6 @@ def _measured(result: Result) -> str:
 
 
 def _lost(result: Result) -> str:
-    return f"{count(result.lost)} of {count(result.repeats)} repeats"
+    """How many repeats diverged, in brackets; empty where none did."""
+    repeats = result.unknown.repeats
+    return f"({count(repeats.lost)} of {count(len(repeats.error))} repeats)" if repeats and repeats.lost else ""

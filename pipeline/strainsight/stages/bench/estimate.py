@@ -23,8 +23,7 @@ from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.bench.sensors import dataset_units
 from strainsight.experiment.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
-from strainsight.records.bench import Simulated
-from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.bench import BenchEstimated, Simulated
 from strainsight.records.record import read, written
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Output, Scalar, Table, warnings_table

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from strainsight.mesh.model import Mesh
-from strainsight.records.bench import BenchTruths, ReducedBodies, ReducedBody
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import BenchPlaced, BenchTruths, ReducedBodies, ReducedBody
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.runner.stage import Context

@@ -23,7 +23,7 @@ from strainsight.experiment.bench.inverse.numbers import (
     smoothed_numbers,
 )
 from strainsight.experiment.bench.inverse.unknowns import asked
-from strainsight.records.bench_estimated import (
+from strainsight.records.bench import (
     BenchEstimated,
     LoadHistory,
     LoadRuns,

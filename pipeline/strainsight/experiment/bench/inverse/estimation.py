@@ -36,8 +36,7 @@ from strainsight.experiment.recorded import signals_of
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
-from strainsight.records.bench import BenchTruths, ReducedBody, Simulated
-from strainsight.records.bench_estimated import BenchPlaced, RingEstimate
+from strainsight.records.bench import BenchPlaced, BenchTruths, ReducedBody, RingEstimate, Simulated
 from strainsight.records.estimated import Compared
 
 SECTION = "estimate.measured"

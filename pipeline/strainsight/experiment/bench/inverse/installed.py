@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig, StrainSensor
 from strainsight.errors import blame
-from strainsight.estimation.filter import FilterRun
+from strainsight.estimation.run import FilterRun
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.unknowns import asked
 from strainsight.experiment.bench.sensors import Sensors, gauges_of
@@ -17,8 +17,7 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.sensors import Readings, readings
 from strainsight.multibody.sensors import StrainSensor as StrainRows
-from strainsight.records.bench import ReducedBody
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import BenchPlaced, ReducedBody
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.installation import (
     COMMON,

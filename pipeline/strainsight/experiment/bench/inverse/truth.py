@@ -24,9 +24,8 @@ from strainsight.experiment.bench.sensors import MOTION_UNITS, instants_of, read
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.radau import simulate_radau
 from strainsight.multibody.sensors import Readings
-from strainsight.multibody.simulate import simulate
+from strainsight.multibody.simulate import simulate, simulate_radau
 from strainsight.records import record
 from strainsight.records.bench import BenchTruths, ReducedBody, Simulated
 

@@ -1,4 +1,4 @@
-"""Truths and measurements drawn from the filter's own model, to test whether its σ is consistent."""
+"""Truths and measurements drawn from the filter's own model, and linear models of full matrices."""
 
 from __future__ import annotations
 
@@ -7,10 +7,9 @@ from collections.abc import Sequence
 import numpy as np
 
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.parallel_filters import ModalMotion
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.update import covariance_factor
-
-__all__ = ["covariance_factor", "draw_truth"]
 
 
 def draw_truth(
@@ -31,10 +30,17 @@ def draw_truth(
     disturbance = np.stack([rng.standard_normal((steps, walk.shape[1])) @ walk.T for rng in generators], axis=1)
     noise = np.stack([rng.standard_normal((steps, model.H.shape[-2])) for rng in generators], axis=1)
     noise *= np.sqrt(model.noise)
-    driven = Driven(model, known)
+    driven = DrivenModel(model, known)
     truth, measurement = np.empty((steps + 1, len(seeds), size)), np.empty_like(noise)
     truth[0] = x
     for k in range(steps):
         truth[k + 1] = driven.step(truth[k], k)[0] + disturbance[k]
         measurement[k] = driven.measure(truth[k + 1], k)[0] + noise[k]
     return truth, measurement[model.every - 1 :: model.every]
+
+
+def plain_motion(A: np.ndarray, G: np.ndarray, A_nu: np.ndarray, G_nu: np.ndarray) -> ModalMotion:
+    """Of full matrices A (B, n, n), G (B, n, p), A_ν (B, e, n, n) and G_ν (B, e, n, p), no mode apart."""
+    one, pairs = np.tile(np.eye(A.shape[-1]), (len(A), 1, 1)), np.zeros((len(A), 4, 0))
+    pairs_nu = np.zeros((*A_nu.shape[:2], 4, 0))
+    return ModalMotion(one, one, pairs, np.swapaxes(A, -1, -2), G, pairs_nu, np.swapaxes(A_nu, -1, -2), G_nu)
