@@ -14,7 +14,7 @@ from strainsight.errors import ConfigError, ContradictionError, NumericalError, 
 from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Wanted
+from strainsight.estimation.smoother import WantedCovariances
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
@@ -158,7 +158,7 @@ def campaign_of(
     with blame("estimate.virtual"):
         virtual = virtual_of(mesh, field, settings.virtual, config.gauges, free)
 
-    def wanted(record: RecordFilter, run: FilterRun) -> Wanted:
+    def wanted(record: RecordFilter, run: FilterRun) -> WantedCovariances:
         return wanted_of(config, record, virtual, run)
 
     passes = 1 if settings.hold_out is None else 1 + len(np.unique(problem.channels.gauge[channels]))

@@ -18,7 +18,7 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord, Settled
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Smoothed, Wanted, smooth
+from strainsight.estimation.smoother import Smoothed, WantedCovariances, smooth
 from strainsight.experiment.structure.filtering import by_moments
 from strainsight.experiment.structure.measured import Measured, in_record, settled_in
 from strainsight.experiment.structure.nuisances import RENEWED, Shares, Tolerated, budget_of, nuisances_of, on_average
@@ -113,7 +113,7 @@ class FilteredRecord:
         return replace(self, run=run, smoothed=self.smoothed.without_sigma(), compared=None)
 
 
-Wants = Callable[[RecordFilter, FilterRun], Wanted]
+Wants = Callable[[RecordFilter, FilterRun], WantedCovariances]
 Progress = Callable[[float], None]
 
 

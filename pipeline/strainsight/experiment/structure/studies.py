@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.config.tolerances import Sweeps, Validate
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation.model import physical
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.run import all_lost
 from strainsight.experiment.structure.problem import filter_model, sample_std
 from strainsight.experiment.structure.trial import (
@@ -178,7 +178,7 @@ def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -
     found = sweep(_batch, batches, without_truth(trial))
     lost = np.concatenate([answer[-1] for answer in found])
     if np.all(lost >= 0):
-        raise all_lost(Driven(filter_model(trial.problem, channels[:1], trial.h), trial.known), lost)
+        raise all_lost(DrivenModel(filter_model(trial.problem, channels[:1], trial.h), trial.known), lost)
     real, claimed, estimate, std = (
         {name: np.concatenate([answer[i][name] for answer in found], axis=-1) for name in trial.names} for i in range(4)
     )

@@ -15,7 +15,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, DeckError
 from strainsight.estimation.model import FilterModel, surface_reading, theta_of
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Smoothed, Wanted
+from strainsight.estimation.smoother import Smoothed, WantedCovariances
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.record_filter import RecordFilter
 from strainsight.experiment.structure.references import parameters_of
@@ -336,7 +336,9 @@ def skin_in_test(
         return None, (f"no strain and stress of the surface: {error.what}",)
 
 
-def wanted_of(config: PlacementConfig, record: RecordFilter, virtual: Virtual | None, run: FilterRun) -> Wanted:
+def wanted_of(
+    config: PlacementConfig, record: RecordFilter, virtual: Virtual | None, run: FilterRun
+) -> WantedCovariances:
     """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
     its pictures; run: of the filter."""
     assert config.estimate is not None
@@ -344,7 +346,7 @@ def wanted_of(config: PlacementConfig, record: RecordFilter, virtual: Virtual | 
     frames = np.zeros(0) if field is None else frames_of(field, run.time)
     most = (largest(record, run.mean[-1, 0])[0] + 1) * record.test.every
     together = [index for _, index in places_of(config.loads, record.problem.unknowns.inputs)]
-    return Wanted(
+    return WantedCovariances(
         np.zeros((0, states)) if virtual is None else virtual.read(record.model, run.mean[:, 0], states)[1],
         record.model.position[np.unique(np.concatenate([np.zeros(0, int), *together]))],
         np.unique([*frames, most]).astype(int),
