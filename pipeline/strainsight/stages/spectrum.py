@@ -14,13 +14,13 @@ from strainsight.stages import inputs
 
 def run(context: Context[PlacementConfig]) -> Output:
     """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
-    found = spectrum_of(context.config, inputs.mesh(context), context)
-    frequency, size = found.frequency, len(found.shape)
+    spectrum = spectrum_of(context.config, inputs.mesh(context), context)
+    frequency, size = spectrum.frequency, len(spectrum.shape)
     message = "shapes change with the parameters: the modes of the truth are found with it"
     if len(frequency):
         band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
         message = f"{len(frequency)} modes of {size} unknowns, {band} in the middle of the ranges"
-    return Output(written(found), {"unknowns": size, "modes": len(frequency)}, message)
+    return Output(written(spectrum), {"unknowns": size, "modes": len(frequency)}, message)
 
 
 SPECTRUM = Stage(
