@@ -21,8 +21,7 @@ from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.runner.plan import Job
 from strainsight.runner.runner import run
-from strainsight.stages.bench.import_bodies import IMPORT
-from strainsight.stages.bench.reduce import REDUCE
+from strainsight.stages.bench.import_bodies import IMPORT, REDUCE
 
 CONFIG = Path(__file__).parents[1] / "configs" / "bench-full.yaml"
 

@@ -48,8 +48,8 @@ def ends_at(started: float, now: float, share: float, last: float | None) -> flo
 
 def seconds_of(stages: Sequence[Stage], job: Job) -> dict[str, float]:
     """Stage → how long it took when its file was written [s]; without the stages that have no file."""
-    found = {stage.name: seconds_for(job.folder / f"{stage.name}.h5") for stage in stages}
-    return {name: seconds for name, seconds in found.items() if seconds is not None}
+    times = {stage.name: seconds_for(job.folder / f"{stage.name}.h5") for stage in stages}
+    return {name: seconds for name, seconds in times.items() if seconds is not None}
 
 
 def seconds_for(artefact: Path) -> float | None:

@@ -40,15 +40,15 @@ class Finding:
 
 def check_solver() -> list[Finding]:
     """The sparse solver on a small system, in a process that may crash."""
-    found, ended = tried("solver")
+    facts, ended = tried("solver")
     install = "pip install --force-reinstall pypardiso mkl (x86-64 only)"
-    if "solver" not in found:
+    if "solver" not in facts:
         return [Finding("solver", FAILS, ended or "no result", "pip install --force-reinstall numpy scipy pypardiso")]
-    text = f"{found['solver']}, {found['unknowns']} unknowns in {found['seconds']:.2f} s, error {found['error']:.1e}"
-    if not found["error"] < ACCURATE:
+    text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s, error {facts['error']:.1e}"
+    if not facts["error"] < ACCURATE:
         return [Finding("solver", FAILS, f"{text}: wrong", "pip install --force-reinstall numpy scipy pypardiso")]
-    if found["solver"] != "PARDISO":
-        why = f" ({found['why']})" if found.get("why") else ""
+    if facts["solver"] != "PARDISO":
+        why = f" ({facts['why']})" if facts.get("why") else ""
         meaning = "many times slower, and refuses more than 100 000 unknowns"
         return [Finding("solver", WARNING, f"{text}; PARDISO cannot be loaded{why}: {meaning}", install)]
     return [Finding("solver", GOOD, text)]
@@ -59,44 +59,46 @@ def check_mpi() -> list[Finding]:
     from strainsight.contrib.mpi.session import programs
 
     try:
-        found = programs()
+        mpi = programs()
     except UserError as error:
         return [Finding("solver: slepc", GOOD, f"not here, for very large models only: {error.what}")]
-    return [Finding("solver: slepc", GOOD, f"{' '.join(found.launcher)}, {found.python}")]
+    return [Finding("solver: slepc", GOOD, f"{' '.join(mpi.launcher)}, {mpi.python}")]
 
 
 def check_rendering() -> list[Finding]:
     """One sphere off screen, in a process that may crash."""
-    found, ended = tried("rendering")
+    facts, ended = tried("rendering")
     remedy = "apt-get install libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri, or what your system calls Mesa's EGL"
-    if "middle" not in found:
+    if "middle" not in facts:
         return [Finding("rendering", FAILS, f"off screen: {ended or 'no picture'}", remedy)]
-    if found["middle"] == found["corner"]:
+    if facts["middle"] == facts["corner"]:
         return [Finding("rendering", FAILS, "off screen: the picture is empty", remedy)]
-    return [Finding("rendering", GOOD, f"a sphere off screen in {found['seconds']:.1f} s")]
+    return [Finding("rendering", GOOD, f"a sphere off screen in {facts['seconds']:.1f} s")]
 
 
 def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None = None) -> list[Finding]:
     """Cores of this process, and the variables that numerical libraries read."""
     from strainsight.parallel import cores as usable
 
-    there = cores or usable()
-    findings = [Finding("cores", GOOD, f"{there} for this process")]
+    available = cores or usable()
+    findings = [Finding("cores", GOOD, f"{available} for this process")]
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        given = environment.get(name)
-        if given is None:
+        value = environment.get(name)
+        if value is None:
             continue
-        head = given.split(",")[0].strip()
+        head = value.split(",")[0].strip()
         if not head.isdigit() or int(head) < 1:
             finding = Finding(
-                name, WARNING, f"'{given}' is not a number of threads", f"unset {name}, or give 1 to {there}"
+                name, WARNING, f"'{value}' is not a number of threads", f"unset {name}, or give 1 to {available}"
             )
-        elif int(head) > there:
-            finding = Finding(name, WARNING, f"{head} threads on {there} cores", f"unset {name}, or give 1 to {there}")
-        elif int(head) < there:
-            finding = Finding(name, GOOD, f"{head} of {there} cores: right where several runs go on at a time")
+        elif int(head) > available:
+            finding = Finding(
+                name, WARNING, f"{head} threads on {available} cores", f"unset {name}, or give 1 to {available}"
+            )
+        elif int(head) < available:
+            finding = Finding(name, GOOD, f"{head} of {available} cores: right where several runs go on at a time")
         else:
-            finding = Finding(name, GOOD, f"{head} of {there} cores")
+            finding = Finding(name, GOOD, f"{head} of {available} cores")
         findings.append(finding)
     return findings
 
@@ -105,13 +107,13 @@ def check_memory() -> list[Finding]:
     """Memory that can still be taken, and the largest model that fits into it."""
     from strainsight.memory import available_memory
 
-    there = available_memory() / GIB
-    if math.isinf(there):
+    available = available_memory() / GIB
+    if math.isinf(available):
         return [Finding("memory", WARNING, "this system does not say how much there is", "watch it on large models")]
-    text = f"{there:.1f} GiB available: models up to about {_rounded(largest_model(there))} unknowns"
-    if there < LEAST_MEMORY:
+    text = f"{available:.1f} GiB available: models up to about {_rounded(largest_model(available))} unknowns"
+    if available < LEAST_MEMORY:
         return [Finding("memory", FAILS, text, f"end other programs: the smallest example takes {LEAST_MEMORY} GiB")]
-    if there < SOME_MEMORY:
+    if available < SOME_MEMORY:
         return [Finding("memory", WARNING, text, "end other programs, or take coarse meshes and --set jobs=1")]
     return [Finding("memory", GOOD, text)]
 
@@ -177,10 +179,10 @@ def check_packages() -> list[Finding]:
     python, requirements = asked_for()
     findings = compared(python, requirements)
     present = [finding.subject for finding in findings if finding.verdict == GOOD and finding.subject != "python"]
-    found, ended = tried("imports", [MODULES.get(name, name) for name in present])
-    broken: dict[str, str] = dict(found.get("failed", {}))
+    facts, ended = tried("imports", [MODULES.get(name, name) for name in present])
+    broken: dict[str, str] = dict(facts.get("failed", {}))
     if ended:
-        broken[found.get("at", "")] = ended
+        broken[facts.get("at", "")] = ended
     return [
         Finding(own.subject, FAILS, f"{own.found}; import: {why}", f"pip install --force-reinstall {own.subject}")
         if (why := broken.get(MODULES.get(own.subject, own.subject)))
@@ -215,9 +217,9 @@ def compared(python: str, requirements: Sequence[str]) -> list[Finding]:
         from packaging.specifiers import SpecifierSet
     except ImportError:
         return [Finding("packaging", FAILS, "not installed: no version can be compared", "pip install packaging")]
-    own = platform.python_version()
-    within = SpecifierSet(python).contains(own, prereleases=True)
-    findings = [_finding("python", own, python, within, f"take Python {python}: make PYTHON=/path/to/python")]
+    running = platform.python_version()
+    within = SpecifierSet(python).contains(running, prereleases=True)
+    findings = [_finding("python", running, python, within, f"take Python {python}: make PYTHON=/path/to/python")]
     for line in requirements:
         asked = Requirement(line)
         if asked.marker is not None and not asked.marker.evaluate():
@@ -280,7 +282,7 @@ def _print_table(findings: Sequence[Finding]) -> None:
 
     rows = []
     for finding in findings:
-        found = printable(finding.found) + (f"\n→ {printable(finding.remedy)}" if finding.remedy else "")
+        text = printable(finding.found) + (f"\n→ {printable(finding.remedy)}" if finding.remedy else "")
         verdict = Text(finding.verdict, style=COLOURS[finding.verdict])
-        rows.append((Text(finding.subject), verdict, Text(found)))
+        rows.append((Text(finding.subject), verdict, Text(text)))
     print_grid(("checked", "verdict", "found"), rows)

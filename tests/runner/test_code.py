@@ -24,7 +24,7 @@ from strainsight.runner.plan import OTHER_CODE, UP_TO_DATE, Job, plan
 from strainsight.runner.runner import run as run_stages
 from strainsight.runner.stage import Stage
 from strainsight.runner.store import commit_of
-from strainsight.stages.modes import MODES
+from strainsight.stages.rom import MODES
 
 from ..shared import job_of, stages_of
 from .numbers import KEPT, differs, numbers_of
@@ -42,7 +42,7 @@ def stage(version=1):
 
 def test_a_stage_reaches_what_python_finds_by_parsing_its_imports():
     found = plan_module.closure(MODES.run.__module__)
-    assert {"strainsight.stages.modes", "strainsight.fem.modes", "strainsight.mesh.model"} <= found
+    assert {"strainsight.stages.rom", "strainsight.fem.modes", "strainsight.mesh.model"} <= found
     assert "strainsight.estimation.bank" not in found
     for name in sorted(found)[::5]:
         path = ROOT.joinpath(*name.split(".")[1:])

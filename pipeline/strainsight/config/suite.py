@@ -89,11 +89,11 @@ def as_texts(value: str | Sequence[str]) -> tuple[str, ...]:
 
 def measures_of(claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> dict[str, Measure]:
     """Dotted key → every measure of a suite: its claims, then both sides of its comparisons."""
-    found: dict[str, Measure] = {f"claims.{i}": claim for i, claim in enumerate(claims)}
+    measures: dict[str, Measure] = {f"claims.{i}": claim for i, claim in enumerate(claims)}
     for i, row in enumerate(comparisons):
         sides = {"as_printed": row.as_printed, "ours": row.ours}
-        found |= {f"comparisons.{i}.{side}": own for side, own in sides.items() if own is not None}
-    return found
+        measures |= {f"comparisons.{i}.{side}": measure for side, measure in sides.items() if measure is not None}
+    return measures
 
 
 class Study(Noted):
@@ -183,7 +183,9 @@ def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
         yield from _lines({f"claims.{i}.{key}": getattr(claim, key) for key in ("text", "why")})
     for i, row in enumerate(config.comparisons):
         yield from _lines({f"comparisons.{i}.{key}": getattr(row, key) for key in ("source", "says", "printed", "why")})
-    yield from _lines({f"{key}.unit": own.unit for key, own in measures_of(config.claims, config.comparisons).items()})
+    yield from _lines(
+        {f"{key}.unit": measure.unit for key, measure in measures_of(config.claims, config.comparisons).items()}
+    )
     yield from study_problems(config.studies, [run.study for run in config.runs if run.study is not None])
     yield from section_problems(config)
 

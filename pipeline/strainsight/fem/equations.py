@@ -333,7 +333,7 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations
 
 
 def _mean_motion(mesh: Mesh, e: AveragingElement, rows: Rows, wanted: Collection[int]) -> tuple[np.ndarray, float]:
-    """Wanted motions of the reference as means of the `Rows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
+    """WantedCovariances motions of the reference as means of the `Rows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
     nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
     if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
         raise DeckError(

@@ -55,19 +55,19 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
                 "set it to 0, or method.noise: before_step, or place in a run of its own",
             )
         inputs = () if config.estimate is None else tuple(config.estimate.inputs)
-        free = [name for name, own in parameters.items() if own.std is not None]
+        free = [name for name, entry in parameters.items() if entry.std is not None]
         among = "estimate.inputs and estimate.parameters" if free else "estimate.inputs"
         yield from layout_problems(place, (*inputs, *free), among, place.bonded, "place.fixed")
         yield from _candidates(config, place)
-    given = {} if config.estimate is None else config.estimate.sensors
-    for name, own in given.items():
-        if own.layout is not None and (place is None or name not in place.sensors):
+    sensors = {} if config.estimate is None else config.estimate.sensors
+    for name, entry in sensors.items():
+        if entry.layout is not None and (place is None or name not in place.sensors):
             what, remedy = (
                 "it is not among the candidates of place",
                 f"name it under place.sensors: {{{name}: {{noise: …}}}}",
             )
             yield Problem(f"estimate.sensors.{name}.layout", what, remedy)
-        elif own.layout == "random" and place is not None and place.random == 0:
+        elif entry.layout == "random" and place is not None and place.random == 0:
             yield Problem(
                 f"estimate.sensors.{name}.layout", "no layout is drawn at random", "set place.random to 1 or more"
             )
@@ -228,9 +228,9 @@ def _apart(config: BenchConfig) -> Iterator[Problem]:
     for section in ("joints", "forces", "sensors"):
         for name, entry in getattr(config, section).items():
             named = [
-                (own.field, own.value)
-                for own in marked(entry, Names, f"{section}.{name}")
-                if own.mark.section == "frames"
+                (frame_name.field, frame_name.value)
+                for frame_name in marked(entry, Names, f"{section}.{name}")
+                if frame_name.mark.section == "frames"
             ]
             bodies = [config.frames[frame].body for _, frame in named if frame in config.frames]
             if len(bodies) == 2 and bodies[0] == bodies[1]:
@@ -247,8 +247,8 @@ def bearings_alone(
     bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase], curves: Sequence[Curve]
 ) -> Iterator[Problem]:
     """Bearings that cannot be built, cases and curves without any, curves that reach too far."""
-    for key, given in (("cases", cases), ("curves", curves)):
-        if given and not bearings:
+    for key, entries in (("cases", cases), ("curves", curves)):
+        if entries and not bearings:
             yield Problem(key, "there is no bearing", f"leave {key} out, or give bearings", at_key=True)
     if bearings:
         for i, curve in enumerate(curves):

@@ -32,7 +32,7 @@ RULES = {
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RuleComparison:
     """rule → the set of pool rows that it chooses, none where it finds none, and its scores; ours first, and in the scores the
     criterion that it was chosen by."""
 
@@ -40,7 +40,7 @@ class Comparison:
     scores: dict[str, Scores]
 
 
-def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> Comparison:
+def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleComparison:
     """Sets of as many pool rows as the layout `final`: by other criteria, by rules that look at readings only, at random.
 
     greedy: what the elimination keeps. Only the random sets are held to the limits of the layout.
@@ -72,10 +72,10 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> Comparison:
         else scores(by, gauges, unknowns.at, scale, task.aggregate, share)
         for name, gauges in sets.items()
     }
-    return Comparison(chosen, every)
+    return RuleComparison(chosen, every)
 
 
-def criteria_table(others: Comparison, names: Sequence[str], scale: np.ndarray | None) -> Table:
+def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarray | None) -> Table:
     """This layout beside those by other rules, by every criterion; of the random sets, the one of median metric.
 
     names of the unknowns; scale (u,) that their σ is shown relative to, None: in its unit.

@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 from strainsight.csv_cells import csv_bytes
 from strainsight.experiment.layout.advice import advice_table
-from strainsight.experiment.layout.comparison import Comparison, criteria_table
+from strainsight.experiment.layout.comparison import RuleComparison, criteria_table
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
     deck_frame,
@@ -150,7 +150,7 @@ def _selection(placement: Placement, gauges: np.ndarray, load: np.ndarray | None
     )
 
 
-def _rules(others: Comparison, names: tuple[str, ...]) -> Rules:
+def _rules(others: RuleComparison, names: tuple[str, ...]) -> Rules:
     scores, sets = list(others.scores.values()), list(others.sets.values())
     criteria = tuple(scores[0].cost)
     # Under a budget the elimination may end with fewer than are in the layout.

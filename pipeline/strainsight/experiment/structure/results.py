@@ -26,7 +26,7 @@ from strainsight.mesh.units import length_factor, mass_factor
 
 
 @dataclass
-class Wanted:
+class WantedCovariances:
     """A step of a file that a key of the config asks for, its responses in the order of the file, and their motion."""
 
     key: str
@@ -100,8 +100,8 @@ def _set_of(
     names of all loads."""
     stated = config.results
     assert stated is not None
-    modes = Wanted(f"{key}.modes", "mode", asked.step)
-    static = {name: Wanted(f"{key}.loads.{name}", "static", load.step) for name, load in loads.items()}
+    modes = WantedCovariances(f"{key}.modes", "mode", asked.step)
+    static = {name: WantedCovariances(f"{key}.loads.{name}", "static", load.step) for name, load in loads.items()}
     L, M = length_factor(config.length_unit), mass_factor(config.mass_unit)
     notes = _gather([modes, *static.values()], f"{key}.file", mesh, L, files)
     order = sorted(range(len(modes.responses)), key=lambda i: modes.responses[i].frequency)
@@ -129,10 +129,12 @@ def _change(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -> Chan
     return Change(parameter, _made_with(stated, mesh, parameter), stated.second.at)
 
 
-def _gather(wanted: list[Wanted], default: str, mesh: Mesh, length: float, files: Mapping[str, Path]) -> list[str]:
+def _gather(
+    wanted: list[WantedCovariances], default: str, mesh: Mesh, length: float, files: Mapping[str, Path]
+) -> list[str]:
     """Read every file once, and put what is wanted of it on the nodes of the mesh; default: the key of the file of all that
     name none; length: the unit of the files [m]."""
-    by_file: dict[Path, tuple[str, list[Wanted]]] = {}
+    by_file: dict[Path, tuple[str, list[WantedCovariances]]] = {}
     for one in wanted:
         key = f"{one.key}.file" if f"{one.key}.file" in files else default
         by_file.setdefault(files[key], (key, []))[1].append(one)
@@ -186,7 +188,7 @@ def on_nodes(mesh: Mesh, response: Response, rows: np.ndarray, present: np.ndarr
     return motion
 
 
-def _check_responses(wanted: Wanted, path: Path, steps: list[str]) -> None:
+def _check_responses(wanted: WantedCovariances, path: Path, steps: list[str]) -> None:
     asked = "" if wanted.step is None else f"{'titled' if isinstance(wanted.step, str) else 'step'} {wanted.step!r} "
     modes, several = wanted.kind == "mode", sorted({response.step for response in wanted.responses})
     if not several:
