@@ -115,10 +115,10 @@ def _shells(path: Path, mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
 def _face_at(mesh: Mesh, facets: Facets, faces: Faces) -> Callable[[str], str]:
     def at(point: str) -> str:
         try:
-            found = picked(Pick(near=(json.loads(point),)), faces, mesh.position, facets)
+            facet = picked(Pick(near=(json.loads(point),)), faces, mesh.position, facets)[0]
         except UserError:  # `import` names what is wrong with it
             return point
-        return faces.near(int(faces.of[found[0]]))
+        return faces.near(int(faces.of[facet]))
 
     return at
 
@@ -140,20 +140,19 @@ def _modulus_and_density(mesh: Mesh, region: int) -> tuple[float, float] | None:
 
 def _lacking(mesh: Mesh) -> Iterator[Lacking]:
     """Regions without a material, and in a deck without mass those of each material."""
-    of = {number: own.material for number, own in mesh.regions.items()}
+    of = {number: region.material for number, region in mesh.regions.items()}
     plies = {number for number in of if mesh.laminate(number) is not None or mesh.general_shell(number) is not None}
     plies |= {*mesh.composites}
     known = {*mesh.materials, *mesh.anisotropic}
     if without := tuple(i for i, material in of.items() if material not in known and i not in plies):
         yield Lacking(without)
-    heavy = [own.density for own in mesh.materials.values()] + [own.density for own in mesh.laminae.values()]
-    heavy += [own.density for own in mesh.anisotropic.values()]
-    heavy += [own.density for own in mesh.sections.values() if isinstance(own, GeneralShell)]
-    massless = not mesh.point_masses and not any(heavy)
+    shells = [section for section in mesh.sections.values() if isinstance(section, GeneralShell)]
+    materials = (*mesh.materials.values(), *mesh.laminae.values(), *mesh.anisotropic.values(), *shells)
+    massless = not mesh.point_masses and not any(material.density for material in materials)
     for material in dict.fromkeys(of.values()):
-        if massless and (own := mesh.materials.get(material)):
+        if massless and (elastic := mesh.materials.get(material)):
             regions = tuple(number for number, its in of.items() if its == material and number not in plies)
-            yield Lacking(regions, own.youngs_modulus, own.poisson_ratio)
+            yield Lacking(regions, elastic.youngs_modulus, elastic.poisson_ratio)
 
 
 def _by_size(mesh: Mesh) -> tuple[str, str] | None:
@@ -164,11 +163,11 @@ def _by_size(mesh: Mesh) -> tuple[str, str] | None:
 def _of_mass(pulls: Sequence[BodyForce]) -> str:
     """What pulls at all mass, in words."""
     words = []
-    for own in pulls:
-        if g := float(np.linalg.norm(own.factor * own.acceleration)):
-            words.append(f"gravity of {g:.4g} m/s² along {_unit(own.factor * own.acceleration)}")
-        if speed := float(np.linalg.norm(own.rotation)):
-            words.append(f"rotation at {speed:.4g} rad/s about {_unit(own.rotation)}")
+    for pull in pulls:
+        if g := float(np.linalg.norm(pull.factor * pull.acceleration)):
+            words.append(f"gravity of {g:.4g} m/s² along {_unit(pull.factor * pull.acceleration)}")
+        if speed := float(np.linalg.norm(pull.rotation)):
+            words.append(f"rotation at {speed:.4g} rad/s about {_unit(pull.rotation)}")
     return f"{', '.join(words) or 'a pull of nothing'} on all mass"
 
 
@@ -200,9 +199,9 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
         what = f"reference of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
         yield Place("node", str(mesh.node_ids[reference]), what, bool(held[reference]))
     for name, ids in mesh.node_sets.items():
-        own = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
-        if own.size:
-            yield Place("set", name, f"{own.size} nodes", bool(held[own].all()))
+        nodes = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
+        if nodes.size:
+            yield Place("set", name, f"{nodes.size} nodes", bool(held[nodes].all()))
     if facets is not None and faces is not None:
         supported = np.asarray((held[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         contact = contact_faces(mesh, facets, faces)
