@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.config.loads import Load
+from strainsight.config.loads import LoadSection
 from strainsight.errors import DeckError
 from strainsight.experiment.structure.surface import largest_principal
 from strainsight.fem.recovery import facet_strain
@@ -40,7 +40,7 @@ class SurfaceStrain:
 
 
 def surface_strains(
-    mesh: Mesh, reduced: Reduced, training: Training, loads: Mapping[str, Load], free: bool = False
+    mesh: Mesh, reduced: Reduced, training: Training, loads: Mapping[str, LoadSection], free: bool = False
 ) -> tuple[SurfaceStrain, ...]:
     """ε = B Ψ q at the guess, of every load alone and of every training run at one instant; none where nothing is solid.
 

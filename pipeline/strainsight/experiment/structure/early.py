@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.gauges import AbsoluteNoise
-from strainsight.config.loads import CaseLoad, MultiSine, Recorded, Sine, Sweep
+from strainsight.config.loads import CaseLoad, MultiSineSection, RecordedSection, SineSection, SweepSection
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
 from strainsight.estimation.faults import at_limit
@@ -53,17 +53,17 @@ def _there(key: str, file: str, base: Path) -> Path:
     return path
 
 
-def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, Recorded, dict[str, float]]]:
+def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, RecordedSection, dict[str, float]]]:
     """Key of every recorded signal, the unit of its load, the signal, and the runs that it has to cover: key of the duration →
     [s]."""
     as_stated = {"train.duration": config.train.duration, "validate.duration": config.validation.duration}
     for name, load in config.loads.items():
-        if isinstance(load.signal, Recorded):
+        if isinstance(load.signal, RecordedSection):
             yield f"loads.{name}.signal", load.unit, load.signal, as_stated
     for case, own in (config.place.load_cases or {}).items():
         of = "train.duration" if own.duration is None else f"place.load_cases.{case}.duration"
         for name, entry in own.loads.items():
-            if isinstance(entry, CaseLoad) and isinstance(entry.signal, Recorded):
+            if isinstance(entry, CaseLoad) and isinstance(entry.signal, RecordedSection):
                 key = f"place.load_cases.{case}.loads.{name}.signal"
                 yield (
                     key,
@@ -185,10 +185,10 @@ def _in_steps(values: np.ndarray) -> bool:
 
 def _fastest(signal: object) -> float:
     """The highest frequency of a stated signal [Hz], 0 where none is stated."""
-    if isinstance(signal, Sine):
+    if isinstance(signal, SineSection):
         return signal.frequency
-    if isinstance(signal, Sweep):
+    if isinstance(signal, SweepSection):
         return max(signal.start_frequency, signal.end_frequency)
-    if isinstance(signal, MultiSine):
+    if isinstance(signal, MultiSineSection):
         return signal.highest
     return 0.0

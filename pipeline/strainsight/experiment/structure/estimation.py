@@ -34,7 +34,7 @@ from strainsight.experiment.structure.surface import Skin, Virtual, grid_of, mom
 from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import Unknowns
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.records.estimated import Channels, Damaged, Estimated, HoldOut, Offsets, Source
+from strainsight.records.estimated import ChannelOffsets, Damaged, Estimated, HoldOut, TestChannels, TestSource
 from strainsight.records.placed import budget_of_shares
 from strainsight.sensors.candidates import UNITS, units_in_words
 
@@ -89,7 +89,7 @@ def estimation_of_record(
     config: PlacementConfig,
     skin: Skin | None,
     record: RecordSettings,
-    source: Source,
+    source: TestSource,
     given: Filtering,
     found: Filtered,
     judgement: Judgement,
@@ -115,7 +115,7 @@ def estimation_of_record(
         std={name: own[1] for name, own in estimate.items()},
         smoothed={name: own[0] for name, own in later.items()},
         smoothed_std={name: own[1] for name, own in later.items()},
-        gauge=Channels(
+        gauge=TestChannels(
             time=test.time[1:],
             label=test.labels,
             channel=test.channels,
@@ -125,7 +125,7 @@ def estimation_of_record(
             noise_std=np.sqrt(model.noise.reshape(-1, len(test.labels)).mean(axis=0)),
         ),
         whitened=run.whitened[sampled, 0],
-        bias=Offsets(channel=given.biased, mean=mean, std=std) if len(given.biased) else None,
+        bias=ChannelOffsets(channel=given.biased, mean=mean, std=std) if len(given.biased) else None,
         resultant={str(i): own for i, own in enumerate(resultants.values())},
         known=dict(zip(problem.known, instant_values(test.known).T, strict=False)),
         source=source,

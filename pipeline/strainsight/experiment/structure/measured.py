@@ -20,7 +20,7 @@ from strainsight.measurements.assemble import Signals
 from strainsight.measurements.calibration import SUM
 from strainsight.measurements.reader import format_of
 from strainsight.measurements.records import SI
-from strainsight.records.estimated import Source
+from strainsight.records.estimated import TestSource
 from strainsight.runner.artefact import sha256_of
 
 
@@ -69,7 +69,9 @@ def in_record(name: str) -> Iterator[None]:
         raise
 
 
-def source_of(settings: Estimate, path: Path, labels: tuple[str, ...], known: tuple[str, ...], step: float) -> Source:
+def source_of(
+    settings: Estimate, path: Path, labels: tuple[str, ...], known: tuple[str, ...], step: float
+) -> TestSource:
     """The file of a record, and what was done to every channel of it.
 
     labels: what the channels of `settings` measure; known: loads whose channels were used, behind them; step [s] of the file.
@@ -77,7 +79,7 @@ def source_of(settings: Estimate, path: Path, labels: tuple[str, ...], known: tu
     entries: list[Channel] = [*settings.channels, *(settings.inputs[name] for name in known)]
     bridges = [entry.bridge for entry in entries]
     nothing = (np.nan, np.nan)
-    return Source(
+    return TestSource(
         file=path.name,
         sha256=sha256_of(path),
         bytes=path.stat().st_size,

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.loads import Load
-from strainsight.config.mesh import MeshFile, ModesOfResults, ResponseOfLoad, Step
-from strainsight.config.mesh import Results as Stated
+from strainsight.config.loads import LoadSection
+from strainsight.config.mesh import MeshFile, ModesOfResults, ResponseOfLoad, ResultsSection, Step
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.experiment.structure.references import load_shapes
 from strainsight.fem.affine import Parameter, of_stiffness
@@ -41,7 +40,7 @@ def model_of_results(
     mesh: Mesh,
     parameters: Sequence[Parameter],
     files: Mapping[str, Path],
-    loads: Mapping[str, Load] | None,
+    loads: Mapping[str, LoadSection] | None,
 ) -> FullModel:
     """The model of `mesh.results`; loads: those of the config, None for the modes alone.
 
@@ -90,7 +89,11 @@ class Gathered:
 
 
 def _set_of(
-    config: MeshFile, asked: SetOfResults, mesh: Mesh, files: Mapping[str, Path], loads: Mapping[str, Load] | None
+    config: MeshFile,
+    asked: SetOfResults,
+    mesh: Mesh,
+    files: Mapping[str, Path],
+    loads: Mapping[str, LoadSection] | None,
 ) -> Gathered:
     """Modes in the order of their frequencies, responses in that of the config; SI units."""
     stated = config.results
@@ -117,12 +120,12 @@ def _set_of(
         return Gathered(given_motion(mesh, _stacked(motion, size, L)), results, notes)
 
 
-def _loads_of_second(stated: Stated) -> Mapping[str, ResponseOfLoad]:
+def _loads_of_second(stated: ResultsSection) -> Mapping[str, ResponseOfLoad]:
     assert stated.second is not None
     return stated.loads if stated.second.loads is None else stated.second.loads
 
 
-def _change(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:
+def _change(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:
     """The parameter of the second set and its two values; None without a second set."""
     if stated.second is None:
         return None
@@ -241,7 +244,7 @@ def _stacked(motion: list[np.ndarray], size: list[float], length: float) -> np.n
     return found
 
 
-def _modal_mass(stated: Stated, modes: list[Response], unit: float) -> np.ndarray | None:
+def _modal_mass(stated: ResultsSection, modes: list[Response], unit: float) -> np.ndarray | None:
     """ΦᵀMΦ (m,) [kg m²]; unit: one of the file [kg m²]."""
     if stated.modal_mass == "mesh":
         return None
@@ -251,7 +254,7 @@ def _modal_mass(stated: Stated, modes: list[Response], unit: float) -> np.ndarra
     return unit * np.array(known) if len(known) == len(modes) else None
 
 
-def _proportional(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
+def _proportional(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
     """What is proportional to which parameter, and the value that the results were made with.
 
     Raises UserError for a property of a part alone, and where that value is not known.
@@ -274,7 +277,7 @@ def _proportional(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -
     return found
 
 
-def _made_with(stated: Stated, mesh: Mesh, own: Parameter) -> float:
+def _made_with(stated: ResultsSection, mesh: Mesh, own: Parameter) -> float:
     if own.name in stated.at:
         return stated.at[own.name]
     if own.property == "stiffness_factor":

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.config.estimate import Estimate, Field3D
 from strainsight.config.gauges import Gauges, NamedGauge
-from strainsight.config.loads import Load
+from strainsight.config.loads import LoadSection
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, DeckError
 from strainsight.estimation.model import FilterModel, surface_reading, theta_of
@@ -35,7 +35,7 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
-from strainsight.records.estimated import DamageAt, Moment, Resultant, VirtualStrain
+from strainsight.records.estimated import DamageAt, Resultant, SurfaceMoment, VirtualStrain
 from strainsight.records.reduced import Reduced
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import STRAIN, Candidates
@@ -230,11 +230,11 @@ def _damage_shown(damage: DamageAt | None, order: np.ndarray) -> dict[str, np.nd
     return {name: own[order] for name, own in names.items() if not np.isnan(own).all()}
 
 
-def surface_then(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int, time: float, label: str) -> Moment:
+def surface_then(skin: Skin, model: FilterModel, smoothed: Smoothed, k: int, time: float, label: str) -> SurfaceMoment:
     """The surface at instant k of the smoother: `time` [s] on the clock of the file, when channel `label` reads most."""
     state, own = _state(skin, model, smoothed, k), skin.field.states(smoothed.mean)
     shapes = skin.field.basis.reshape(len(skin.mesh.position), 3, -1)
-    return Moment(
+    return SurfaceMoment(
         time=time,
         label=label,
         displacement=(shapes @ smoothed.mean[k, 0, own]).astype(np.float32),
@@ -264,7 +264,7 @@ def largest_reading(values: np.ndarray, offset: np.ndarray, scale: np.ndarray) -
 
 
 def resultants_of(
-    loads: Mapping[str, Load], inputs: Sequence[str], model: FilterModel, smoothed: Smoothed
+    loads: Mapping[str, LoadSection], inputs: Sequence[str], model: FilterModel, smoothed: Smoothed
 ) -> dict[str, Resultant]:
     """Place ("node 2") → resultant, for every place with more than one of the unknown loads, `inputs`.
 
@@ -285,7 +285,7 @@ def resultants_of(
     return found
 
 
-def places_of(loads: Mapping[str, Load], inputs: Sequence[str]) -> list[tuple[str, np.ndarray]]:
+def places_of(loads: Mapping[str, LoadSection], inputs: Sequence[str]) -> list[tuple[str, np.ndarray]]:
     """Places with more than one of the unknown loads, and which of `inputs` these are (k,)."""
     places: dict[str, list[int]] = {}
     for i, name in enumerate(inputs):
@@ -342,7 +342,7 @@ def grid_of(
     return damage_on_surface(skin, damage)
 
 
-def moment_of(skin: Skin, given: Filtering, run: FilterRun, smoothed: Smoothed) -> Moment:
+def moment_of(skin: Skin, given: Filtering, run: FilterRun, smoothed: Smoothed) -> SurfaceMoment:
     """The surface when a channel reads most, by the offsets of the filter: the instant whose covariance `wanted_of` has kept."""
     k, channel = largest(given, run.mean[-1, 0])
     then, test = (k + 1) * given.test.every, given.test
@@ -362,7 +362,7 @@ def largest(given: Filtering, last: np.ndarray) -> tuple[int, int]:
 
 
 def wanted_of(
-    settings: Estimate, loads: Mapping[str, Load], given: Filtering, virtual: Virtual | None, run: FilterRun
+    settings: Estimate, loads: Mapping[str, LoadSection], given: Filtering, virtual: Virtual | None, run: FilterRun
 ) -> WantedCovariances:
     """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
     its pictures. run: what the filter found."""

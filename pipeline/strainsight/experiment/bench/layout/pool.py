@@ -16,7 +16,7 @@ from strainsight.config.bench.bench import (
     BenchPlace,
     MotionSensor,
     RelativeSensor,
-    StrainSensor,
+    StrainSensorSection,
 )
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
@@ -321,7 +321,9 @@ def zeroed(config: BenchConfig) -> bool:
     """Whether the filter has the layout by a sensor that is zeroed at a start at rest: it tells nothing of what deformed the
     bench then."""
     sensors = (config.sensors[name] for name in asked(config).sensors)
-    takes = any(isinstance(sensor, StrainSensor) and sensor.layout == "place" and sensor.zeroed for sensor in sensors)
+    takes = any(
+        isinstance(sensor, StrainSensorSection) and sensor.layout == "place" and sensor.zeroed for sensor in sensors
+    )
     return takes and config.simulate.start == "equilibrium"
 
 
