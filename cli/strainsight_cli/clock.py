@@ -16,7 +16,7 @@ LEAST_SHARE, LEAST_SECONDS = 0.1, 2.0
 
 
 @dataclass(frozen=True)
-class Left:
+class RemainingTime:
     """until: when the stage will have ended [s since the epoch]; after: what the stages that follow took last time [s].
 
     None where it is not known.

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from strainsight.runner.where import Where, opened
 from strainsight_cli import render
-from strainsight_cli.clock import Left, after, ends_at, seconds_of
+from strainsight_cli.clock import RemainingTime, after, ends_at, seconds_of
 from strainsight_cli.failures import same_text, warn
 from strainsight_cli.printing import Level, say, shown
 from strainsight_cli.runlog import peak, run_log
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from strainsight.runner.stage import Stage
 
 Say = Callable[[str], None]
-Progress = Callable[[str, str, str, float, Left], None]
+Progress = Callable[[str, str, str, float, RemainingTime], None]
 """(run, stage, what is being done, share done, time left); no stage: the run has ended."""
 
 
@@ -102,7 +102,7 @@ def bring_up_to_date(
     last = seconds_of(work.stages, work.job)
 
     def move(stage: str, doing: str, share: float) -> None:
-        left = Left(ends_at(started, time.time(), share, last.get(stage)), following)
+        left = RemainingTime(ends_at(started, time.time(), share, last.get(stage)), following)
         progress(work.beside, stage, doing, share, left)
 
     def notice(text: str) -> None:

@@ -114,11 +114,11 @@ def test_only_one_function_prints():
 SCRIPT = """
 import time
 from strainsight_cli.bar import progress_bar
-from strainsight_cli.clock import Left
+from strainsight_cli.clock import RemainingTime
 with progress_bar(True) as move:
-    move("run [1]\\x1b]0;pwn\\x07", "place", "so {far} [red]\\x1b[5m", 0.5, Left(time.time() + 42.5, 75.0))
+    move("run [1]\\x1b]0;pwn\\x07", "place", "so {far} [red]\\x1b[5m", 0.5, RemainingTime(time.time() + 42.5, 75.0))
     time.sleep(0.3)
-    move("run [1]\\x1b]0;pwn\\x07", "", "", 1.0, Left())
+    move("run [1]\\x1b]0;pwn\\x07", "", "", 1.0, RemainingTime())
 """
 COLOUR = re.compile(rb"\x1b\[[0-9;]*[0-9]m")
 

@@ -18,11 +18,11 @@ from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.runner import output as contents
 from strainsight.runner import store
-from strainsight.runner.artefact import Artefact, Header, seal
+from strainsight.runner.artefact import Artefact, ArtefactHeader, seal
 from strainsight.runner.output import Dataset, Output, Table
 from strainsight.runner.store import write_artefact
 
-HEADER = Header("place", 1, "k" * 64, {"place": {"keep": 4}}, {"screen": "s" * 64}, {"mesh.file": "m" * 64}, seed=7)
+HEADER = ArtefactHeader("place", 1, "k" * 64, {"place": {"keep": 4}}, {"screen": "s" * 64}, {"mesh.file": "m" * 64}, seed=7)
 
 
 def output(scale: float = 1.0, **changes) -> Output:
@@ -141,7 +141,7 @@ def test_arrays_of_the_file_beside_have_their_units_in_their_names_at_every_step
 
 def test_the_digest_is_of_the_content_alone(tmp_path):
     first = write_artefact(tmp_path / "a.h5", output(), HEADER)
-    again = write_artefact(tmp_path / "b.h5", output(), Header("place", 2, "other", {}, {}, {}))
+    again = write_artefact(tmp_path / "b.h5", output(), ArtefactHeader("place", 2, "other", {}, {}, {}))
     assert again.digest == first.digest
     changes = [
         output(scale=1 + 1e-15),

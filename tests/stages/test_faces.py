@@ -11,7 +11,7 @@ import yaml
 from scipy.sparse.linalg import spsolve
 
 from strainsight.config.load import load_config
-from strainsight.config.loads import Load
+from strainsight.config.loads import LoadSection
 from strainsight.errors import ConfigError, UserError
 from strainsight.experiment.structure.references import load_shapes, load_slopes, point_loads
 from strainsight.fem.affine import Parameter
@@ -123,8 +123,8 @@ def test_the_weight_of_two_densities_is_reduced_as_the_whole_model_has_it_at_any
     """Displacement under weight and rotation against a model assembled anew; its slopes against differences of that."""
     densities = (Parameter("heavy", "density", (1,), 7850.0), Parameter("light", "density", (2,), 2700.0))
     loads = {
-        "weight": Load(gravity=(0, 0.5, -1), known=True, signal=SLOW | {"amplitude": 9.81}),
-        "spin": Load(
+        "weight": LoadSection(gravity=(0, 0.5, -1), known=True, signal=SLOW | {"amplitude": 9.81}),
+        "spin": LoadSection(
             rotation={"axis": (0, 0, 1), "point": (-0.1, 0, 0)}, known=True, signal=SLOW | {"amplitude": 100.0}
         ),
     }

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.config.loads import UNITS, Load, Recorded
+from strainsight.config.loads import UNITS, LoadSection, RecordedSection
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import UserError
 from strainsight.experiment.recorded import LOADS, QUANTITY, recorded
@@ -57,7 +57,7 @@ def test_a_force_on_one_node_of_a_solid_or_a_shell_is_warned_of_and_one_on_a_tie
     tie = finished(tmp_path / "tie", "import", bricks((4, 2, 2)), {"loads.tip.node": TIP})
     assert not any("acts on node" in text for text in tie["import"].warnings)
     signal = {"type": "sine", "frequency": 1.0, "amplitude": 1.0}
-    push = Load(node=100, direction=(0.0, 0.0, 1.0), known=True, signal=signal)
+    push = LoadSection(node=100, direction=(0.0, 0.0, 1.0), known=True, signal=signal)
     shells = plate(*strip())
     assert "acts on node 100 of a shell alone" in on_one_node({"push": push}, shells)[0]
     assert not on_one_node({"push": push}, replace(shells, beams=(straight(1).beams[0],)))
@@ -71,7 +71,7 @@ def test_runs_that_differ_in_their_loads_alone_share_the_modes(tmp_path):
     assert one["modes"].key == other["modes"].key
 
 
-COLUMNS = Recorded(type="csv", file="own.csv", time_column="time", value_column="F")
+COLUMNS = RecordedSection(type="csv", file="own.csv", time_column="time", value_column="F")
 KEY = "loads.tip.signal"
 MEANT = {"KN": "kN?", "kp": "kgf?", "tf": "kN (1 tf", "NM": "Nm?", "mn": "mN or MN?"}
 

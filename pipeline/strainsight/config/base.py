@@ -314,7 +314,7 @@ PARALLEL = 1e-6
 """sin² of the least angle between the two axes of a system, 0.06°."""
 
 
-class CoordinateSystem(Section):
+class AxesSection(Section):
     """A right-handed system, z = x × y."""
 
     origin: Point = Field((0.0, 0.0, 0.0), description="Its origin [m; of a datum in the deck's unit of length].")

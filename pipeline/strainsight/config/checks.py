@@ -8,7 +8,15 @@ from strainsight.config.base import Problem, known, section_problems, undivided
 from strainsight.config.checks_model import gauge_problems, model_problems
 from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
-from strainsight.config.loads import CaseLoad, LoadSignal, MultiSine, Settle, Sine, Sweep, load_case_problems
+from strainsight.config.loads import (
+    CaseLoad,
+    LoadSignal,
+    MultiSineSection,
+    Settle,
+    SineSection,
+    SweepSection,
+    load_case_problems,
+)
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import at_most, did_you_mean
 
@@ -92,11 +100,11 @@ def _load_cases(config: PlacementConfig) -> Iterator[Problem]:
 
 def _highest(signal: LoadSignal) -> float | None:
     match signal:
-        case Sine():
+        case SineSection():
             return signal.frequency
-        case Sweep():
+        case SweepSection():
             return max(signal.start_frequency, signal.end_frequency)
-        case MultiSine():
+        case MultiSineSection():
             return signal.highest
     return None
 

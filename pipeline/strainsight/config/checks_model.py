@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from strainsight.config.base import Problem
 from strainsight.config.gauges import AbsoluteNoise, BondedBridge, Gauges, type_problems
-from strainsight.config.mesh import Results
+from strainsight.config.mesh import ResultsSection
 from strainsight.config.placement import GuessFrom, PlacementConfig, RayleighDamping
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import did_you_mean
@@ -102,7 +102,7 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem(f"parameters.{name}.springs", what, "give the deck, or mesh.matrices", at_key=True)
 
 
-def _second_results(config: PlacementConfig, results: Results) -> Iterator[Problem]:
+def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterator[Problem]:
     """Its parameter is a stiffness or density of some regions, its loads are those of the first set."""
     second, key = results.second, "mesh.results.second"
     if second is None:

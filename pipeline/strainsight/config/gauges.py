@@ -252,7 +252,7 @@ NoiseStd = Annotated[
 ]
 
 
-class GivenGauges(Section):
+class GaugeRows(Section):
     """Candidates by their strain rows, where the solids of the mesh do not carry them (shells, beams)."""
 
     rows: Text = Field(description="Matrix file (.mtx, .npz, .op4): strain of each gauge per motion of each row.")
@@ -411,7 +411,7 @@ class Gauges(GaugeSites, Noisy):
         "`type`, without one of the carrier that is assumed for its grid (3 mm where grid_length is 0: 4.6 mm), less where the "
         "part leaves no choice of places.",
     )
-    given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
+    given: GaugeRows | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
     range: Annotated[Positive | None, STRAIN_RANGE] = expert(
         None,
         description="Largest strain that a gauge can measure, of a bridge an arm [strain]; candidates that see more in training "

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from strainsight.config.keys import MISSING, Override, place_in
 from strainsight.config.load import LoadedConfig, kind_of, load_config
-from strainsight.config.suite import Study, SuiteConfig, SuiteRun, as_texts, measures_of
+from strainsight.config.suite import StudySection, SuiteConfig, SuiteRun, as_texts, measures_of
 from strainsight.errors import ConfigError, StrainsightError, did_you_mean
 
 Of = TypeVar("Of")
@@ -66,7 +66,7 @@ def all_of(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
     return made
 
 
-def study_of(model: SuiteConfig, run: PlannedRun) -> Study | None:
+def study_of(model: SuiteConfig, run: PlannedRun) -> StudySection | None:
     """What the suite says more of the study of a run."""
     return next((study for study in model.studies if study.name == run.entry.study), None)
 

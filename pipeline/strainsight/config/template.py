@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from strainsight.config.answers import NONE, Answers, Place, Suggestion
+from strainsight.config.answers import NONE, Answers, DeckPlace, Suggestion
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import BearingConfig
 from strainsight.config.placement import PlacementConfig
@@ -166,7 +166,7 @@ def _named(suggestion: Suggestion, answers: Answers) -> dict[str, str]:
     }
 
 
-def _seats(suggestion: Suggestion, answers: Answers) -> dict[str, Place]:
+def _seats(suggestion: Suggestion, answers: Answers) -> dict[str, DeckPlace]:
     """The faces that probably lie on something, by the user's name where there is one."""
     names_of_user = {suggestion.face_at(point): name for name, point in _named(suggestion, answers).items()}
     seats = [place for place in suggestion.places if place.lies_on]
@@ -327,7 +327,7 @@ def _direction(axis: str | None) -> str:
     return "  direction: {type: principal, angles: [0]}   # ← what strains most; or {type: axis, axis: [1, 0, 0], angles: [0]}"
 
 
-def _value(place: Place) -> str:
+def _value(place: DeckPlace) -> str:
     return place.name if place.kind == "node" else _quoted(place.name)
 
 

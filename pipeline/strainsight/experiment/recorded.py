@@ -8,13 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.bench.connections import Constant as StatedConstant
-from strainsight.config.bench.connections import Ramp as StatedRamp
+from strainsight.config.bench.connections import ConstantSection, RampSection
 from strainsight.config.estimate import Channel, DelayInSamples, DelayInSeconds, RecordedFile
-from strainsight.config.loads import MultiSine as StatedMultiSine
-from strainsight.config.loads import Recorded
-from strainsight.config.loads import Sine as StatedSine
-from strainsight.config.loads import Sweep as StatedSweep
+from strainsight.config.loads import MultiSineSection, RecordedSection, SineSection, SweepSection
 from strainsight.config.mesh import RegionKey
 from strainsight.config.placement import ModalDamping, RayleighDamping
 from strainsight.errors import ConfigError, UserError, blame
@@ -44,7 +40,7 @@ NO_UNIT = ("-", "–")
 NO_GAPS = "a load history has no gaps: give the value, or drop the line"
 
 
-def recorded(key: str, config: Recorded, path: Path, of: Sequence[str] = LOADS) -> FromSamples:
+def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = LOADS) -> FromSamples:
     """The history that the text table at `path` holds in the columns that the config names; key: of the signal; of: the
     quantities that it may be of.
 
@@ -200,7 +196,7 @@ def delay_in_seconds(stated: DelayInSamples | DelayInSeconds | None, step: float
     return own.samples * step + own.seconds
 
 
-StatedSignal = StatedConstant | StatedRamp | StatedSine | StatedSweep | StatedMultiSine | Recorded
+StatedSignal = ConstantSection | RampSection | SineSection | SweepSection | MultiSineSection | RecordedSection
 """A load history, as a config states it."""
 
 

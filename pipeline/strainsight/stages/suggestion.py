@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.config.answers import Lacking, Place, Suggestion
+from strainsight.config.answers import DeckPlace, Lacking, Suggestion
 from strainsight.config.gauges import fitting_type
 from strainsight.decks.faults import MISSING_END, short
 from strainsight.decks.reader import format_of, read_mesh
@@ -148,7 +148,7 @@ def _lacking(mesh: Mesh) -> Iterator[Lacking]:
         yield Lacking(without)
     shells = [section for section in mesh.sections.values() if isinstance(section, GeneralShell)]
     materials = (*mesh.materials.values(), *mesh.laminae.values(), *mesh.anisotropic.values(), *shells)
-    massless = not mesh.point_masses and not any(material.density for material in materials)
+    massless = not mesh.point_masses and not any(getattr(material, "density", None) for material in materials)
     for material in dict.fromkeys(of.values()):
         if massless and (elastic := mesh.materials.get(material)):
             regions = tuple(number for number, its in of.items() if its == material and number not in plies)
@@ -175,7 +175,7 @@ def _unit(v: np.ndarray) -> str:
     return "(" + ", ".join(f"{round(float(x), 3) + 0.0:g}" for x in v / np.linalg.norm(v)) + ")"
 
 
-def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: str) -> Iterator[Place]:
+def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: str) -> Iterator[DeckPlace]:
     """Loads that have a resultant or pull at all mass, reference nodes of ties, sets of nodes, faces.
 
     by_which: of several sets of supports, to say of a face what holds it.
@@ -186,9 +186,9 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
         force = float(np.linalg.norm(load.force.sum(axis=0)))
         if force > 1e-9 * np.abs(load.force).sum():
             loaded = load.nodes[load.force.any(axis=1)]
-            yield Place("deck_load", name, f"a load of the deck, {force:.4g} N", bool(held[loaded].all()), force)
+            yield DeckPlace("deck_load", name, f"a load of the deck, {force:.4g} N", bool(held[loaded].all()), force)
         elif load.body:
-            yield Place("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
+            yield DeckPlace("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
     # an average of rotations alone ties a shell to a solid: no load is put there
     ties: list[RigidElement | AveragingElement] = [
         *mesh.rigid,
@@ -197,11 +197,11 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
     for reference in dict.fromkeys(tie.reference for tie in ties):
         led = [tie for tie in ties if tie.reference == reference]
         what = f"reference of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
-        yield Place("node", str(mesh.node_ids[reference]), what, bool(held[reference]))
+        yield DeckPlace("node", str(mesh.node_ids[reference]), what, bool(held[reference]))
     for name, ids in mesh.node_sets.items():
         nodes = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
         if nodes.size:
-            yield Place("set", name, f"{nodes.size} nodes", bool(held[nodes].all()))
+            yield DeckPlace("set", name, f"{nodes.size} nodes", bool(held[nodes].all()))
     if facets is not None and faces is not None:
         supported = np.asarray((held[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         contact = contact_faces(mesh, facets, faces)
@@ -211,7 +211,7 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
         for face in range(len(faces.area)):
             on_support = bool(supported[faces.of == face].all())
             what = f"{faces.area[face]:.3g} m², {faces.in_words(face)}"
-            yield Place(
+            yield DeckPlace(
                 "face",
                 faces.near(face),
                 what,

@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.pages.arrays import History, Reading
 from strainsight.pages.tested.data import File, Findings, Map, Spectrum, SurfaceMoment, TestedUnknown, peak_of
-from strainsight.records.estimated import Compared, Source
+from strainsight.records.estimated import Compared, TestSource
 
 from ..conftest import layout, mixed_layout, posterior
 
@@ -51,7 +51,7 @@ def spectrum(name, unit="strain", level=2 * NOISE**2 * STEP):
 def file_of(*names):
     """Of channels of one calibration: less 3 µm/m, and the sign turned."""
     many, nothing = len(names), np.full(len(names), np.nan)
-    source = Source(
+    source = TestSource(
         file="run <7>.csv", sha256="ab" * 32, bytes=123_456, format="csv", date="2025-03-14", channel=names, measures=names,
         unit=("um/m",) * many, bridge=("",) * many, gauge_factor=nothing, poisson_ratio=nothing, sign=-np.ones(many),
         scale=np.ones(many), offset=np.full(many, 3.0), drift=np.zeros(many), zero=np.full((many, 2), np.nan),

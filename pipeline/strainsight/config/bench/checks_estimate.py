@@ -9,7 +9,7 @@ from strainsight.config.base import Problem, known, undivided
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor
 from strainsight.config.bench.bodies import RADII
 from strainsight.config.bench.connections import Driven, Load
-from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
+from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter, FromFile
 
 KEYS_OF_OTHER = ("step", "duration", "histories", "within")
 """Keys that no other truth has."""
@@ -17,7 +17,7 @@ CLOCK_SHARE = 1e-6
 """Share of a step by which two clocks may differ."""
 
 
-def truth_problems(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     """What keys of `estimate.truth` ask of each other, of the filter's step and of the joints."""
     truth, key = estimate.truth, "estimate.truth"
     if truth.model == "walk" and estimate.tolerances is not None and estimate.measured is None:
@@ -95,7 +95,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _elsewhere(config, estimate)
 
 
-def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _load_models(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     """What a model of an unknown load needs."""
     for name, entry in estimate.inputs.items():
         key, force = f"estimate.inputs.{name}", config.forces.get(name)
@@ -118,7 +118,7 @@ def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             )
 
 
-def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     for name, entry in estimate.sensors.items():
         key = f"estimate.sensors.{name}"
         yield from known(key, name, config.sensors, "sensor")
@@ -150,7 +150,7 @@ def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         )
 
 
-def _given(config: BenchConfig, estimate: Estimate, name: str) -> int | None:
+def _given(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> int | None:
     """How many components of a sensor the filter is given; None where a placed layout says it later."""
     if estimate.sensors[name].layout is not None:
         return None
@@ -168,7 +168,7 @@ def channels_of(config: BenchConfig, name: str) -> int | None:
     return sum(len(gauge.angles) if gauge.angles else 1 for gauge in gauges) if gauges else None
 
 
-def _parameters(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     moduli = {
         name: m.value for body in config.bodies.values() if body.type == "flexible" for name, m in body.moduli.items()
     }
@@ -256,7 +256,7 @@ def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, Estimat
             return
 
 
-def _distinguishable(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     """Diameter and preload are one unknown where the groove centres stay: both only add to the interference."""
     for bearing, entry in config.bearings.items():
         free = {
@@ -271,7 +271,7 @@ def _distinguishable(config: BenchConfig, estimate: Estimate) -> Iterator[Proble
             )
 
 
-def _bank(estimate: Estimate) -> Iterator[Problem]:
+def _bank(estimate: BenchEstimateSection) -> Iterator[Problem]:
     """A bank is of few constants, and of iterated filters."""
     if estimate.method.parameters != "bank":
         return
@@ -299,7 +299,7 @@ def _bank(estimate: Estimate) -> Iterator[Problem]:
             yield Problem(f"estimate.parameters.{name}.increment", what, f"leave increment out, {extended}")
 
 
-def _times(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _times(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     duration = estimate.duration or config.simulate.duration
     h = estimate.time_step or config.simulate.time_step
     steps = duration / h
@@ -310,7 +310,7 @@ def _times(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         yield from undivided("estimate.time_step", duration, h, "estimate.duration")
 
 
-def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     measured = estimate.measured
     if measured is None:
         return
@@ -336,7 +336,7 @@ def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         yield Problem("estimate.measured.from", "is this run itself", "name another run, whose sensors are measured")
 
 
-def _in_file(config: BenchConfig, estimate: Estimate, measured: FromFile) -> Iterator[Problem]:
+def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: FromFile) -> Iterator[Problem]:
     """Channels of a file beside the sensors of the filter."""
     if estimate.runs != 1:
         yield Problem("estimate.runs", "a test is one run, with the noise that it has", "set runs: 1")

@@ -13,7 +13,7 @@ from strainsight.config.bench.bench import (
     MotionSensor,
     ReactionSensor,
     RelativeSensor,
-    StrainSensor,
+    StrainSensorSection,
 )
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
@@ -67,7 +67,7 @@ def sensors_of(
     for name, entry in config.sensors.items():
         if isinstance(entry, ReactionSensor):
             continue
-        if not isinstance(entry, StrainSensor):
+        if not isinstance(entry, StrainSensorSection):
             others.append(motion_sensor(name, entry, bench.frames))
             continue
         sensor, moved[name] = _strain(name, entry, reduced[entry.body], meshes[entry.body], placed)
@@ -90,7 +90,7 @@ def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
 
 
 def gauges_of(
-    name: str, entry: StrainSensor, mesh: Mesh, placed: BenchPlaced | None
+    name: str, entry: StrainSensorSection, mesh: Mesh, placed: BenchPlaced | None
 ) -> tuple[Candidates, Facets, np.ndarray]:
     """The gauges of a sensor on the nearest places of the body's surface, its facets, and how far (gauges,) [m] each was moved
     there."""
@@ -109,7 +109,7 @@ def gauges_of(
 
 
 def _strain(
-    name: str, entry: StrainSensor, reduced: ReducedBody, mesh: Mesh, placed: BenchPlaced | None
+    name: str, entry: StrainSensorSection, reduced: ReducedBody, mesh: Mesh, placed: BenchPlaced | None
 ) -> tuple[StrainRows, np.ndarray]:
     """The rows of its gauges, and how far (gauges,) [m] each was moved."""
     there, facets, moved = gauges_of(name, entry, mesh, placed)
@@ -168,7 +168,7 @@ def units_of(entry: StatedSensor, part: slice) -> tuple[str, ...]:
 
 def unit_of(entry: StatedSensor) -> str:
     """Unit of a sensor's readings."""
-    if isinstance(entry, StrainSensor):
+    if isinstance(entry, StrainSensorSection):
         return "strain"
     if isinstance(entry, ReactionSensor):
         return "N or N m"

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.gauges import AbsoluteNoise
-from strainsight.config.loads import CaseLoad, MultiSine, Recorded, Sine, Sweep
+from strainsight.config.loads import CaseLoad, MultiSineSection, RecordedSection, SineSection, SweepSection
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
 from strainsight.estimation.faults import at_limit
@@ -53,12 +53,12 @@ def _existing(key: str, file: str, base: Path) -> Path:
     return path
 
 
-def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, Recorded, dict[str, float]]]:
+def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, RecordedSection, dict[str, float]]]:
     """Key of every recorded signal, the unit of its load, the signal, and the runs that it has to cover: key of the duration →
     [s]."""
     as_stated = {"train.duration": config.train.duration, "validate.duration": config.validation.duration}
     for name, load in config.loads.items():
-        if isinstance(load.signal, Recorded):
+        if isinstance(load.signal, RecordedSection):
             yield f"loads.{name}.signal", load.unit, load.signal, as_stated
     for case, stated in (config.place.load_cases or {}).items():
         section = f"place.load_cases.{case}"
@@ -66,7 +66,7 @@ def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, Recorded, di
         if duration is None:
             of, duration = "train.duration", config.train.duration
         for name, entry in stated.loads.items():
-            if isinstance(entry, CaseLoad) and isinstance(entry.signal, Recorded):
+            if isinstance(entry, CaseLoad) and isinstance(entry.signal, RecordedSection):
                 yield f"{section}.loads.{name}.signal", config.loads[name].unit, entry.signal, {of: duration}
 
 
@@ -175,8 +175,8 @@ def _in_steps(known: np.ndarray) -> bool:
 
 def _fastest(signal: object) -> float:
     """The highest frequency of a stated signal [Hz], 0 where none is stated."""
-    if isinstance(signal, Sine):
+    if isinstance(signal, SineSection):
         return signal.frequency
-    if isinstance(signal, Sweep):
+    if isinstance(signal, SweepSection):
         return max(signal.start_frequency, signal.end_frequency)
-    return signal.highest if isinstance(signal, MultiSine) else 0.0
+    return signal.highest if isinstance(signal, MultiSineSection) else 0.0

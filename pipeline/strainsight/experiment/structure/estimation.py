@@ -30,7 +30,7 @@ from strainsight.experiment.structure.record_filter import (
 from strainsight.experiment.structure.surface import Skin, Virtual, moment_of, resultants_of, surface_grid
 from strainsight.loads.histories import instant_values
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.records.estimated import Channels, Damaged, Estimated, HoldOut, Offsets, Source
+from strainsight.records.estimated import ChannelOffsets, Damaged, Estimated, HoldOut, TestChannels, TestSource
 from strainsight.records.placed import budget_of_shares
 
 
@@ -72,7 +72,7 @@ class Common:
 
 def estimation_of_record(
     common: Common,
-    source: Source,
+    source: TestSource,
     record: RecordFilter,
     result: FilteredRecord,
     judgement: Judgement,
@@ -97,7 +97,7 @@ def estimation_of_record(
         std={name: sigma for name, (_, sigma) in estimate.items()},
         smoothed={name: value for name, (value, _) in later.items()},
         smoothed_std={name: sigma for name, (_, sigma) in later.items()},
-        gauge=Channels(
+        gauge=TestChannels(
             time=test.time[1:],
             label=test.labels,
             channel=test.channels,
@@ -107,7 +107,7 @@ def estimation_of_record(
             noise_std=record.noise_std,
         ),
         whitened=run.whitened[sampled, 0],
-        bias=Offsets(channel=record.biased, mean=mean, std=std) if len(record.biased) else None,
+        bias=ChannelOffsets(channel=record.biased, mean=mean, std=std) if len(record.biased) else None,
         resultant=resultants_of(config.loads, problem.unknowns.inputs, model, smoothed),
         known=dict(zip(problem.known, instant_values(test.known).T, strict=False)),
         source=source,

@@ -20,7 +20,7 @@ from strainsight.measurements.assemble import Signals
 from strainsight.measurements.calibration import SUM
 from strainsight.measurements.reader import format_of
 from strainsight.measurements.records import SI
-from strainsight.records.estimated import Source
+from strainsight.records.estimated import TestSource
 from strainsight.runner.artefact import sha256_of
 
 
@@ -177,12 +177,12 @@ def measured_of(
     )
 
 
-def source_of(test: Measured, path: Path, known: tuple[str, ...]) -> Source:
+def source_of(test: Measured, path: Path, known: tuple[str, ...]) -> TestSource:
     """The file of a record, and what was done to every channel of it; known: loads whose channels were used."""
     settings = test.record.settings
     entries: list[Channel] = [*settings.channels, *(settings.inputs[name] for name in known)]
     nothing = (np.nan, np.nan)
-    return Source(
+    return TestSource(
         file=path.name,
         sha256=sha256_of(path),
         bytes=path.stat().st_size,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.mesh import ElementSection, Face, Material, MaterialAxes, MeshFile, Support
+from strainsight.config.mesh import ElementSection, Face, MaterialAxes, MaterialSection, MeshFile, Support
 from strainsight.config.placement import PlacementConfig
 from strainsight.decks.faults import LINEAR, PRELOAD, short, spelt
 from strainsight.decks.reader import read_mesh
@@ -241,7 +241,7 @@ def model_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", fr
     )
 
 
-def _with_material(mesh: Mesh, material: Material, name: str) -> Mesh:
+def _with_material(mesh: Mesh, material: MaterialSection, name: str) -> Mesh:
     regions = None if material.regions == "all" else material.regions
     E, nu, G = material.youngs_modulus, material.poisson_ratio, material.shear_modulus
     if isinstance(E, float) and isinstance(nu, float):

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.config.placement import Place, PlacementConfig
+from strainsight.config.placement import PlacementConfig, PlaceSection
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
@@ -326,7 +326,7 @@ def initial_covariance(problem: Problem, relative_std: Mapping[str, float], movi
 def scenarios_of(
     problem: Problem,
     channels: np.ndarray,
-    settings: Place,
+    settings: PlaceSection,
     ranges: Mapping[str, Sequence[float]],
     seed: int,
     installation: np.ndarray | None = None,
@@ -350,7 +350,7 @@ def scenarios_of(
 
 
 def placed_instants(
-    problem: Problem, theta: Mapping[str, float], x: np.ndarray, settings: Place, seed: int
+    problem: Problem, theta: Mapping[str, float], x: np.ndarray, settings: PlaceSection, seed: int
 ) -> np.ndarray:
     """Indices of the instants to place for, in the motion x (steps + 1, 2n) at θ [SI]."""
     # One instant is the thesis's case: any of them, also where a parameter hardly acts.

@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.loads import Load
-from strainsight.config.mesh import MeshFile, ModesOfResults, ResponseOfLoad, Step
-from strainsight.config.mesh import Results as Stated
+from strainsight.config.loads import LoadSection
+from strainsight.config.mesh import MeshFile, ModesOfResults, ResponseOfLoad, ResultsSection, Step
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.experiment.structure.references import load_shapes
 from strainsight.fem.affine import Parameter, of_stiffness
@@ -46,7 +45,7 @@ def model_of_results(
     mesh: Mesh,
     parameters: Sequence[Parameter],
     files: Mapping[str, Path],
-    loads: Mapping[str, Load] | None,
+    loads: Mapping[str, LoadSection] | None,
 ) -> FullModel:
     """The model of `mesh.results`; loads: those of the config, None for the modes alone.
 
@@ -121,7 +120,7 @@ def _set_of(
         return Gathered(given_motion(mesh, _stacked(motion, size, L)), results, notes)
 
 
-def _change(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:
+def _change(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:
     """The parameter of the second set and its two values; None without a second set."""
     if stated.second is None:
         return None
@@ -226,7 +225,7 @@ def _stacked(motion: list[np.ndarray], size: list[float], length: float) -> np.n
     return stack
 
 
-def _modal_mass(stated: Stated, modes: list[Response], unit: float) -> np.ndarray | None:
+def _modal_mass(stated: ResultsSection, modes: list[Response], unit: float) -> np.ndarray | None:
     """ΦᵀMΦ (m,) [kg m²]; unit: one of the file [kg m²]."""
     if stated.modal_mass == "mesh":
         return None
@@ -236,7 +235,7 @@ def _modal_mass(stated: Stated, modes: list[Response], unit: float) -> np.ndarra
     return unit * np.array(known) if len(known) == len(modes) else None
 
 
-def _proportional(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
+def _proportional(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> dict[str, tuple[str, float]]:
     """What is proportional to which parameter, and the value that the results were made with.
 
     Raises UserError for a property of a part alone, and where that value is not known.
@@ -259,7 +258,7 @@ def _proportional(stated: Stated, mesh: Mesh, parameters: Sequence[Parameter]) -
     return scaled
 
 
-def _made_with(stated: Stated, mesh: Mesh, parameter: Parameter) -> float:
+def _made_with(stated: ResultsSection, mesh: Mesh, parameter: Parameter) -> float:
     if parameter.name in stated.at:
         return stated.at[parameter.name]
     if parameter.property == "stiffness_factor":

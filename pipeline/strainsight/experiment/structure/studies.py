@@ -22,7 +22,7 @@ from strainsight.experiment.structure.trial import (
     without_truth,
 )
 from strainsight.parallel import Sweep, serial
-from strainsight.records.validated import NoiseStudy, RandomSets, Starts, SweepTable
+from strainsight.records.validated import NoiseStudy, RandomSetErrors, Starts, SweepTable
 from strainsight.runner.output import Table
 
 
@@ -134,9 +134,9 @@ def repeated(study: Study) -> Starts:
     return Starts(error=study.real, std=study.claimed, start=start)
 
 
-def random_sets(study: Study) -> RandomSets:
+def random_sets(study: Study) -> RandomSetErrors:
     """As it is written."""
-    return RandomSets(candidate=study.runs.channels, error=study.real, std=study.claimed, estimate=study.estimate)
+    return RandomSetErrors(candidate=study.runs.channels, error=study.real, std=study.claimed, estimate=study.estimate)
 
 
 def _runs(channels: np.ndarray, noise_factor: float | np.ndarray, start: np.ndarray, seed: np.ndarray) -> Runs:

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.config.estimate import Field3D
 from strainsight.config.gauges import Gauges, NamedGauge
-from strainsight.config.loads import Load
+from strainsight.config.loads import LoadSection
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, DeckError
 from strainsight.estimation.model import FilterModel, surface_reading, theta_of
@@ -34,7 +34,7 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
-from strainsight.records.estimated import DamageAt, Moment, Resultant, VirtualStrain
+from strainsight.records.estimated import DamageAt, Resultant, SurfaceMoment, VirtualStrain
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.sensors.bonded import BondedEntry, bonded
@@ -223,13 +223,13 @@ def _damage_shown(damage: DamageAt | None, order: np.ndarray) -> dict[str, np.nd
     return {name: values[order] for name, values in names.items() if not np.isnan(values).all()}
 
 
-def moment_of(skin: Skin, record: RecordFilter, run: FilterRun, smoothed: Smoothed) -> Moment:
+def moment_of(skin: Skin, record: RecordFilter, run: FilterRun, smoothed: Smoothed) -> SurfaceMoment:
     """The surface when a channel reads most, by the offsets of the filter: the instant whose covariance `wanted_of` has kept."""
     k, channel = largest(record, run.mean[-1, 0])
     then, test = (k + 1) * record.test.every, record.test
     state = _state(skin, record.model, smoothed, then)
     shapes = skin.field.basis.reshape(len(skin.mesh.position), 3, -1)
-    return Moment(
+    return SurfaceMoment(
         time=float(test.time[k + 1]),
         label=test.labels[channel],
         displacement=(shapes @ smoothed.mean[then, 0, skin.field.states(smoothed.mean)]).astype(np.float32),
@@ -270,7 +270,7 @@ def largest_reading(values: np.ndarray, offset: np.ndarray, scale: np.ndarray) -
 
 
 def resultants_of(
-    loads: Mapping[str, Load], inputs: Sequence[str], model: FilterModel, smoothed: Smoothed
+    loads: Mapping[str, LoadSection], inputs: Sequence[str], model: FilterModel, smoothed: Smoothed
 ) -> dict[str, Resultant]:
     """ "0", "1", … → resultant of every place with more than one of the unknown loads, `inputs`.
 
@@ -290,7 +290,7 @@ def resultants_of(
     return resultants
 
 
-def places_of(loads: Mapping[str, Load], inputs: Sequence[str]) -> list[tuple[str, np.ndarray]]:
+def places_of(loads: Mapping[str, LoadSection], inputs: Sequence[str]) -> list[tuple[str, np.ndarray]]:
     """Places with more than one of the unknown loads, and which of `inputs` these are (k,)."""
     places: dict[str, list[int]] = {}
     for i, name in enumerate(inputs):
@@ -377,7 +377,7 @@ class SurfaceStrain:
 
 
 def surface_strains(
-    mesh: Mesh, reduced: Reduced, training: Training, loads: Mapping[str, Load], free: bool = False
+    mesh: Mesh, reduced: Reduced, training: Training, loads: Mapping[str, LoadSection], free: bool = False
 ) -> tuple[SurfaceStrain, ...]:
     """ε = B Ψ q at the guess, of every load alone and of every training run at one instant; none where nothing is solid.
 

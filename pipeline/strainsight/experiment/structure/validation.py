@@ -56,7 +56,7 @@ from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.placed import budget_of_shares
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
+from strainsight.records.validated import Consistency, Field, SimulatedChannels, SweepTable, Validated
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
 from strainsight.sensors.screening import CLEARANCE
@@ -185,7 +185,7 @@ def _validated(
         std={name: own[1] for name, own in estimate.items()},
         smoothed={name: own[0] for name, own in later.items()},
         smoothed_std={name: own[1] for name, own in later.items()},
-        gauge=Channels(
+        gauge=SimulatedChannels(
             time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
         ),
         consistency=Consistency(

@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.estimate import Estimate, FromFile
+from strainsight.config.bench.estimate import BenchEstimateSection, FromFile
 from strainsight.csv_cells import csv_bytes
 from strainsight.errors import ArtefactError
 from strainsight.experiment.bench.inverse.comparison import Compared, compared
@@ -111,7 +111,7 @@ def run(context: Context[BenchConfig]) -> Output:
     )
 
 
-def _loud(estimate: Estimate, found: BenchEstimated) -> Iterator[str]:
+def _loud(estimate: BenchEstimateSection, found: BenchEstimated) -> Iterator[str]:
     """Of the sensors whose noise exceeds everything that they read by the estimate."""
     for name, settings in estimate.sensors.items():
         noise, largest = float(np.min(settings.noise)), float(np.max(np.abs(found.sensors[name].expected), initial=0.0))
@@ -120,7 +120,7 @@ def _loud(estimate: Estimate, found: BenchEstimated) -> Iterator[str]:
             yield f"the noise of {name}, {noise:.3g}, exceeds its largest reading, {largest:.3g}: check {key}"
 
 
-def _disagreements(estimate: Estimate, own: Estimated) -> list[str]:
+def _disagreements(estimate: BenchEstimateSection, own: Estimated) -> list[str]:
     """Where the extended filter does not allow for what the bank finds, and when it is the bank that is wrong."""
     words = disagreements_in_words(own.compared)
     if words and estimate.inputs:
@@ -142,7 +142,7 @@ def _there(context: Context[object]) -> Simulated | None:
     return read(Simulated, there)
 
 
-def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, Scalar]:
+def _summary(estimate: BenchEstimateSection, own: Estimated, result: Compared) -> dict[str, Scalar]:
     nis, late = own.nis[:, 0], own.nis[len(own.nis) // 2 :]
     given, nu = np.isfinite(own.measured).any(axis=(0, 1)), len(own.unknowns.inputs)
     m = max(int(given.sum()), 1)
@@ -167,7 +167,7 @@ def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, 
     }
 
 
-def _truth(estimate: Estimate) -> str:
+def _truth(estimate: BenchEstimateSection) -> str:
     if isinstance(estimate.measured, FromFile):
         return f"measured in {estimate.measured.file}"
     if estimate.measured is not None:

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.bench import BenchConfig, StrainSensor
+from strainsight.config.bench.bench import BenchConfig, StrainSensorSection
 from strainsight.config.bench.estimate import Method
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.bench.bench import Bench
@@ -88,7 +88,7 @@ def _parts(config: BenchConfig, used: Sensors) -> Iterator[np.ndarray]:
     for name, part in used.channels.items():
         channels, entry = np.arange(part.start, part.stop), config.sensors[name]
         grids = np.ones(len(channels), dtype=int)
-        if isinstance(entry, StrainSensor) and entry.gauges:
+        if isinstance(entry, StrainSensorSection) and entry.gauges:
             grids = np.array([len(gauge.angles) if gauge.angles else 1 for gauge in entry.gauges])
         yield from np.split(channels, np.cumsum(grids)[:-1])
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.bench import BenchConfig, StrainSensor
+from strainsight.config.bench.bench import BenchConfig, StrainSensorSection
 from strainsight.errors import blame
 from strainsight.estimation.run import FilterRun
 from strainsight.experiment.bench.bench import Bench
@@ -80,7 +80,7 @@ def toleranced(
     found = []
     for name in used.channels if sigma else ():
         entry = config.sensors[name]
-        if not isinstance(entry, StrainSensor):
+        if not isinstance(entry, StrainSensorSection):
             continue
         mesh, basis = meshes[entry.body], reduced[entry.body].basis
         gauges, facets, _ = gauges_of(name, entry, mesh, placed)

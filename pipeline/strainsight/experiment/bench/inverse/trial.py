@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, MotionSensor
-from strainsight.config.bench.estimate import Estimate
+from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.errors import ConfigError, NumericalError, UserError, blame
 from strainsight.estimation.model import StepModel
 from strainsight.estimation.reduced import Biased, bordered
@@ -211,7 +211,7 @@ def _starts_given(
 
 
 def _noise(
-    estimate: Estimate, used: Sensors, largest: np.ndarray, moved: np.ndarray
+    estimate: BenchEstimateSection, used: Sensors, largest: np.ndarray, moved: np.ndarray
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """σ of every channel (m,), and which were raised; moved (m,): by one σ of an unknown."""
     noise, notes = np.empty(len(largest)), []

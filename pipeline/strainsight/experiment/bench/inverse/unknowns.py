@@ -9,8 +9,8 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.connections import Driven, Load
-from strainsight.config.bench.estimate import Estimate, EstimatedParameter
-from strainsight.config.loads import Sine
+from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter
+from strainsight.config.loads import SineSection
 from strainsight.errors import blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.loads.input_models import WALK, input_model
@@ -38,7 +38,7 @@ class Unknowns:
     coordinates: ParameterCoordinates
 
 
-def asked(config: BenchConfig) -> Estimate:
+def asked(config: BenchConfig) -> BenchEstimateSection:
     """The section `estimate`, which is there where something is estimated."""
     assert config.estimate is not None
     return config.estimate
@@ -75,7 +75,7 @@ def has_other_poses(config: BenchConfig) -> bool:
     return has_drives(config) or any(own.type == "gravity" and own.turns is not None for own in config.forces.values())
 
 
-def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:
+def free_properties(estimate: BenchEstimateSection) -> dict[str, tuple[str, ...]]:
     """Bearing → its properties that the estimate names, in the order of PARAMETERS."""
     found: dict[str, list[str]] = {}
     for entry in estimate.parameters.values():
@@ -160,7 +160,7 @@ def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
     """Frequency [Hz] and amplitude [N, N m] of an unknown load: as stated, else of the sine that its history is."""
     entry, force = asked(config).inputs[name], config.forces[name]
     assert isinstance(force, Load)
-    sine = force.signal if isinstance(force.signal, Sine) else None
+    sine = force.signal if isinstance(force.signal, SineSection) else None
     frequency = entry.frequency or (None if sine is None else sine.frequency)
     amplitude = entry.amplitude or (None if sine is None else sine.amplitude)
     assert frequency is not None  # checked with the config

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy.linalg import block_diag
 
-from strainsight.config.bench.bench import BenchConfig, BenchPlace, StrainSensor
+from strainsight.config.bench.bench import BenchConfig, BenchPlace, StrainSensorSection
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked, corrects_in_a_test
@@ -152,7 +152,9 @@ def zeroed(config: BenchConfig) -> bool:
     """Whether the filter has the layout by a sensor that is zeroed at a start at rest: it tells nothing of what deformed the
     bench then."""
     sensors = (config.sensors[name] for name in asked(config).sensors)
-    takes = any(isinstance(sensor, StrainSensor) and sensor.layout == "place" and sensor.zeroed for sensor in sensors)
+    takes = any(
+        isinstance(sensor, StrainSensorSection) and sensor.layout == "place" and sensor.zeroed for sensor in sensors
+    )
     return takes and config.simulate.start == "equilibrium"
 
 
