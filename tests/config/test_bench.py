@@ -145,10 +145,7 @@ EXAMPLES = {
     },
     "sensors": {
         "strain": "body: hub, layout: place",
-        "relative": PAIR,
-        "motion": "frame: root",
-        "acceleration": "frame: root",
-        "reaction": "joint: pitch",
+        "relative": PAIR, "motion": "frame: root", "acceleration": "frame: root", "reaction": "joint: pitch",
     },
 }
 """Section → kind → the keys of a valid entry on bench-full."""

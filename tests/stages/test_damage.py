@@ -180,9 +180,7 @@ def records():
 
 def found_of(records):
     settings = DamageSettings(curve=SNCurve(slope=SLOPE, stress=STRESS, cycles=CYCLES), draws=COUNT, repetitions=3.0)
-    place = Places(
-        np.zeros((1, 3)), np.array([1]), AffineOperator(ROWS[None, None], {}), AffineOperator(np.array([MODULUS]), {})
-    )
+    place = Places(np.zeros((1, 3)), np.array([1]), AffineOperator(ROWS[None, None], {}), AffineOperator(np.array([MODULUS]), {}))
     each = [Recorded(loaded_chain(), smoothed, np.arange(2), parts) for smoothed, parts, _ in records]
     return damage_in_test(settings, {"virtual": place}, each, lambda share: None)
 

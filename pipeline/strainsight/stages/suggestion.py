@@ -148,7 +148,7 @@ def _lacking(mesh: Mesh) -> Iterator[Lacking]:
         yield Lacking(without)
     shells = [section for section in mesh.sections.values() if isinstance(section, GeneralShell)]
     materials = (*mesh.materials.values(), *mesh.laminae.values(), *mesh.anisotropic.values(), *shells)
-    massless = not mesh.point_masses and not any(material.density for material in materials)
+    massless = not mesh.point_masses and not any(getattr(material, "density", None) for material in materials)
     for material in dict.fromkeys(of.values()):
         if massless and (elastic := mesh.materials.get(material)):
             regions = tuple(number for number, its in of.items() if its == material and number not in plies)

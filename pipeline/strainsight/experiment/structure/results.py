@@ -25,7 +25,7 @@ from strainsight.mesh.units import length_factor, mass_factor
 
 
 @dataclass
-class WantedCovariances:
+class WantedResult:
     """A step of a file that a key of the config asks for, its responses in the order of the file, and their motion."""
 
     key: str
@@ -99,8 +99,8 @@ def _set_of(
     names of all loads."""
     stated = config.results
     assert stated is not None
-    modes = WantedCovariances(f"{key}.modes", "mode", asked.step)
-    static = {name: WantedCovariances(f"{key}.loads.{name}", "static", load.step) for name, load in loads.items()}
+    modes = WantedResult(f"{key}.modes", "mode", asked.step)
+    static = {name: WantedResult(f"{key}.loads.{name}", "static", load.step) for name, load in loads.items()}
     L, M = length_factor(config.length_unit), mass_factor(config.mass_unit)
     notes = _gather([modes, *static.values()], f"{key}.file", mesh, L, files)
     order = sorted(range(len(modes.responses)), key=lambda i: modes.responses[i].frequency)
@@ -129,11 +129,11 @@ def _change(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter])
 
 
 def _gather(
-    wanted: list[WantedCovariances], default: str, mesh: Mesh, length: float, files: Mapping[str, Path]
+    wanted: list[WantedResult], default: str, mesh: Mesh, length: float, files: Mapping[str, Path]
 ) -> list[str]:
     """Read every file once, and put what is wanted of it on the nodes of the mesh; default: the key of the file of all that
     name none; length: the unit of the files [m]."""
-    by_file: dict[Path, tuple[str, list[WantedCovariances]]] = {}
+    by_file: dict[Path, tuple[str, list[WantedResult]]] = {}
     for one in wanted:
         key = f"{one.key}.file" if f"{one.key}.file" in files else default
         by_file.setdefault(files[key], (key, []))[1].append(one)
@@ -187,7 +187,7 @@ def on_nodes(mesh: Mesh, response: Response, rows: np.ndarray, present: np.ndarr
     return motion
 
 
-def _check_responses(wanted: WantedCovariances, path: Path, steps: list[str]) -> None:
+def _check_responses(wanted: WantedResult, path: Path, steps: list[str]) -> None:
     asked = "" if wanted.step is None else f"{'titled' if isinstance(wanted.step, str) else 'step'} {wanted.step!r} "
     modes, several = wanted.kind == "mode", sorted({response.step for response in wanted.responses})
     if not several:
