@@ -33,7 +33,7 @@ from strainsight.estimation.decision import (
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.smoother import smooth
 from strainsight.loads.input_models import Matern, Oscillator
-from strainsight.pages.text import number
+from strainsight.text import number
 
 from ..shared import slowly
 from .conftest import make_beam, make_filter, sine

@@ -18,7 +18,7 @@ from strainsight.experiment.structure.measured import common_part, records_of
 from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words
 from strainsight.experiment.structure.record_filter import RecordFilter, filter_by_consistency
 from strainsight.measurements.assemble import Signals
-from strainsight.pages.text import number
+from strainsight.text import number
 
 from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import suspect

@@ -23,7 +23,6 @@ from strainsight.pages.tested.campaign import CampaignFindings, RecordRow, campa
 from strainsight.pages.tested.data import File, Findings, Map, Spectrum, SurfaceMoment, TestedUnknown, peak_of
 from strainsight.pages.tested.figures import figures_of_test
 from strainsight.pages.tested.page import page_of_test, title_of, views_of
-from strainsight.pages.text import capital
 from strainsight.pages.view.viewing import exaggerated, screenshots
 from strainsight.records.estimated import CampaignRecord, Damaged, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import mesh_from
@@ -34,6 +33,7 @@ from strainsight.runner.stage import Context, Stage
 from strainsight.sensors.candidates import UNITS
 from strainsight.stages.pages.page import messages, provenance
 from strainsight.stages.pages.page_layout import layout_of_test
+from strainsight.text import capital
 
 MEGA, MICRO = 1e6, 1e6
 STAGES = ("import", "rom", "train", "screen", "place", "estimate")

@@ -12,7 +12,7 @@ import pytest
 
 from strainsight.pages.page.markup import count, data, measure, pairs, share, table
 from strainsight.pages.page.sections import document, policy, text_of
-from strainsight.pages.text import (
+from strainsight.text import (
     number,
     percent,
     quantity,

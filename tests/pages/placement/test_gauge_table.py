@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.pages.picture.layout import PositionAxes
 from strainsight.pages.placement.gauge_table import cases_table, criteria_table, gauge_table
+from strainsight.positions import PositionAxes
 
 
 def rows(report):

@@ -16,7 +16,7 @@ from strainsight.config.placement import Datum
 from strainsight.mesh.facets import LOWER, UPPER, Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
-from strainsight.pages.picture.layout import PositionAxes
+from strainsight.positions import PositionAxes
 from strainsight.runner.output import Table
 from strainsight.sensors.candidates import (
     ACCELERATION,

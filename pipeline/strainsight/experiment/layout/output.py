@@ -24,8 +24,8 @@ from strainsight.experiment.layout.gauge_list import (
 )
 from strainsight.experiment.layout.placement import Placement
 from strainsight.mesh.model import Mesh
-from strainsight.pages.picture.layout import PositionAxes
 from strainsight.placement.score import worth_keeping
+from strainsight.positions import PositionAxes
 from strainsight.records.mesh import gauge_grid
 from strainsight.records.placed import (
     Augmented,

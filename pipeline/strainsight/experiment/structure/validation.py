@@ -51,7 +51,6 @@ from strainsight.experiment.structure.trial import Trial, real_and_claimed, scal
 from strainsight.experiment.structure.truth import truth_of
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
-from strainsight.pages.text import number
 from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.placed import budget_of_shares
 from strainsight.records.reduced import Modes, Reduced
@@ -60,6 +59,7 @@ from strainsight.records.validated import Consistency, Field, SimulatedChannels,
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
 from strainsight.sensors.screening import CLEARANCE
+from strainsight.text import number
 
 SETTLED = 0.01
 """Share of the truth that an estimate stays within once it has settled."""

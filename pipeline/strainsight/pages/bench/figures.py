@@ -36,7 +36,7 @@ from strainsight.pages.chart.panels import (
     shown_unit,
     time_axis,
 )
-from strainsight.pages.text import number, ratio, reading_unit, short
+from strainsight.text import number, ratio, reading_unit, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -28,8 +28,8 @@ from strainsight.pages.page.verdicts import headline
 from strainsight.pages.placement.figures import trend_figure
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
-from strainsight.pages.text import number, percent, prefix, quantity, short
 from strainsight.records.bench import BenchPlaced, DriveMotion, RingMotion
+from strainsight.text import number, percent, prefix, quantity, short
 
 
 def loads_figure(motion: BenchMotion) -> Drawing:

@@ -8,8 +8,8 @@ from html import escape
 
 import numpy as np
 
+from strainsight import text
 from strainsight.estimation.decision import FAULTS, OVERCONFIDENT, UNTESTED, WEAK
-from strainsight.pages import text
 from strainsight.pages.bench.data import BenchMotion, BenchPageRun, BenchStress, BenchUnknown, PlacedGauges
 from strainsight.pages.page.markup import (
     AXES,
@@ -27,8 +27,8 @@ from strainsight.pages.page.markup import (
     verdict_mark,
 )
 from strainsight.pages.page.verdicts import accused
-from strainsight.pages.text import number
 from strainsight.runner.output import Scalar
+from strainsight.text import number
 
 Cell = Callable[[BenchPageRun, BenchUnknown], str]
 

@@ -20,8 +20,8 @@ from strainsight.pages.chart.drawing import (
     svg,
     visible_instants,
 )
-from strainsight.pages.text import SUPERSCRIPTS, number, prefix, quantity, reading_unit, short
 from strainsight.records.estimated import Posterior
+from strainsight.text import SUPERSCRIPTS, number, prefix, quantity, reading_unit, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

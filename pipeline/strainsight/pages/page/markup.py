@@ -13,8 +13,8 @@ import numpy as np
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart import drawing
 from strainsight.pages.chart.drawing import Drawing
-from strainsight.pages.picture.layout import METRES, PositionAxes
-from strainsight.pages.text import number, percent, quantity
+from strainsight.positions import METRES, PositionAxes
+from strainsight.text import number, percent, quantity
 
 AXES = METRES.heads
 LONGEST = 20

@@ -11,9 +11,9 @@ from importlib.resources import files
 
 from strainsight.estimation.decision import CONSISTENT, comparison_verdict
 from strainsight.pages.page.markup import bullets, measure, pairs, plain, share, table
-from strainsight.pages.text import percent
 from strainsight.records.estimated import BANK, Compared
 from strainsight.runner.output import Table
+from strainsight.text import percent
 
 PARTS = files("strainsight.pages")
 SPACE_STYLE, SPACE_SCRIPTS = "space/space.css", ("space/draw.js", "space/view.js")

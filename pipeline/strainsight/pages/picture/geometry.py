@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from strainsight.pages.arrays import FloatArray, IntArray
 from strainsight.pages.chart.drawing import matplotlib
 from strainsight.pages.picture.layout import Gauge, LoadArrow, PictureLayout
-from strainsight.pages.text import number
+from strainsight.text import number
 
 # Local node triples by number of facet nodes, in VTK order; facets with mid-side nodes are cut along them.
 TRIANGLES = {

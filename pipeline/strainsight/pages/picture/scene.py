@@ -39,8 +39,8 @@ from strainsight.pages.picture.geometry import (
     views,
 )
 from strainsight.pages.picture.layout import PictureLayout
-from strainsight.pages.text import short
 from strainsight.processes import end_with_parent, inherited, python
+from strainsight.text import short
 
 Pictures = TypeVar("Pictures")
 OFF_SCREEN = "off-screen"

@@ -41,7 +41,7 @@ from strainsight.pages.chart.panels import (
     time_axis,
 )
 from strainsight.pages.placement.data import Noise, PlacementReport, RandomSetErrors, Repeats, Trend
-from strainsight.pages.text import READINGS, number, percent, reading_unit, short
+from strainsight.text import READINGS, number, percent, reading_unit, short
 
 
 def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:

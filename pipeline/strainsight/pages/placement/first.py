@@ -32,7 +32,7 @@ from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.picture.scene import CLAMP, LINES, POOL
 from strainsight.pages.placement.data import ObservabilityCase, PlacementReport, Unknown
 from strainsight.pages.placement.gauge_table import SINGLE, expected_with_all, names_without
-from strainsight.pages.text import listed
+from strainsight.text import listed
 
 
 def denominator(unknown: Unknown) -> str:

@@ -10,9 +10,10 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.page.markup import axes, badge, data, decimals, items, measure, plain, share, table
-from strainsight.pages.picture.layout import Gauge, PositionAxes
+from strainsight.pages.picture.layout import Gauge
 from strainsight.pages.placement.data import Criteria, MetricWords, ObservabilityCase, PlacementReport, Trend
-from strainsight.pages.text import number, percent, reading_unit
+from strainsight.positions import PositionAxes
+from strainsight.text import number, percent, reading_unit
 
 SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
 """Kinds that people call gauges; with others among them they are sensors."""

@@ -31,7 +31,7 @@ from strainsight.pages.placement.gauge_table import (
 from strainsight.pages.sheets.sheet import sheets_section
 from strainsight.pages.space.model import ShownState
 from strainsight.pages.space.section import space_section
-from strainsight.pages.text import unbroken
+from strainsight.text import unbroken
 
 FOOTER = (
     "σ is one standard deviation. Errors and σ are relative: of a parameter to its true value, of a load to its own true RMS "

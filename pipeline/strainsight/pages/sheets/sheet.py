@@ -28,7 +28,7 @@ from strainsight.pages.sheets.views import (
     size,
     to_edges,
 )
-from strainsight.pages.text import short
+from strainsight.text import short
 
 EDGE, COLUMN = 8.0, 196.0
 """[mm] from the paper's border to the frame; where the right column begins."""

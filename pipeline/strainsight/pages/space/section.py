@@ -16,9 +16,10 @@ from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart.drawing import gauge_colour, ink_on
 from strainsight.pages.page.markup import coordinates, decimals, measure
 from strainsight.pages.picture.geometry import scale_bar, stops
-from strainsight.pages.picture.layout import Gauge, PictureLayout, PositionAxes
+from strainsight.pages.picture.layout import Gauge, PictureLayout
 from strainsight.pages.space.model import Contour, ShownState, Space, space, vertex_shift
-from strainsight.pages.text import number, percent
+from strainsight.positions import PositionAxes
+from strainsight.text import number, percent
 
 AXES = (
     '<svg id="space-axes" viewBox="-44 -44 88 88" aria-hidden="true">'

@@ -18,7 +18,7 @@ from strainsight.pages.bench.data import BenchPageRun, PageRun
 from strainsight.pages.page.markup import count, links, plain, sheet, verdict_mark
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.placement.data import MetricWords, ObservabilityCase, Trend, Unknown
-from strainsight.pages.text import number
+from strainsight.text import number
 
 SEEDS_ASIDE = 0.1
 """Share of seeds in which a statement may not hold."""

@@ -35,7 +35,7 @@ from strainsight.pages.suite.summary import (
     results_of,
     series_of,
 )
-from strainsight.pages.text import SUPERSCRIPTS, number, percent, short
+from strainsight.text import SUPERSCRIPTS, number, percent, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

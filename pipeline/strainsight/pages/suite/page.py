@@ -38,7 +38,7 @@ from strainsight.pages.space.section import space_section
 from strainsight.pages.suite import data, summary
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun
 from strainsight.pages.suite.summary import numbered, observability_section
-from strainsight.pages.text import number, unbroken
+from strainsight.text import number, unbroken
 
 Cards = Mapping[str, str]
 """Key of a drawing → its card."""

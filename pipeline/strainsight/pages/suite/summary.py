@@ -27,7 +27,7 @@ from strainsight.pages.page.sections import section
 from strainsight.pages.page.verdicts import accused, faults, no_benefit, why
 from strainsight.pages.placement.data import ObservabilityCase, Unknown
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
-from strainsight.pages.text import listed
+from strainsight.text import listed
 
 SINGULAR = 1e13
 """A condition number beyond which its digits are rounding."""

@@ -40,7 +40,7 @@ from strainsight.pages.chart.panels import (
 from strainsight.pages.page.markup import data, figures, plain, share, table
 from strainsight.pages.page.sections import section
 from strainsight.pages.tested.data import Findings, Spectrum, peak_of
-from strainsight.pages.text import READINGS, capital, number, percent, prefix, quantity, reading_unit, short
+from strainsight.text import READINGS, capital, number, percent, prefix, quantity, reading_unit, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

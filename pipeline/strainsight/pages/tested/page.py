@@ -48,9 +48,9 @@ from strainsight.pages.space.model import ShownState, contour_of
 from strainsight.pages.space.section import space_section
 from strainsight.pages.tested.data import Findings, Map, TestedUnknown, peak_of
 from strainsight.pages.tested.figures import hold_out_section, reading
-from strainsight.pages.text import listed, number, quantity
 from strainsight.pages.view.viewing import FACETS, Panel, View
 from strainsight.records.estimated import TestSource
+from strainsight.text import listed, number, quantity
 
 LOUD = 1.5
 """RMS of what is left over the stated noise from which it is marked."""

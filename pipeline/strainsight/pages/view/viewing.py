@@ -48,8 +48,8 @@ from strainsight.pages.picture.scene import (
     last_words,
     thinned,
 )
-from strainsight.pages.text import short
 from strainsight.processes import inherited, python
+from strainsight.text import short
 
 POINTS, FACETS, DOTS = "points", "facets", "dots"
 """Where the values of a panel stand."""

@@ -36,7 +36,6 @@ from strainsight.pages.placement.data import (
     Trend,
     Unknown,
 )
-from strainsight.pages.text import capital, listed, number
 from strainsight.placement.criteria import Criterion, criterion_of
 from strainsight.records.placed import Observed, Placed, PlacedLayout, metric_key
 from strainsight.records.record import read, unit_of
@@ -47,6 +46,7 @@ from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.stage import Context
 from strainsight.stages.pages.page_layout import layout_of_page, listed_gauges, measured, placed_scale, placed_size
+from strainsight.text import capital, listed, number
 
 STAGES = ("import", "rom", "train", "screen", "place", "validate")
 """Of which the page shows what each came to."""

@@ -13,12 +13,12 @@ from strainsight.experiment.structure.surface import SurfaceStrain, largest_prin
 from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.space.model import ShownState, contour_of
-from strainsight.pages.text import number, quantity
 from strainsight.pages.view.viewing import FACETS, POINTS, Panel, View, exaggerated
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.runner.artefact import Artefact
+from strainsight.text import number, quantity
 
 MOST = 6
 """So many loads, and as many load cases, are shown."""

@@ -31,8 +31,8 @@ from strainsight.experiment.bench.inverse.comparison import in_theta
 from strainsight.experiment.bench.inverse.estimation import Estimated
 from strainsight.experiment.bench.inverse.numbers import smoothed_name
 from strainsight.experiment.bench.inverse.unknowns import asked
-from strainsight.pages.text import number
 from strainsight.records.bench import ReducedBody
+from strainsight.text import number
 
 Scalar = float | str
 """Of a summary."""
