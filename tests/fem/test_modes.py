@@ -16,7 +16,7 @@ from strainsight.fem import modes as own
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import REPEATED, largest, modes, turned
-from strainsight.fem.modes import _beside as beside
+from strainsight.fem.modes import _krylov_beside as beside
 
 
 def chain(n, stiffness=1.0, mass=1.0):

@@ -11,7 +11,7 @@ from strainsight import api
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.structure import expectation as expecting
-from strainsight.experiment.structure import filtering
+from strainsight.experiment.structure import filtering, validation
 from strainsight.experiment.structure.filtering import excluded, excluded_in_words
 from strainsight.experiment.structure.problem import (
     exactly_damped,
@@ -93,7 +93,14 @@ def test_where_exact_readings_have_no_posterior_nothing_is_compared_which_is_rep
     def refuses(*_, **__):
         raise NumericalError("no lattice")
 
-    monkeypatch.setattr(filtering, "filter_bank", refuses)
+    compared = filtering.compared
+
+    def compared_without_bank(*args, **options):
+        with monkeypatch.context() as patch:
+            patch.setattr(filtering, "filter_bank", refuses)
+            return compared(*args, **options)
+
+    monkeypatch.setattr(validation, "compared", compared_without_bank)
     empty = validated(*EXACT, "validate.duration=0.02").validated.compared
     assert disagreements_in_words(empty) == [
         "filters are not compared: without tolerances the readings leave no posterior of the parameters"
