@@ -10,8 +10,8 @@ import pytest
 from strainsight.errors import ConfigError
 from strainsight.estimation import bank_filters
 from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.bank_filters import noise_alone
 from strainsight.estimation.conditional import _linear_about, no_nuisances
-from strainsight.estimation.judge import noise_alone
 from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.estimation.record import BankRecord
 from strainsight.loads.input_models import (
