@@ -2,14 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.estimation.decision import Claim, claim_in_time
+from strainsight.experiment.system import System
+from strainsight.records.estimated import HoldOut
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import STRAIN, UNITS
+
+NOT_GIVEN = "the filter is not given it"
+
+
+def held_out(system: System, progress: Callable[[str, float], None]) -> tuple[HoldOut, ...]:
+    """Predict the channels of every part in every record by all other channels; NaN of channels that stay in, and why they do."""
+    every = [np.full((2, *values.shape), np.nan) for values in system.measured]
+    left_in = np.where(system.given, "", NOT_GIVEN).astype(object)
+    parts = [part for part in system.parts if system.given[part].any()]
+    for i, part in enumerate(parts):
+        progress(f"without {system.labels[part[0]]}", i / len(parts))
+        predictions, why = system.by_others(part)
+        left_in[part[system.given[part]]] = why
+        for values, prediction in zip(every, predictions, strict=False):
+            values[..., part] = prediction
+    for values in every:
+        values[..., left_in != ""] = np.nan
+    return tuple(HoldOut(predicted=mean, std=std, left_in=tuple(left_in)) for mean, std in every)
 
 
 @dataclass(frozen=True)

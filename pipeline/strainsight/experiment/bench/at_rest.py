@@ -2,28 +2,26 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.bench import BenchConfig, ReactionSensor
+from strainsight.config.bench.bench import ReactionSensor
 from strainsight.errors import blame
-from strainsight.experiment.bench.bench import Bench, bench_of, start_of
+from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
 from strainsight.experiment.bench.sensors import instants_of, read_in_time, sensors_of
 from strainsight.experiment.bench.simulation import felt, rings_in_time
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import CellBlock, Mesh
+from strainsight.mesh.model import CellBlock
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.multibody.accelerations import measured
 from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.coupled import CoupledModes, coupled_modes, growth
 from strainsight.multibody.sensors import axis_sensor, position_sensor, readings
 from strainsight.multibody.simulate import Trajectory
-from strainsight.records.bench import AtRest, Coupled, FrameAtRest, FrameInModes, ReducedBody, RingAtRest, StateSpace
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import AtRest, Coupled, FrameAtRest, FrameInModes, RingAtRest, StateSpace
 
 DRAWN = 20
 """Most modes in the grid."""
@@ -33,7 +31,6 @@ DRAWN = 20
 class Rest:
     """The bench with its state at rest q, v (n,) under u, and how fast it would be left (0: stable) by which body."""
 
-    config: BenchConfig
     bench: Bench
     q: np.ndarray
     v: np.ndarray
@@ -43,45 +40,32 @@ class Rest:
     body: str
 
 
-def rest_of(
-    config: BenchConfig,
-    reduced: Mapping[str, ReducedBody],
-    meshes: Mapping[str, Mesh],
-    using: Resources,
-    balanced: bool,
-) -> Rest:
+def rest_of(bench: Bench, using: Resources, balanced: bool) -> Rest:
     """balanced: in the equilibrium under the loads at t = 0, its drives held, whatever `simulate.start` says; unstable ones,
     too."""
-    bench = bench_of(config, reduced, meshes)
-    u = loads_of(config, bench, using.files)(np.zeros(1))[0]
-    settings = config.simulate.model_copy(update={"allow_unstable": True})
+    u = loads_of(bench, using.files)(np.zeros(1))[0]
+    changed: dict[str, object] = {"allow_unstable": True}
     if balanced:
         u[bench.system.drives.rates] = 0.0
-        settings = settings.model_copy(update={"start": "equilibrium"})
+        changed["start"] = "equilibrium"
     with blame("simulate"):
-        q, v = start_of(bench, settings, u)
+        q, v = start_of(bench.simulated(**changed), u)
     modes = coupled_modes(bench.system, q, v, u, bench.theta)
-    return Rest(config, bench, q, v, u, modes, *growth(bench.system, modes))
+    return Rest(bench, q, v, u, modes, *growth(bench.system, modes))
 
 
-def at_rest(
-    rest: Rest,
-    reduced: Mapping[str, ReducedBody],
-    meshes: Mapping[str, Mesh],
-    placed: BenchPlaced | None,
-    using: Resources,
-) -> AtRest:
+def at_rest(rest: Rest, using: Resources) -> AtRest:
     """The equilibrium in numbers: frames, sensors, reactions of every joint, drives, bearings."""
-    config, bench, q = rest.config, rest.bench, rest.q
+    bench, q, config = rest.bench, rest.q, rest.bench.config
     every = {f"joint {name}": ReactionSensor(type="reaction", joint=name) for name in config.joints}
-    asked = config.model_copy(update={"sensors": {**config.sensors, **every}})
+    with_reactions = replace(bench, config=config.model_copy(update={"sensors": {**config.sensors, **every}}))
     still = Trajectory(np.zeros(1), q[None], 0 * q[None], rest.u[None], np.zeros((0, bench.system.constrained)))
-    moved = drives_of(config, bench, using.files)(still.time)
+    moved = drives_of(bench, using.files)(still.time)
     moved[:, 1:] = 0.0
-    instants = instants_of(bench.system, still.q, still.v, still.u, bench.theta, moved[:, 2].T)
-    own, drives = felt(asked, bench, still, instants, moved)
-    sensors = sensors_of(config, bench, reduced, meshes, placed)
-    read = read_in_time(bench.system, sensors.readings, still.q, still.v, still.u, instants)[0]
+    instants = instants_of(bench, still.q, still.v, still.u, moved[:, 2].T)
+    reactions, drives = felt(with_reactions, still, instants, moved)
+    sensors = sensors_of(bench)
+    read = read_in_time(bench, sensors.readings, still.q, still.v, still.u, instants)[0]
     return AtRest(
         q=q,
         growth=rest.growth,
@@ -89,22 +73,20 @@ def at_rest(
         inputs=dict(zip(bench.system.inputs, rest.u.tolist(), strict=False)),
         frames={name: _placed(bench, frame, q) for name, frame in bench.frames.items()},
         sensors={name: read[part] for name, part in sensors.channels.items()}
-        | {name: values[0] for name, values in own.items() if name in config.sensors},
-        reactions={name: own[f"joint {name}"][0] for name in config.joints},
+        | {name: values[0] for name, values in reactions.items() if name in config.sensors},
+        reactions={name: reactions[f"joint {name}"][0] for name in config.joints},
         drives={name: float(found.force[0]) for name, found in drives.items()},
         bearings={
             name: RingAtRest(displacement=ring.displacement[0], load=ring.load[0], pressure=float(ring.pressure[0]))
-            for name, ring in rings_in_time(config, bench, still).items()
+            for name, ring in rings_in_time(bench, still).items()
         },
     )
 
 
-def coupled(
-    rest: Rest, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh], placed: BenchPlaced | None
-) -> Coupled:
+def coupled(rest: Rest) -> Coupled:
     """Modes with the motion of every frame in them, and the state space from the loads to the sensors, but for reactions."""
     bench, modes = rest.bench, rest.modes
-    sensors = sensors_of(rest.config, bench, reduced, meshes, placed)
+    sensors = sensors_of(bench)
     none = np.zeros(len(bench.system.drives.names))
     read = measured(bench.system, sensors.readings, rest.q, rest.v, rest.u, bench.theta, none)
     nu, Phi = len(bench.system.inputs), modes.shapes
@@ -155,7 +137,7 @@ def _looked_at(bench: Bench, frame: Frame, q: np.ndarray) -> tuple[np.ndarray, n
     return y, by_q
 
 
-def modes_in_space(rest: Rest, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh]) -> VtkHdf:
+def modes_in_space(rest: Rest) -> VtkHdf:
     """Surfaces of flexible bodies and lines from the centre of a rigid body to its frames, where they rest; `mode` in steps."""
     bench, count = rest.bench, min(DRAWN, len(rest.modes.squares))
     points, shapes, blocks, total = [], [], [], 0
@@ -169,9 +151,10 @@ def modes_in_space(rest: Rest, reduced: Mapping[str, ReducedBody], meshes: Mappi
             to = np.arange(1, len(at))
             blocks.append(CellBlock("line", to, total + np.column_stack([0 * to, to]), 0 * to))
         else:
-            used, cells, _ = facet_cells(exterior_facets(meshes[body.name]))
-            own, x = bench.system.of[body.name], meshes[body.name].position[used]
-            basis = reduced[body.name].basis.reshape(len(meshes[body.name].position), 3, -1)[used]
+            mesh = bench.meshes[body.name]
+            used, cells, _ = facet_cells(exterior_facets(mesh))
+            own, x = bench.system.of[body.name], mesh.position[used]
+            basis = bench.reduced[body.name].basis.reshape(len(mesh.position), 3, -1)[used]
             eta = bench.system.modal(body.name)
             x = x + basis @ rest.q[eta]
             phi = rest.modes.shapes[eta, :count]

@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.config.bench import connections as stated
-from strainsight.config.bench.bench import BenchConfig, Simulate
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import Frame as StatedFrame
 from strainsight.config.bench.bodies import Pose as StatedPose
 from strainsight.config.bench.bodies import RigidBody as StatedRigidBody
@@ -38,6 +38,7 @@ from strainsight.multibody.relations import cosine, relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.system import System, assemble
 from strainsight.records.bench import ReducedBody
+from strainsight.records.bench_estimated import BenchPlaced
 
 Between = stated.Joint | stated.Law
 """What stands between two frames."""
@@ -45,24 +46,37 @@ Between = stated.Joint | stated.Law
 
 @dataclass(frozen=True)
 class Bench:
-    """system; frames and bearings by name; poses of the bodies at the start; theta (nθ,) values of the system's parameters, a
-    bearing's called BEARING.PROPERTY."""
+    """config; reduced and meshes of its flexible bodies; placed: layouts, where sensors take one; system; frames and bearings by
+    name; poses of the bodies at the start; theta (nθ,) values of the system's parameters, a bearing's called BEARING.PROPERTY."""
 
+    config: BenchConfig
+    reduced: Mapping[str, ReducedBody]
+    meshes: Mapping[str, Mesh]
+    placed: BenchPlaced | None
     system: System
     frames: Mapping[str, Frame]
     bearings: Mapping[str, Bearing]
     poses: Mapping[str, Pose]
     theta: np.ndarray
 
+    def at(self, theta: np.ndarray) -> Bench:
+        """With these values of the parameters (nθ,)."""
+        return replace(self, theta=theta)
+
+    def simulated(self, **settings: object) -> Bench:
+        """With other settings of `simulate`."""
+        simulate = self.config.simulate.model_copy(update=settings)
+        return replace(self, config=self.config.model_copy(update={"simulate": simulate}))
+
 
 def bench_of(
     config: BenchConfig,
     reduced: Mapping[str, ReducedBody],
     meshes: Mapping[str, Mesh],
+    placed: BenchPlaced | None = None,
     free: Mapping[str, Sequence[str]] | None = None,
 ) -> Bench:
-    """The whole bench; reduced and meshes: of the flexible bodies, by name; free: bearing → its properties that are
-    parameters of the system."""
+    """The whole bench; free: bearing → its properties that are parameters of the system, others as of `Bench`."""
     bodies: list[Body] = []
     poses: dict[str, Pose] = {}
     for name, entry in config.bodies.items():
@@ -91,7 +105,7 @@ def bench_of(
     for name, bearing in bearings.items():
         values |= {f"{name}.{key}": value for key, value in zip(PARAMETERS, bearing.parameters, strict=True)}
     theta = np.array([float(values[name]) for name in system.parameters])
-    return Bench(system, frames, bearings, poses, theta)
+    return Bench(config, reduced, meshes, placed, system, frames, bearings, poses, theta)
 
 
 def axes_of(pose: StatedPose) -> np.ndarray:
@@ -184,8 +198,9 @@ TURNED = 0.02
 """[rad] that the joints may turn a body."""
 
 
-def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
+    settings = bench.config.simulate
     given, rate = state(bench.system, bench.poses)
     with blame("joints"):
         q = project_position(bench.system, given, u)

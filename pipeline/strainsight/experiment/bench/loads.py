@@ -37,9 +37,9 @@ def load_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
     return {name: units[config.forces[name].type] for name in names}
 
 
-def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
+def loads_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
     """Time (k,) [s] → u (k, width): inputs [N, N m] in the order of the system, then p and ṗ of its driven joints."""
-    signals, keys = {}, {}
+    config, signals, keys = bench.config, {}, {}
     for name in bench.system.inputs:
         entry = config.forces[name]
         assert isinstance(entry, Load | Gravity)
@@ -49,7 +49,7 @@ def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Ca
         key = keys[name] = f"forces.{name}.{'turns.' * turns}signal"
         with blame(key):
             signals[name] = signal_at(key, history.signal, files, ("angle",) if turns else LOADS)
-    drives = drives_of(config, bench, files)
+    drives = drives_of(bench, files)
 
     def at(time: np.ndarray) -> np.ndarray:
         columns = []
@@ -67,9 +67,9 @@ def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Ca
     return at
 
 
-def drives_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
+def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
     """Time (k,) [s] → p, ṗ, p̈ of every driven joint (nd, 3, k) [m or rad]."""
-    motions = {}
+    config, motions = bench.config, {}
     for name in bench.system.drives.names:
         entry = config.joints[name]
         assert isinstance(entry, Driven)

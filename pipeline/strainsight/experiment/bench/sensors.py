@@ -19,7 +19,6 @@ from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.mesh.facets import Facets, exterior_facets
-from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import Instant, gravity_at, instant
 from strainsight.multibody.bodies import Frame
 from strainsight.multibody.relations import bearing_displacements
@@ -34,9 +33,6 @@ from strainsight.multibody.sensors import (
     readings,
 )
 from strainsight.multibody.sensors import StrainSensor as StrainRows
-from strainsight.multibody.system import System
-from strainsight.records.bench import ReducedBody
-from strainsight.records.bench_estimated import BenchPlaced
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.rows import channel_rows
@@ -54,24 +50,22 @@ class Sensors:
     zeroed: np.ndarray
     moved: Mapping[str, np.ndarray]
 
+    def count(self, name: str) -> int:
+        """Channels of a sensor."""
+        return self.channels[name].stop - self.channels[name].start
 
-def sensors_of(
-    config: BenchConfig,
-    bench: Bench,
-    reduced: Mapping[str, ReducedBody],
-    meshes: Mapping[str, Mesh],
-    placed: BenchPlaced | None = None,
-) -> Sensors:
-    """All sensors of the config that see the state; placed: for those that take a layout of it."""
+
+def sensors_of(bench: Bench) -> Sensors:
+    """All sensors of the config that see the state."""
     strains, others, moved = [], [], {}
     zeroed: list[bool] = []
-    for name, entry in config.sensors.items():
+    for name, entry in bench.config.sensors.items():
         if isinstance(entry, ReactionSensor):
             continue
         if not isinstance(entry, StrainSensor):
             others.append(motion_sensor(name, entry, bench.frames))
             continue
-        sensor, moved[name] = _strain(name, entry, reduced[entry.body], meshes[entry.body], placed)
+        sensor, moved[name] = _strain(bench, name, entry)
         strains.append(sensor)
         zeroed += [entry.zeroed] * len(sensor.rows)
     # in the order of their rows
@@ -90,48 +84,44 @@ def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
     return Sensors(compiled, there, zeroed, {})
 
 
-def gauges_of(
-    name: str, entry: StrainSensor, mesh: Mesh, placed: BenchPlaced | None
-) -> tuple[Candidates, Facets, np.ndarray]:
+def gauges_of(bench: Bench, name: str, entry: StrainSensor) -> tuple[Candidates, Facets, np.ndarray]:
     """The gauges of a sensor on the nearest places of the body's surface, its facets, and how far (gauges,) [m] each was moved
     there."""
-    key = f"sensors.{name}.gauges"
+    key, mesh = f"sensors.{name}.gauges", bench.meshes[entry.body]
     if entry.layout is None:
         entries = [BondedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
     else:
-        assert placed is not None
-        key, own = f"sensors.{name}.layout", placed.layout(entry.layout)
-        columns = (own.position[own.bonded], own.direction[own.bonded], own.length[own.bonded])
+        assert bench.placed is not None
+        key, layout = f"sensors.{name}.layout", bench.placed.layout(entry.layout)
+        columns = (getattr(layout, part)[layout.bonded] for part in ("position", "direction", "length"))
         entries = [BondedEntry(*gauge) for gauge in zip(*columns, strict=True)]
     facets = exterior_facets(mesh)
     with blame(key):
-        there, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
-    return there, facets, moved
+        gauges, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
+    return gauges, facets, moved
 
 
-def _strain(
-    name: str, entry: StrainSensor, reduced: ReducedBody, mesh: Mesh, placed: BenchPlaced | None
-) -> tuple[StrainRows, np.ndarray]:
+def _strain(bench: Bench, name: str, entry: StrainSensor) -> tuple[StrainRows, np.ndarray]:
     """The rows of its gauges, and how far (gauges,) [m] each was moved."""
-    there, facets, moved = gauges_of(name, entry, mesh, placed)
+    gauges, facets, moved = gauges_of(bench, name, entry)
+    position, basis = bench.meshes[entry.body].position, bench.reduced[entry.body].basis
     with blame(f"sensors.{name}.{'gauges' if entry.layout is None else 'layout'}"):
-        return StrainRows(name, entry.body, channel_rows(mesh.position, there, reduced.basis, facets=facets)), moved
+        return StrainRows(name, entry.body, channel_rows(position, gauges, basis, facets=facets)), moved
 
 
-def instants_of(
-    system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, second: np.ndarray
-) -> list[Instant]:
+def instants_of(bench: Bench, q: np.ndarray, v: np.ndarray, u: np.ndarray, second: np.ndarray) -> list[Instant]:
     """Of every state in q, v (T, n) under u (T, width), p̈ of the drives second (T, nd)."""
-    return [instant(system, *now, theta, p) for now, p in zip(zip(q, v, u, strict=True), second, strict=True)]
+    each = zip(q, v, u, second, strict=True)
+    return [instant(bench.system, *state, bench.theta, p) for *state, p in each]
 
 
 def read_in_time(
-    system: System, sensors: Readings, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
+    bench: Bench, sensors: Readings, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
 ) -> np.ndarray:
     """What all sensors read (T, channels) in a run; instants: not read without accelerometers."""
     if not sensors.accelerometers:
         return np.array([sensors.read(*now)[0] for now in zip(q, v, strict=True)])
-    felt = (Felt(own.acceleration, gravity_at(system, at)) for own, at in zip(instants, u, strict=True))
+    felt = (Felt(now.acceleration, gravity_at(bench.system, at)) for now, at in zip(instants, u, strict=True))
     return np.array([sensors.read(*now)[0] for now in zip(q, v, felt, strict=True)])
 
 
@@ -160,11 +150,19 @@ def _channels(compiled: Readings) -> dict[str, slice]:
     return channels
 
 
-def units_of(entry: StatedSensor, part: slice) -> tuple[str, ...]:
-    """The unit of each of its components, whose channels are `part`."""
-    if isinstance(entry, RelativeSensor):
-        return ("m", "m", "m", "rad", "rad")
-    return (unit_of(entry),) * (part.stop - part.start)
+def channel_labels(sensors: Sensors) -> tuple[str, ...]:
+    """Sensor and component of every channel, as numbers of a summary name them."""
+    return tuple(f"{name}.{i}" for name in sensors.channels for i in range(1, 1 + sensors.count(name)))
+
+
+def channel_units(config: BenchConfig, sensors: Sensors) -> tuple[str, ...]:
+    """Unit of every channel."""
+    units: list[str] = []
+    for name in sensors.channels:
+        entry = config.sensors[name]
+        relative = isinstance(entry, RelativeSensor)
+        units += ("m", "m", "m", "rad", "rad") if relative else (unit_of(entry),) * sensors.count(name)
+    return tuple(units)
 
 
 def unit_of(entry: StatedSensor) -> str:

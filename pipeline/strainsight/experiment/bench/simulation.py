@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor, Simulate
+from strainsight.config.bench.bench import AccelerationSensor, ReactionSensor
 from strainsight.config.bench.connections import BearingForce, Driven
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
-from strainsight.experiment.bench.bench import Bench, bench_of, start_of
+from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
 from strainsight.experiment.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
 from strainsight.experiment.resources import Resources
-from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import Instant, reaction
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.coupled import coupled_modes
@@ -23,17 +22,16 @@ from strainsight.multibody.laws.actuators import Friction, TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
 from strainsight.ordering import first_of_largest
-from strainsight.records.bench import DriveMotion, ReducedBody, RingMotion, Simulated, Violation, WorstInstant
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import DriveMotion, RingMotion, Simulated, Violation, WorstInstant
 from strainsight.records.record import record_from
 
 
-def rings_in_time(config: BenchConfig, bench: Bench, found: Trajectory) -> dict[str, RingMotion]:
+def rings_in_time(bench: Bench, found: Trajectory) -> dict[str, RingMotion]:
     """Displacement and load of every bearing in time, and its balls at the instant of the highest pressure."""
     rings = {}
     for element in bench.system.elements:
         force = element.force
-        stated = config.forces[force.name]
+        stated = bench.config.forces[force.name]
         if not isinstance(stated, BearingForce):
             continue
         bearing = bench.bearings[stated.bearing]
@@ -63,14 +61,14 @@ Reading = Callable[[np.ndarray, np.ndarray, Instant], np.ndarray]
 
 
 def felt(
-    config: BenchConfig, bench: Bench, found: Trajectory, instants: Sequence[Instant], drives: np.ndarray
+    bench: Bench, found: Trajectory, instants: Sequence[Instant], drives: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, DriveMotion]]:
     """Sensors of reaction (T, components), and the driven joints, drives (nd, 3, T) p, ṗ, p̈."""
     read: dict[str, np.ndarray] = {}
-    for name, entry in config.sensors.items():
+    for name, entry in bench.config.sensors.items():
         if isinstance(entry, ReactionSensor):
-            own = _reaction(config, bench, entry)
-            read[name] = np.array([own(*now) for now in zip(found.q, found.u, instants, strict=True)])
+            reaction_of = _reaction(bench, entry)
+            read[name] = np.array([reaction_of(*now) for now in zip(found.q, found.u, instants, strict=True)])
     force = np.array([now.drive for now in instants])
     return read, {
         name: DriveMotion(position=drives[i, 0], rate=drives[i, 1], force=force[:, i])
@@ -78,15 +76,17 @@ def felt(
     }
 
 
-def feels(config: BenchConfig, bench: Bench) -> bool:
+def feels(bench: Bench) -> bool:
     """Whether anything of the config asks for what (1.3) says of every instant."""
-    asking = (isinstance(own, ReactionSensor | AccelerationSensor) for own in config.sensors.values())
-    return any(asking) or bool(bench.system.drives.names)
+    sensors = bench.config.sensors.values()
+    return any(isinstance(entry, ReactionSensor | AccelerationSensor) for entry in sensors) or bool(
+        bench.system.drives.names
+    )
 
 
-def _reaction(config: BenchConfig, bench: Bench, entry: ReactionSensor) -> Reading:
+def _reaction(bench: Bench, entry: ReactionSensor) -> Reading:
     joint = next(own for own in bench.system.joints if own.name == entry.joint)
-    i, j = (bench.frames[frame] for frame in config.joints[entry.joint].frames)
+    i, j = (bench.frames[frame] for frame in bench.config.joints[entry.joint].frames)
     return lambda q, u, now: reaction(bench.system, joint, i, j, q, now.lam, u)
 
 
@@ -109,35 +109,24 @@ class Simulation:
     parts: int
 
 
-def simulation(
-    config: BenchConfig,
-    reduced: Mapping[str, ReducedBody],
-    meshes: Mapping[str, Mesh],
-    placed: BenchPlaced | None,
-    using: Resources,
-) -> Simulation:
-    """Assemble the bench, bring it to its start, step through the loads, read the sensors."""
-    bench = bench_of(config, reduced, meshes)
-    h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
-    loads = loads_of(config, bench, using.files)
+def simulation(bench: Bench, using: Resources) -> Simulation:
+    """Bring the bench to its start, step through the loads, read the sensors."""
+    h, steps = (settings := bench.config.simulate).time_step, round(settings.duration / settings.time_step)
+    loads = loads_of(bench, using.files)
     u = loads(h * np.arange(steps + 1))
-    refuse_spun(config, bench, u, "simulate")
+    refuse_spun(bench, u, "simulate")
     with blame("simulate"):
-        q0, v0 = start_of(bench, config.simulate, u[0])
+        q0, v0 = start_of(bench, u[0])
         frequency = coupled_modes(bench.system, q0, v0, u[0], bench.theta).held_frequency
         try:
-            found, parts = _moved(
-                config.simulate, bench, q0, v0, loads, u, lambda share: using.progress("simulation", share)
-            )
+            found, parts = _moved(bench, q0, v0, loads, u, lambda share: using.progress("simulation", share))
         except NumericalError as error:
             raise explained(error, bench, q0, u, h) from error
-    moved = drives_of(config, bench, using.files)(found.time)
-    instants = (
-        instants_of(bench.system, found.q, found.v, found.u, bench.theta, moved[:, 2].T) if feels(config, bench) else []
-    )
-    carried, driven = felt(config, bench, found, instants, moved) if instants else ({}, {})
-    sensors = sensors_of(config, bench, reduced, meshes, placed)
-    measured = read_in_time(bench.system, sensors.readings, found.q, found.v, found.u, instants)
+    moved = drives_of(bench, using.files)(found.time)
+    instants = instants_of(bench, found.q, found.v, found.u, moved[:, 2].T) if feels(bench) else []
+    carried, driven = felt(bench, found, instants, moved) if instants else ({}, {})
+    sensors = sensors_of(bench)
+    measured = read_in_time(bench, sensors.readings, found.q, found.v, found.u, instants)
     measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
     _refuse_tilted(bench, found)
     record = Simulated(
@@ -149,14 +138,13 @@ def simulation(
         coordinates={name: np.array([own.start, own.stop]) for name, own in bench.system.of.items()},
         inputs=dict(zip(bench.system.inputs, u.T[: len(bench.system.inputs)], strict=True)),
         sensors={name: measured[:, own] for name, own in sensors.channels.items()} | carried,
-        bearings=rings_in_time(config, bench, found),
+        bearings=rings_in_time(bench, found),
         drives=driven,
     )
     return Simulation(record, bench, sensors, _turn(bench, found, h), parts)
 
 
 def _moved(
-    settings: Simulate,
     bench: Bench,
     q0: np.ndarray,
     v0: np.ndarray,
@@ -165,7 +153,8 @@ def _moved(
     progress: Callable[[float], None],
 ) -> tuple[Trajectory, int]:
     """The run, by steps as they are or divided by their error, and the most parts of a step."""
-    h, steps, system, theta = settings.time_step, len(u) - 1, bench.system, bench.theta
+    settings, steps, system, theta = bench.config.simulate, len(u) - 1, bench.system, bench.theta
+    h = settings.time_step
 
     def tell(k: int) -> None:
         if k % 50 == 0:
@@ -209,7 +198,7 @@ def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
                 )
 
 
-def refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray, section: str) -> None:
+def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
     """An angle that moves by more than SPUN a step: of a drive, where it ends a step no longer tells from half a turn on; of
     gravity, the loads between the steps are not those of a turn. u (T + 1, width) at its instants; section of the config that
     has the step."""
@@ -221,8 +210,8 @@ def refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray, section: str) 
     turned += [(f"forces.{own.name}.turns", int(at[0])) for own, at in laws if isinstance(own.law, TurningGravity)]
     recorded = {
         f"joints.{name}.drive"
-        for name, own in config.joints.items()
-        if isinstance(own, Driven) and own.drive.signal.type == "csv"
+        for name, joint in bench.config.joints.items()
+        if isinstance(joint, Driven) and joint.drive.signal.type == "csv"
     }
     for key, column in turned:
         moved = np.abs(np.diff(u[:, column]))

@@ -16,12 +16,13 @@ from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Wanted
+from strainsight.experiment.hold_out import held_out
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
 from strainsight.experiment.structure.damage_drawn import drawn_damage
 from strainsight.experiment.structure.diagnosed import Judgement, Together, judgement_of, together_of
-from strainsight.experiment.structure.estimation import Common, Estimation, estimation_of_record, held_out
+from strainsight.experiment.structure.estimation import Common, Estimation, FilteredGauges, estimation_of_record
 from strainsight.experiment.structure.filtered_test import (
     Filtered,
     Filtering,
@@ -200,7 +201,8 @@ def campaign_of(
             return undetectable(problem, others, config.place.instants, config.seed, True)
 
         # what contradicts the model is looked for there: the claim is what is tested
-        without = held_out(each, untold_by, bool(decision.unfounded), using.progress)
+        gauges = FilteredGauges(each, untold_by, bool(decision.unfounded))
+        without = held_out(gauges, lambda doing, share: using.progress(doing, LATER + (HELD - LATER) * share))
     using.progress("field", HELD if settings.hold_out else LATER)
 
     def otherwise(changed: PlacementConfig) -> list[Filtering]:

@@ -192,42 +192,50 @@ def _notes(
     return tuple(filter(None, notes))
 
 
-def held_out(
-    each: Sequence[Filtering],
-    tells: Callable[[np.ndarray], str],
-    withheld: bool,
-    progress: Callable[[str, float], None],
-) -> tuple[HoldOut, ...]:
-    """Predict every gauge in every record by the others: all channels of one gauge are left out together, of all records.
+@dataclass(frozen=True)
+class FilteredGauges:
+    """The `System` of a test with a filter: all channels of one gauge are left out together, of all records.
 
         ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
 
     x̂ˢ, Pˢ smoothed from the other channels; H with the column θ ∂H/∂θ q̂ of a free thickness; R of one sample; D, E, o what
     the gauge's own installation may be off by (`Nuisances`), and σ_b the σ of its unknown offset. tells: in words, what some
-    channels (k,) of train.h5 cannot tell, empty where nothing; withheld: whether σ is. NaN for a gauge without which the others
-    cannot tell the unknowns, and for a σ that is withheld.
+    channels (k,) of train.h5 cannot tell, empty where nothing; withheld: whether σ is, which then is NaN.
     """
-    test = each[0].test
-    owner = each[0].problem.channels.gauge[test.channels]
-    found = [np.full((2, *own.test.values.shape), np.nan) for own in each]
-    said = [""] * len(owner)
-    gauges = np.unique(owner)
-    for i, gauge in enumerate(gauges):
-        progress(f"without {test.labels[int(np.argmax(owner == gauge))]}", 0.7 + 0.25 * i / len(gauges))
-        out, rest = np.flatnonzero(owner == gauge), np.flatnonzero(owner != gauge)
-        lost = tells(test.channels[rest]) if len(rest) else "anything"
-        by: tuple[Filtered, ...] = ()
+
+    each: Sequence[Filtering]
+    tells: Callable[[np.ndarray], str]
+    withheld: bool
+
+    @property
+    def labels(self) -> Sequence[str]:
+        return self.each[0].test.labels
+
+    @property
+    def given(self) -> np.ndarray:
+        return np.ones(len(self.labels), dtype=bool)
+
+    @property
+    def parts(self) -> Sequence[np.ndarray]:
+        owner = self.each[0].problem.channels.gauge[self.each[0].test.channels]
+        return [np.flatnonzero(owner == gauge) for gauge in np.unique(owner)]
+
+    @property
+    def measured(self) -> Sequence[np.ndarray]:
+        return [record.test.values for record in self.each]
+
+    def by_others(self, part: np.ndarray) -> tuple[Sequence[tuple[np.ndarray, np.ndarray]], str]:
+        rest = np.setdiff1d(np.arange(len(self.labels)), part)
+        lost = self.tells(self.each[0].test.channels[rest]) if len(rest) else "anything"
+        if lost:
+            return (), f"the others cannot tell {lost}"
         try:
-            if not lost:
-                others = [own.by(rest) for own in each]
-                by = filtered_together(others) if len(others) > 1 else (filtered(others[0]),)
+            others = [record.by(rest) for record in self.each]
+            found = filtered_together(others) if len(others) > 1 else (filtered(others[0]),)
         except NumericalError as error:
-            lost = error.what
-        for j in out:
-            said[j] = f"the others cannot tell {lost}" if lost else ""
-        for own, one, values in zip(each, by, found, strict=False):
-            values[:, :, out] = _predicted(own.by(out), (one.without_sigma() if withheld else one).smoothed)
-    return tuple(HoldOut(predicted=mean, std=std, left_in=tuple(said)) for mean, std in found)
+            return (), f"the others cannot tell {error.what}"
+        smoothed = [(one.without_sigma() if self.withheld else one).smoothed for one in found]
+        return [_predicted(own.by(part), later) for own, later in zip(self.each, smoothed, strict=True)], ""
 
 
 def _predicted(given: Filtering, found: Smoothed) -> tuple[np.ndarray, np.ndarray]:

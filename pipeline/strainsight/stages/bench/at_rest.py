@@ -29,15 +29,14 @@ ROUNDING = 1e-12
 
 def statics(context: Context[BenchConfig]) -> Output:
     """Where the bench rests under the loads at t = 0, its drives held, and what joints, drives and bearings carry there."""
-    config, reduced, meshes = context.config, inputs.bodies(context), inputs.meshes(context)
-    rest = rest_of(config, reduced, meshes, context, balanced=True)
+    config, rest = context.config, rest_of(inputs.bench(context), context, balanced=True)
     if rest.growth > 0 and not config.simulate.allow_unstable:
         raise InfeasibleError(
             f"the equilibrium is unstable: '{rest.body}' falls out of it, {math.e:.1f}-fold in {1 / rest.growth:.3g} s",
             key="simulate",
             remedy="start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true",
         )
-    found = at_rest(rest, reduced, meshes, inputs.placed(context), context)
+    found = at_rest(rest, context)
     carried = max((float(np.abs(six).max()) for six in found.reactions.values()), default=0.0)
     far = max(float(np.abs(frame.position).max()) for frame in found.frames.values())
     loads = [
@@ -81,10 +80,9 @@ def _digits(value: float, count: int, largest: float) -> str:
 
 def modes(context: Context[BenchConfig]) -> Output:
     """The bench in small motion about its start: frequencies, damping, shapes in space, and the state space."""
-    config, reduced, meshes = context.config, inputs.bodies(context), inputs.meshes(context)
-    rest = rest_of(config, reduced, meshes, context, balanced=False)
-    found = coupled(rest, reduced, meshes, inputs.placed(context))
-    grid, attributes = vtkhdf_datasets(modes_in_space(rest, reduced, meshes)) if len(found.frequency) else ({}, {})
+    rest = rest_of(inputs.bench(context), context, balanced=False)
+    found = coupled(rest)
+    grid, attributes = vtkhdf_datasets(modes_in_space(rest)) if len(found.frequency) else ({}, {})
     rows = [_row(rest, found, k) for k in range(min(LISTED, len(found.frequency)))]
     held = found.frequency[found.frequency > 0]
     text = f"{len(found.frequency)} coupled modes"

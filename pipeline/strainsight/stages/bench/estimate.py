@@ -13,6 +13,7 @@ from strainsight.csv_cells import csv_bytes
 from strainsight.errors import ArtefactError
 from strainsight.experiment.bench.inverse.comparison import Compared, compared
 from strainsight.experiment.bench.inverse.estimation import Estimated, estimated
+from strainsight.experiment.bench.inverse.unknowns import free_properties, parameter_units
 from strainsight.experiment.bench.inverse.verdicts import (
     Evidence,
     bench_out_of_range,
@@ -20,7 +21,7 @@ from strainsight.experiment.bench.inverse.verdicts import (
     estimated_without_sigma,
 )
 from strainsight.experiment.bench.loads import load_units
-from strainsight.experiment.bench.sensors import dataset_units
+from strainsight.experiment.bench.sensors import channel_units, dataset_units
 from strainsight.experiment.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
 from strainsight.records.bench import Simulated
@@ -55,60 +56,57 @@ COLUMNS = {
 
 def run(context: Context[BenchConfig]) -> Output:
     """Simulate or fetch the measurements, run the filter on them, compare."""
-    config, estimate, there, bodies = context.config, context.config.estimate, _there(context), inputs.bodies(context)
+    config, estimate = context.config, context.config.estimate
     assert estimate is not None  # a bench without it has no such stage
-    own = estimated(
-        config,
-        bodies,
-        inputs.meshes(context),
-        inputs.placed(context),
-        there,
-        inputs.truths(context),
-        context,
-    )
-    beyond = bench_out_of_range(own, bodies)
-    held = [row.claim for row in own.without.rows if row.claim is not None] if own.without is not None else []
+    bench = inputs.bench(context, free_properties(estimate))
+    own = estimated(bench, _other_bench(context), inputs.truths(context), context)
+    problem, without = own.problem, own.without
+    beyond = bench_out_of_range(own)
+    held = [row.claim for row in own.held_out if row.claim is not None]
     own = estimated_without_sigma(own) if beyond else own
-    result = compared(config, own)
-    summary = _summary(estimate, own, result)
-    late = int(np.isfinite(own.nis[len(own.nis) // 2 :, 0]).sum()) * int(str(summary["channels"]))
-    evidence = Evidence(config, own.unknowns.free, summary, result.claims, late, own.lost, held, beyond)
-    decision, rows = evidence.decision, () if own.without is None else own.without.rows
+    result = compared(own)
+    summary = _summary(own, result)
+    nis = own.filtered.nis
+    late = int(np.isfinite(nis[len(nis) // 2 :, 0]).sum()) * int(str(summary["channels"]))
+    free, lost = problem.unknowns.free, own.filtered.lost
+    evidence = Evidence(config, free, summary, result.claims, late, lost, held, beyond)
+    decision, rows = evidence.decision, own.held_out
     warnings = [
         *filter(None, (decision.message,)),
         *misfits_in_words(rows, "channels"),
         *own.notes,
         *evidence.warnings(),
+        *_disagreements(estimate, own),
+        *_loud(estimate, result.found),
     ]
-    warnings += [*_disagreements(estimate, own), *_loud(estimate, result.found)]
     verdicts = {name: evidence.verdict(name) for name in evidence.names}
     if decision.withheld and not beyond:
         # what the others say of a channel keeps its σ: that claim is what is tested
-        own = replace(estimated_without_sigma(own), without=own.without)
-        result = compared(config, own)
-        summary = _summary(estimate, own, result)
+        own = replace(estimated_without_sigma(own), without=without)
+        result = compared(own)
+        summary = _summary(own, result)
     shown = decision.numbers if evidence.in_test else {"withheld": decision.withheld} if beyond else {}
     summary |= shown | {f"verdict.{name}": word for name, word in verdicts.items()}
-    found, free = result.found, own.unknowns.free
-    units = dataset_units(config, load_units(config, found.inputs))
+    found, of_loads = result.found, load_units(config, result.found.inputs)
+    of_parameters = parameter_units(config, free)
+    units = dataset_units(config, of_loads)
     tables = [_table(own, result, verdicts, evidence.in_test)]
-    if own.without is not None:
-        tables.append(hold_out_table(rows, own.without.units, "channel"))
+    if rows:
+        tables.append(hold_out_table(rows, channel_units(config, problem.used), "channel"))
     if offsets := _offsets(found, units):
         tables.append(offsets)
-    if own.done:
-        tables.append(Table("measurements", ("",), tuple((text,) for text in own.done)))
+    if own.reality.done:
+        tables.append(Table("measurements", ("",), tuple((text,) for text in own.reality.done)))
     tables += warnings_table(warnings)
-    of = {name: "Pa" if estimate.parameters[name].bearing is None else "m" for name in free}
-    units |= {f"parameter {name}": unit for name, unit in of.items()} | of
-    if own.compared is not None:
-        tables.insert(1, comparison_table(own.compared, of, COMPARED))
+    units |= {f"parameter {name}": unit for name, unit in of_parameters.items()} | of_parameters
+    if own.filtered.compared is not None:
+        tables.insert(1, comparison_table(own.filtered.compared, of_parameters, COMPARED))
     return Output(
         datasets=written(found, units),
         summary=summary,
-        message=replace(evidence, numbers=summary).message(load_units(config, found.inputs) | of, decision),
+        message=replace(evidence, numbers=summary).message(of_loads | of_parameters, decision),
         tables=tuple(tables),
-        files={"loads.csv": _command_history(found)} if found.inputs and own.lost[0] < 0 else {},
+        files={"loads.csv": _command_history(found)} if found.inputs and lost[0] < 0 else {},
     )
 
 
@@ -123,7 +121,7 @@ def _loud(estimate: Estimate, found: BenchEstimated) -> Iterator[str]:
 
 def _disagreements(estimate: Estimate, own: Estimated) -> list[str]:
     """Where the extended filter does not allow for what the bank finds, and when it is the bank that is wrong."""
-    words = disagreements_in_words(own.compared)
+    words = disagreements_in_words(own.filtered.compared)
     if words and estimate.inputs:
         words.append(
             "a bank judges parameters by how much the unknown loads move, too: where they move less than their increments say, "
@@ -132,39 +130,40 @@ def _disagreements(estimate: Estimate, own: Estimated) -> list[str]:
     return words
 
 
-def _there(context: Context[object]) -> Simulated | None:
+def _other_bench(context: Context[object]) -> Simulated | None:
     """The run of `estimate.measured`."""
     key = "estimate.measured.from"
     if key not in context.files:
         return None
-    there = Artefact(context.files[key])
-    if there.header.stage != "simulate":
-        raise ArtefactError(f"{there.path.name} is of stage '{there.header.stage}', not of a simulation", key=key)
-    return read(Simulated, there)
+    artefact = Artefact(context.files[key])
+    if artefact.header.stage != "simulate":
+        raise ArtefactError(f"{artefact.path.name} is of stage '{artefact.header.stage}', not of a simulation", key=key)
+    return read(Simulated, artefact)
 
 
-def _summary(estimate: Estimate, own: Estimated, result: Compared) -> dict[str, Scalar]:
-    nis, late = own.nis[:, 0], own.nis[len(own.nis) // 2 :]
-    given, nu = np.isfinite(own.measured).any(axis=(0, 1)), len(own.unknowns.inputs)
+def _summary(own: Estimated, result: Compared) -> dict[str, Scalar]:
+    estimate, filtered, nis = own.problem.estimate, own.filtered, own.filtered.nis[:, 0]
+    late = filtered.nis[len(nis) // 2 :]
+    given, nu = np.isfinite(own.measured).any(axis=(0, 1)), len(own.problem.unknowns.inputs)
     m = max(int(given.sum()), 1)
     return {
         "steps": len(nis),
-        "step": float(own.trial.model.h),
+        "step": float(own.problem.h),
         "channels": m,
-        "unknowns": nu + len(own.unknowns.free),
-        "runs": own.mean.shape[1],
-        "lost": int(np.sum(own.lost >= 0)),
+        "unknowns": nu + len(own.problem.unknowns.free),
+        "runs": own.measured.shape[1],
+        "lost": int(np.sum(filtered.lost >= 0)),
         "nis": float(np.nanmean(late)) if np.isfinite(late).any() else -1.0,
         "expected_nis": (m - nu) / m if estimate.truth.model != "walk" else 1.0,
         "violation": float(np.nanmax(result.found.violation)),
         "method": METHODS[estimate.method.update]
         + (", Q* as printed" if estimate.method.noise == "as_printed" else "")
-        + ("" if own.compared is None else ", a bank over parameters"),
+        + ("" if filtered.compared is None else ", a bank over parameters"),
         "truth": _truth(estimate),
         **result.numbers,
         **claim_numbers(result.claims),
-        **(hold_out_numbers(own.without.rows) if own.without is not None else {}),
-        **ratios(own.compared),
+        **hold_out_numbers(own.held_out),
+        **ratios(filtered.compared),
     }
 
 
@@ -179,8 +178,8 @@ def _truth(estimate: Estimate) -> str:
 
 def _table(own: Estimated, result: Compared, verdicts: Mapping[str, str], in_test: bool) -> Table:
     shown = dict.fromkeys(result.found.inputs, COLUMNS["inputs"])
-    shown |= dict.fromkeys(own.elsewhere, COLUMNS["elsewhere"])
-    shown |= dict.fromkeys(own.unknowns.free, COLUMNS["parameters"])
+    shown |= dict.fromkeys(own.reality.elsewhere, COLUMNS["elsewhere"])
+    shown |= dict.fromkeys(own.problem.unknowns.free, COLUMNS["parameters"])
     if in_test:
         shown = dict.fromkeys(shown, COLUMNS["measured"])
     rows = []
@@ -192,7 +191,7 @@ def _table(own: Estimated, result: Compared, verdicts: Mapping[str, str], in_tes
             cells.append("smoothed σ withheld")
         rows.append((name, verdicts.get(name, ""), *cells))
     title = "unknowns, errors and σ over the largest true value"
-    if in_test or own.elsewhere:
+    if in_test or own.reality.elsewhere:
         title = "unknowns, settled" if in_test else "unknowns"
     width = max((len(row) for row in rows), default=2)
     filled = tuple((*row, *[""] * (width - len(row))) for row in rows)

@@ -27,7 +27,7 @@ MISSED = 0.05
 def run(context: Context[BenchConfig]) -> Output:
     """The bench in time, and up to which frequency it may be believed."""
     config = context.config
-    own = simulation(config, inputs.bodies(context), inputs.meshes(context), inputs.placed(context), context)
+    own = simulation(inputs.bench(context), context)
     found, system, h = own.found, own.bench.system, config.simulate.time_step
     steps, worst = len(found.time) - 1, float(found.violation.position.max())
     summary: dict[str, Scalar] = {

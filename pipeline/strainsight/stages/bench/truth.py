@@ -19,7 +19,7 @@ def run(context: Context[BenchConfig]) -> Output:
     assert estimate is not None  # a bench without it has no such stage
     truth = estimate.truth
     duration = truth.duration or estimate.duration or config.simulate.duration
-    found = truths_of(config, truth, duration, inputs.bodies(context), inputs.meshes(context), context)
+    found = truths_of(inputs.bench(context), truth, duration, context)
     steps, histories = len(found.time) - 1, len(found.begin)
     text = (
         f"{histories} histor{'y' if histories == 1 else 'ies'} of {steps} steps of {truth.step:g} s by Radau's method"

@@ -7,7 +7,6 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.connections import BearingForce
 from strainsight.errors import UserError
 from strainsight.estimation.update import covariance_factor
@@ -61,20 +60,20 @@ class RingWatch:
             self.covariance[name][k] = J @ P[0] @ J.T
 
 
-def ring_watch(config: BenchConfig, bench: Bench, model: AugmentedStep, steps: int) -> RingWatch:
+def ring_watch(bench: Bench, model: AugmentedStep, steps: int) -> RingWatch:
     """Of all bearings of the bench."""
     elements = bench.system.elements
-    rows = {e.force.name: e.rows for e in elements if isinstance(config.forces[e.force.name], BearingForce)}
+    rows = {e.force.name: e.rows for e in elements if isinstance(bench.config.forces[e.force.name], BearingForce)}
     return RingWatch(model, rows, steps)
 
 
-def rings_estimated(config: BenchConfig, bench: Bench, found: RingWatch) -> dict[str, RingEstimate]:
+def rings_estimated(bench: Bench, found: RingWatch) -> dict[str, RingEstimate]:
     """Every bearing by the estimate; none of one whose run diverged."""
     time = found.model.h * np.arange(found.steps + 1)
     rings = {}
     for name, mean in found.mean.items():
         if np.isfinite(mean).all():
-            carried = _carried(config, bench, found.model.coordinates, name)
+            carried = _carried(bench, found.model.coordinates, name)
             rings[name] = _ring(time, mean, found.covariance[name], carried)
     return rings
 
@@ -126,9 +125,9 @@ def spread(mean: np.ndarray, covariance: np.ndarray, carried: Carried) -> tuple[
     return np.sqrt(force), np.sqrt(pressure)
 
 
-def _carried(config: BenchConfig, bench: Bench, coordinates: ParameterCoordinates, name: str) -> Carried:
+def _carried(bench: Bench, coordinates: ParameterCoordinates, name: str) -> Carried:
     """Of one bearing, with the parameters of it that are free."""
-    stated = config.forces[name]
+    stated = bench.config.forces[name]
     assert isinstance(stated, BearingForce)
     bearing: Bearing = bench.bearings[stated.bearing]
     element = next(e for e in bench.system.elements if e.force.name == name)

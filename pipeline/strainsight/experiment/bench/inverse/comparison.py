@@ -6,7 +6,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import FromRun
 from strainsight.estimation.consistency import settling_time
 from strainsight.estimation.decision import Claim, claim_in_time, claim_of, not_identified
@@ -22,7 +21,6 @@ from strainsight.experiment.bench.inverse.numbers import (
     smoothed_name,
     smoothed_numbers,
 )
-from strainsight.experiment.bench.inverse.unknowns import asked
 from strainsight.records.bench_estimated import (
     BenchEstimated,
     LoadHistory,
@@ -50,71 +48,69 @@ class Compared:
     claims: dict[str, Claim]
 
 
-def compared(config: BenchConfig, own: Estimated) -> Compared:
+def compared(own: Estimated) -> Compared:
     """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
+    problem, filtered = own.problem, own.filtered
     numbers: Numbers = {}
     claims: dict[str, Claim | None] = {}
     inputs: dict[str, LoadHistory] = {}
     input_runs: dict[str, LoadRuns] = {}
-    for i, (name, column) in enumerate(zip(asked(config).inputs, own.unknowns.inputs, strict=True)):
-        inputs[name], error, claims[name], more = _load(own, name, i, column)
+    for i, name in enumerate(problem.estimate.inputs):
+        inputs[name], error, claims[name], more = _load(own, name, i)
         numbers |= more
-        claims[smoothed_name(name)], more = _smoothed(own, name, i, column)
+        claims[smoothed_name(name)], more = _smoothed(own, name, i)
         numbers |= more
         if error is not None:
             input_runs[name] = LoadRuns(error=error)
     parameters: dict[str, ParameterHistory] = {}
     parameter_runs: dict[str, ParameterRuns] = {}
-    for i, name in enumerate(own.unknowns.free):
+    for i, name in enumerate(own.problem.unknowns.free):
         parameters[name], ends, claims[name], more = _parameter(own, name, i)
         numbers |= more
         if len(ends.estimate) > 1:
             parameter_runs[name] = ends
     sensors: dict[str, SensorMatch] = {}
-    for name in own.sensors.channels:
+    for name in own.problem.sensors.channels:
         match = sensors[name] = _sensor(own, name)
         if match.measured is not None:
             numbers |= mismatch_numbers(name, match.measured, match.expected)
-            if isinstance(asked(config).measured, FromRun) and not match.used:
+            if isinstance(own.problem.estimate.measured, FromRun) and not match.used:
                 numbers |= size_numbers(name, match.measured, match.expected)
     found = BenchEstimated(
-        time=own.time,
-        q=own.mean[:, 0, own.trial.model.q],
-        violation=np.array([_violation(own, k) for k in range(len(own.time))]),
-        nis=own.nis[:, 0],
-        lost=own.lost,
+        time=problem.time,
+        q=filtered.mean[:, 0, own.trial.model.q],
+        violation=np.array([_violation(own, k) for k in range(len(problem.time))]),
+        nis=filtered.nis[:, 0],
+        lost=filtered.lost,
         inputs=inputs,
         parameters=parameters,
         sensors=sensors,
         input_runs=input_runs,
         parameter_runs=parameter_runs,
-        seeds=numbers_of_seeds(own, tuple(asked(config).inputs)),
+        seeds=numbers_of_seeds(own),
         bearings=own.rings,
-        compared=own.compared,
+        compared=filtered.compared,
     )
     judged = {name: claim for name, claim in claims.items() if claim is not None}
     kept = {key: value for key, value in numbers.items() if np.isfinite(value) or key.startswith(SETTLING)}
     return Compared(found, kept, judged)
 
 
-def _load(
-    own: Estimated, name: str, i: int, column: int
-) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
+def _load(own: Estimated, name: str, i: int) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
     """The history of an unknown load, the errors (runs,) of several runs, whether they keep to σ, and its numbers."""
     at = own.trial.model.u[i]
-    mean = own.mean[:, :, at]
-    std = np.where(np.isfinite(mean), own.std[:, :, at], np.nan)
-    true = own.reality.inputs[:, :, column]
-    known, there = bool(np.isfinite(true).all()), own.elsewhere.get(name)
+    mean = own.filtered.mean[:, :, at]
+    std = np.where(np.isfinite(mean), own.filtered.std[:, :, at], np.nan)
+    true = own.true_load(name)
+    known, there = bool(np.isfinite(true).all()), own.reality.elsewhere.get(name)
     numbers: Numbers = {}
     error = claim = None
     if known:
         numbers |= load_numbers(name, true[1:, 0], mean[1:, 0], std[1:, 0])
-        # truths are one for all, or one a seed, and starts run within a seed
         late = slice(len(mean) // 2, None)
-        off = (mean - np.repeat(true, mean.shape[1] // true.shape[1], axis=1))[late]
+        off = (mean - true)[late]
         if f"error.{name}" in numbers:
-            claim = claim_in_time(off, std[late], starts=len(own.unknowns.starts))
+            claim = claim_in_time(off, std[late], starts=own.starts)
         if mean.shape[1] > 1:
             error = np.sqrt(np.mean(off**2, axis=0))
             if np.isfinite(std[late]).any():
@@ -123,7 +119,7 @@ def _load(
         numbers |= history_numbers(name, mean[1:, 0], std[1:, 0])
     if there is not None:
         numbers |= ratio_numbers(name, there[1:], mean[1:, 0])
-    smoothed = own.smoothed
+    smoothed = own.filtered.smoothed
     history = LoadHistory(
         estimate=mean[:, 0],
         std=std[:, 0],
@@ -135,12 +131,12 @@ def _load(
     return history, error, claim, numbers
 
 
-def _smoothed(own: Estimated, name: str, i: int, column: int) -> tuple[Claim | None, Numbers]:
+def _smoothed(own: Estimated, name: str, i: int) -> tuple[Claim | None, Numbers]:
     """Whether a load of the first run keeps to σ once it is smoothed, and its numbers, where the truth is known."""
-    true = own.reality.inputs[:, 0, column]
-    if own.smoothed is None or not np.isfinite(true).all():
+    true = own.true_load(name)[:, 0]
+    if own.filtered.smoothed is None or not np.isfinite(true).all():
         return None, {}
-    mean, std = own.smoothed.mean[:, i], own.smoothed.std[:, i]
+    mean, std = own.filtered.smoothed.mean[:, i], own.filtered.smoothed.std[:, i]
     numbers = smoothed_numbers(name, true[1:], mean[1:], std[1:])
     if not numbers:
         return None, {}
@@ -150,14 +146,11 @@ def _smoothed(own: Estimated, name: str, i: int, column: int) -> tuple[Claim | N
 
 def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
     """The history of a parameter, where all runs start and end, whether they end within their σ, and its numbers."""
-    unknowns = own.unknowns
-    column = own.bench.system.parameters.index(unknowns.parameters[name])
-    theta, std = in_theta(own, column)
-    runs, starts = theta.shape[1], len(unknowns.starts)
-    true = np.broadcast_to(np.repeat(own.reality.theta[:, column], runs // len(own.reality.theta)), runs)
+    theta, std = in_theta(own, own.place(name))
+    true, starts = own.true_parameter(name), own.starts
     known = bool(np.isfinite(true).all())
     apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
-    learned = bool(np.all(std[-1, :starts] < LEARNED * unknowns.std[i]))
+    learned = bool(np.all(std[-1, :starts] < LEARNED * own.problem.unknowns.std[i]))
     claim = claim_of(theta[-1] - true, std[-1], alike=starts)  # starts within a seed are one draw
     wrong = claim is not None and claim.overconfident
     withheld = bool(np.isfinite(theta[-1]).any() and not np.isfinite(std[-1]).any())
@@ -166,7 +159,7 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
         numbers[f"identified.{name}"] = learned and not apart and not (starts > 1 and wrong)
     if known:
         numbers |= parameter_numbers(name, true, theta[-1], std[-1])
-        numbers[f"{SETTLING}.{name}"] = settling_time(own.time, theta[:, 0], float(true[0]), SETTLED)
+        numbers[f"{SETTLING}.{name}"] = settling_time(own.problem.time, theta[:, 0], float(true[0]), SETTLED)
     else:
         numbers |= {f"estimate.{name}": float(theta[-1, 0]), f"rms_std.{name}": float(std[-1, 0])}
     history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)
@@ -176,7 +169,7 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
 
 def in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:
     """A parameter and its σ, √(s P_ξξ sᵀ) with s = ∂θ/∂ξ (T + 1, runs)."""
-    xi, P = own.mean[:, :, own.trial.model.xi], own.xi_covariance
+    xi, P = own.filtered.mean[:, :, own.trial.model.xi], own.xi_covariance
     theta, std = np.full(xi.shape[:2], np.nan), np.full(xi.shape[:2], np.nan)
     for at in np.ndindex(xi.shape[:2]):
         if np.isfinite(xi[at]).all():
@@ -185,22 +178,22 @@ def in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _theta_at(own: Estimated, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
-    values, slopes = own.unknowns.coordinates.theta(xi)
+    values, slopes = own.problem.unknowns.coordinates.theta(xi)
     s = slopes[column]
     return float(values[column]), float(np.sqrt(max(float(s @ P @ s), 0.0)))
 
 
 def _sensor(own: Estimated, name: str) -> SensorMatch:
-    used, part = name in own.used.channels, own.sensors.channels[name]
-    measured = own.measured[:, 0, own.used.channels[name]] if used else own.reality.readings[:, 0, part]
+    used, part = name in own.problem.used.channels, own.problem.sensors.channels[name]
+    measured = own.measured[:, 0, own.problem.used.channels[name]] if used else own.reality.readings[:, 0, part]
     there = bool(np.isfinite(measured).any())
     bias = bias_std = None
-    offset, given = own.trial.offsets.at, own.used.channels.get(name, slice(0, 0))
+    offset, given = own.trial.offsets.at, own.problem.used.channels.get(name, slice(0, 0))
     which = np.flatnonzero((offset >= given.start) & (offset < given.stop))
     if len(which):
         bias, bias_std = np.zeros((2, part.stop - part.start))
         at, size = offset[which] - given.start, own.trial.model.size
-        bias[at], bias_std[at] = own.mean[-1, 0, size + which], own.std[-1, 0, size + which]
+        bias[at], bias_std[at] = own.filtered.mean[-1, 0, size + which], own.filtered.std[-1, 0, size + which]
     without = own.without if used else None
     return SensorMatch(
         used=used,
@@ -215,41 +208,37 @@ def _sensor(own: Estimated, name: str) -> SensorMatch:
 
 
 def _violation(own: Estimated, k: int) -> float:
-    x = own.mean[k, :1]
+    x = own.filtered.mean[k, :1]
     return float(own.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")
 
 
-def numbers_of_seeds(own: Estimated, inputs: tuple[str, ...]) -> dict[str, np.ndarray]:
+def numbers_of_seeds(own: Estimated) -> dict[str, np.ndarray]:
     """Name → the number of every seed (seeds,) by its first start, NaN of a seed that diverged: of loads, parameters, innovations
-    and sensors, as in the summary. None of a single seed. inputs: names of the unknown loads."""
-    starts = len(own.unknowns.starts)
-    runs = range(0, own.mean.shape[1], starts)
+    and sensors, as in the summary. None of a single seed."""
+    runs = range(0, own.measured.shape[1], own.starts)
     if len(runs) < 2:
         return {}
-    found = [_numbers(own, inputs, seed, run) if own.lost[run] < 0 else {} for seed, run in enumerate(runs)]
-    names = dict.fromkeys(name for numbers in found for name in numbers)
-    return {name: np.array([float(numbers.get(name, np.nan)) for numbers in found]) for name in names}
+    each = [_numbers(own, seed, run) if own.filtered.lost[run] < 0 else {} for seed, run in enumerate(runs)]
+    names = dict.fromkeys(name for numbers in each for name in numbers)
+    return {name: np.array([float(numbers.get(name, np.nan)) for numbers in each]) for name in names}
 
 
-def _numbers(own: Estimated, inputs: tuple[str, ...], seed: int, run: int) -> Numbers:
-    """Of one seed; truths are one for all, or one a seed."""
-    model, late = own.trial.model, len(own.nis) // 2
-    truth = min(seed, own.reality.inputs.shape[1] - 1)
-    numbers: Numbers = {"nis": float(np.nanmean(own.nis[late:, run]))}
-    for name, at, column in zip(inputs, model.u, own.unknowns.inputs, strict=True):
-        load = own.reality.inputs[1:, truth, column]
+def _numbers(own: Estimated, seed: int, run: int) -> Numbers:
+    """Of one seed."""
+    problem, mean, std, nis = own.problem, own.filtered.mean, own.filtered.std, own.filtered.nis
+    numbers: Numbers = {"nis": float(np.nanmean(nis[len(nis) // 2 :, run]))}
+    for name, at in zip(problem.estimate.inputs, own.trial.model.u, strict=True):
+        load = own.true_load(name)[1:, run]
         if np.isfinite(load).all():
-            numbers |= load_numbers(name, load, own.mean[1:, run, at], own.std[1:, run, at])
-    for name in own.unknowns.free:
-        column = own.bench.system.parameters.index(own.unknowns.parameters[name])
-        true = own.reality.theta[min(seed, len(own.reality.theta) - 1), column]
+            numbers |= load_numbers(name, load, mean[1:, run, at], std[1:, run, at])
+    for name in problem.unknowns.free:
+        true = own.true_parameter(name)[run : run + 1]
         P = own.xi_covariance[-1, min(run, own.xi_covariance.shape[1] - 1)]
-        last, std = _theta_at(own, column, own.mean[-1, run, model.xi], P)
+        last, size = _theta_at(own, own.place(name), mean[-1, run, own.trial.model.xi], P)
         if np.isfinite(true):
-            numbers |= parameter_numbers(name, np.array([true]), np.array([last]), np.array([std]))
-    for name, part in own.sensors.channels.items():
-        given = own.used.channels.get(name)
-        read = min(seed, own.reality.readings.shape[1] - 1)
-        measured = own.reality.readings[:, read, part] if given is None else own.measured[:, run, given]
+            numbers |= parameter_numbers(name, true, np.array([last]), np.array([size]))
+    for name, part in problem.sensors.channels.items():
+        used, of_seed = problem.used.channels.get(name), min(seed, own.reality.readings.shape[1] - 1)
+        measured = own.reality.readings[:, of_seed, part] if used is None else own.measured[:, run, used]
         numbers |= mismatch_numbers(name, measured, own.reading[1:, seed, part])
     return numbers

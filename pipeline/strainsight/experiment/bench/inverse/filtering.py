@@ -7,7 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.estimate import Method
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation.decision import expected_ratio
 from strainsight.estimation.filter import FilterRun, filter_runs
@@ -16,8 +15,7 @@ from strainsight.estimation.run import Keep
 from strainsight.estimation.smoother import smooth_first
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
 from strainsight.experiment.bench.inverse.installed import considered
-from strainsight.experiment.bench.inverse.trial import Offsets, Trial
-from strainsight.experiment.bench.inverse.unknowns import Unknowns
+from strainsight.experiment.bench.inverse.trial import Trial
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.records.estimated import BANK, EXTENDED, Compared
 
@@ -77,12 +75,11 @@ Progress = Callable[[float], None]
 
 @dataclass(frozen=True)
 class Filtered:
-    """time (T + 1,) [s]; mean, std (T + 1, B, size) of x, behind it the offsets, NaN in diverged runs; joint (T + 1, b, k, k)
-    covariance of loads and parameters; nis (T, B); lost (B,): the step that lost each run, −1 for none; compared: the parameters
-    of the first run by the bank and by the extended filter; smoothed: loads of the first run, of an extended filter; notes in
-    words."""
+    """mean, std (T + 1, B, size) of x, behind it the offsets, NaN in diverged runs; joint (T + 1, b, k, k) covariance of loads
+    and parameters; nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; compared: the
+    parameters of the first run by the bank and by the extended filter; smoothed: loads of the first run, of an extended filter;
+    notes in words."""
 
-    time: np.ndarray
     mean: np.ndarray
     std: np.ndarray
     joint: np.ndarray
@@ -93,8 +90,12 @@ class Filtered:
     notes: tuple[str, ...] = ()
 
 
+def per_channel(nis: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """Over the number of channels (T, B) that were measured, of y (T, B, m)."""
+    return np.asarray(nis / np.maximum(np.isfinite(y).sum(axis=2), 1))
+
+
 def by_extended(
-    method: Method,
     trial: Trial,
     y: np.ndarray,
     progress: Progress,
@@ -113,33 +114,25 @@ def by_extended(
         watch(k, x[:, :size], P[:, :size, :size])
 
     found = _filter(
-        method, trial.offsets, trial.model, trial.start, trial.covariance, y, lambda k: progress(k / len(y)),
-        None if watch is None else watched, keep,
-        refuse=method.update == "iterated",
-    )  # fmt: skip
+        trial,
+        y,
+        progress=lambda k: progress(k / len(y)),
+        watch=None if watch is None else watched,
+        keep=keep,
+        refuse=trial.problem.estimate.method.update == "iterated",
+    )
     smoothed = smoothed_loads(trial.model, trial.offsets.model(trial.model), found)
     std, joint = found.std, found.unknown_covariance
     if errors:
         S = considered(found, y, trial.model.R, D, o)
-        std, own = np.sqrt(std**2 + np.sum(S**2, axis=3)), S[:, :, trial.model.position]
-        joint = joint + own @ np.swapaxes(own, 2, 3)
+        std, of_unknowns = np.sqrt(std**2 + np.sum(S**2, axis=3)), S[:, :, trial.model.position]
+        joint = joint + of_unknowns @ np.swapaxes(of_unknowns, 2, 3)
         # what later samples say does not undo an error that all of them have
         smoothed = None if smoothed is None else replace(smoothed, std=np.full_like(smoothed.std, np.nan))
-    return Filtered(
-        found.time,
-        found.mean,
-        std,
-        joint,
-        found.nis,
-        found.lost,
-        smoothed=smoothed,
-        notes=notes,
-    )
+    return Filtered(found.mean, std, joint, per_channel(found.nis, y), found.lost, smoothed=smoothed, notes=notes)
 
 
-def predicted(
-    method: Method, trial: Trial, y: np.ndarray, part: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def predicted(trial: Trial, y: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Readings (T, B, k) of some channels (k,) by all others of y (T, B, m), their σ with the noise of a sample, and which runs
     (B,) diverge."""
     D, o = trial.installed
@@ -147,19 +140,16 @@ def predicted(
     others[:, :, part] = np.nan
     if errors := D.shape[1]:
         _refuse_large(trial, y)
-    found = _filter(
-        method, trial.offsets, trial.model, trial.start, trial.covariance, others,
-        keep="all" if errors else "mean", refuse=False,
-    )  # fmt: skip
+    found = _filter(trial, others, keep="all" if errors else "mean", refuse=False)
     variance = found.gauge_std[:, :, part] ** 2 + trial.noise[part] ** 2
     if errors:
         S, model = considered(found, others, trial.model.R, D, o), trial.offsets.model(trial.model)
-        own = np.einsum("mkn,tbn->tbmk", D[part], found.mean[1:, :, : D.shape[2]]) + o[part]
+        of_part = np.einsum("mkn,tbn->tbmk", D[part], found.mean[1:, :, : D.shape[2]]) + o[part]
         for k in range(len(y)):
             # the run keeps no row of a channel that is missing
             x = np.where(np.isfinite(found.mean[k + 1]), found.mean[k + 1], found.mean[0])
             H = model.measure(x, k)[1][:, part]
-            variance[k] += np.sum((H @ S[k + 1] - own[k]) ** 2, axis=2)
+            variance[k] += np.sum((H @ S[k + 1] - of_part[k]) ** 2, axis=2)
     return found.gauge_mean[:, :, part], np.sqrt(variance), found.lost >= 0
 
 
@@ -175,45 +165,38 @@ def _refuse_large(trial: Trial, y: np.ndarray) -> None:
         )
 
 
-def by_bank(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, progress: Progress) -> Filtered:
+def by_bank(trial: Trial, y: np.ndarray, progress: Progress) -> Filtered:
     """One run after the other on y (T, B, m), and the extended filter on the first one's samples beside it."""
     runs = y.shape[1]
 
     def progress_of(run: int) -> Progress:
         return lambda share: progress((run + share) / runs)
 
-    found = [_bank(method, trial, run, y[:, run], progress_of(run)) for run in range(runs)]
-    model = trial.model
-    mean = np.stack([own.mean for own in found], axis=1)
+    banks = [_bank(trial, run, y[:, run], progress_of(run)) for run in range(runs)]
+    mean, std, joint, nis = (
+        np.stack([getattr(bank, key) for bank in banks], axis=1) for key in ("mean", "std", "joint", "nis")
+    )
     for k, states in enumerate(mean[1:], start=1):
         # a mean of states that the joints allow is none itself, by the square of what they differ
-        states[:] = trial.offsets.projected(model)(states, k)
-    return Filtered(
-        model.h * np.arange(len(y) + 1),
-        mean,
-        np.stack([own.std for own in found], axis=1),
-        np.stack([own.joint for own in found], axis=1),
-        np.stack([own.nis for own in found], axis=1),
-        np.full(runs, -1),
-        _compared(method, trial, unknowns, y, found[0]),
-        notes=_notes(found),
-    )
+        states[:] = trial.offsets.projected(trial.model)(states, k)
+    nis, lost = per_channel(nis, y), np.full(runs, -1)
+    return Filtered(mean, std, joint, nis, lost, _compared(trial, y, banks[0]), notes=_notes(banks))
 
 
 def _filter(
-    method: Method,
-    offsets: Offsets,
-    model: AugmentedStep,
-    x: np.ndarray,
-    P: np.ndarray,
+    trial: Trial,
     y: np.ndarray,
+    model: AugmentedStep | None = None,
+    start: tuple[np.ndarray, np.ndarray] | None = None,
     progress: Callable[[int], None] | None = None,
     watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
     keep: Keep = "mean",
     *,
     refuse: bool,
 ) -> FilterRun:
-    """From x (B, size) with P, behind which the offsets are put."""
+    """model and start (x (B, size), P): by default those of the trial; offsets are put behind them."""
+    offsets, method, model = trial.offsets, trial.problem.estimate.method, trial.model if model is None else model
+    x, P = start or (trial.start, trial.covariance)
     once = method.update in ("one_shot", "as_printed")
     stays = method.update == "as_printed"
     return filter_runs(
@@ -238,29 +221,29 @@ def _of_run(model: AugmentedStep, run: int) -> AugmentedStep:
     return replace(model, offset=model.offset[run : run + 1])
 
 
-def _bank(method: Method, trial: Trial, run: int, y: np.ndarray, progress: Progress) -> StepBankRun:
+def _bank(trial: Trial, run: int, y: np.ndarray, progress: Progress) -> StepBankRun:
     """On the samples y (T, m) of one run."""
+    offsets, size = trial.offsets, trial.model.size
 
     def filters(x: np.ndarray, P: np.ndarray, samples: np.ndarray) -> FilterRun:
-        own = np.repeat(samples[:, None], len(x), axis=1)
-        size = trial.model.size
         start = x[:, :size], P[:, :size, :size]
-        return _filter(method, trial.offsets, _of_run(trial.model, run), *start, own, refuse=False)
+        each = np.repeat(samples[:, None], len(x), axis=1)
+        return _filter(trial, each, _of_run(trial.model, run), start, refuse=False)
 
     def begin(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         x, P = trial.begin(xi)
-        return trial.offsets.start(x), trial.offsets.covariance(P)
+        return offsets.start(x), offsets.covariance(P)
 
-    mean, covariance = trial.offsets.start(trial.start[run]), trial.offsets.covariance(trial.covariance[run])
+    mean, covariance = offsets.start(trial.start[run]), offsets.covariance(trial.covariance[run])
     bank = StepBank(mean, covariance, trial.model.xi, trial.model.position, begin, filters)
     return filter_constants(bank, y, progress=lambda k: progress(k / len(y)))
 
 
-def _compared(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, bank: StepBankRun) -> Compared:
+def _compared(trial: Trial, y: np.ndarray, bank: StepBankRun) -> Compared:
     """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
-    at, model = trial.model.xi, _of_run(trial.model, 0)
+    unknowns, at, model = trial.problem.unknowns, trial.model.xi, _of_run(trial.model, 0)
     try:
-        extended = _filter(method, trial.offsets, model, trial.start[:1], trial.covariance[:1], y[:, :1], refuse=True)
+        extended = _filter(trial, y[:, :1], model, (trial.start[:1], trial.covariance[:1]), refuse=True)
         found = [(extended.mean[-1, 0, at], extended.last[0, at, at])]
     except NumericalError:
         found = [(np.full(model.coordinates.size, np.nan), np.full((model.coordinates.size,) * 2, np.nan))]
@@ -273,20 +256,22 @@ def _compared(method: Method, trial: Trial, unknowns: Unknowns, y: np.ndarray, b
         if np.isfinite(xi).all():
             theta, slopes = model.coordinates.theta(xi)
             value[i], size[i] = theta[places], np.sqrt(np.einsum("ij,jk,ik->i", slopes[places], P, slopes[places]))
-    ratio = [
-        [expected_ratio(xi[j], own[j], found[0][0][j], std[0][j]) for (xi, _), own in zip(found, std, strict=True)]
-        for j in range(len(places))
-    ]
+    (exact, _), exact_std = found[0], std[0]
     return Compared(
         filter=(BANK, EXTENDED),
         estimate={name: value[:, j] for j, name in enumerate(unknowns.free)},
         std={name: size[:, j] for j, name in enumerate(unknowns.free)},
-        ratio={name: np.array(ratio[j]) for j, name in enumerate(unknowns.free)},
+        ratio={
+            name: np.array(
+                [expected_ratio(xi[j], s[j], exact[j], exact_std[j]) for (xi, _), s in zip(found, std, strict=True)]
+            )
+            for j, name in enumerate(unknowns.free)
+        },
     )
 
 
-def _notes(found: list[StepBankRun]) -> tuple[str, ...]:
-    without, points = (sum(each) for each in zip(*((own.without, len(own.weight)) for own in found), strict=True))
+def _notes(banks: list[StepBankRun]) -> tuple[str, ...]:
+    without, points = (sum(each) for each in zip(*((bank.without, len(bank.weight)) for bank in banks), strict=True))
     if not without:
         return ()
     return (f"{without} of {points} points of the parameters have no weight: filters there diverged or found no start",)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -15,10 +14,6 @@ from strainsight.experiment.bench.inverse.unknowns import asked
 from strainsight.experiment.bench.sensors import Sensors, gauges_of
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
-from strainsight.multibody.sensors import Readings, readings
-from strainsight.multibody.sensors import StrainSensor as StrainRows
-from strainsight.records.bench import ReducedBody
-from strainsight.records.bench_estimated import BenchPlaced
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.installation import (
     COMMON,
@@ -48,17 +43,6 @@ class Toleranced:
     zeroed: bool
 
 
-@dataclass(frozen=True)
-class Observed:
-    """What a truth reads: all sensors (columns own) and the coordinates of the bodies under gauges that have tolerances, by the
-    sensor, less what they are at the start where it is zeroed."""
-
-    readings: Readings
-    zeroed: np.ndarray
-    own: np.ndarray
-    eta: Mapping[str, np.ndarray]
-
-
 def std_of(config: BenchConfig) -> InstallationStd:
     """σ of place [m], angle [rad], gain and transverse sensitivity."""
     stated = asked(config).tolerances
@@ -67,32 +51,26 @@ def std_of(config: BenchConfig) -> InstallationStd:
     return InstallationStd(stated.position, float(np.deg2rad(stated.angle)), stated.gain, stated.transverse)
 
 
-def toleranced(
-    config: BenchConfig,
-    reduced: Mapping[str, ReducedBody],
-    meshes: Mapping[str, Mesh],
-    placed: BenchPlaced | None,
-    used: Sensors,
-) -> tuple[Toleranced, ...]:
+def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
     """Of every strain sensor of the filter the errors that `estimate.tolerances` leaves open, to first order: place and turn of a
     gauge, all grids of which move as one, gain and transverse sensitivity of each grid."""
-    std = std_of(config)
+    std = std_of(bench.config)
     sigma = {name: value for name, value in std.by_name.items() if value > 0 and name not in SECOND}
     found = []
     for name in used.channels if sigma else ():
-        entry = config.sensors[name]
+        entry = bench.config.sensors[name]
         if not isinstance(entry, StrainSensor):
             continue
-        mesh, basis = meshes[entry.body], reduced[entry.body].basis
-        gauges, facets, _ = gauges_of(name, entry, mesh, placed)
+        mesh, basis = bench.meshes[entry.body], bench.reduced[entry.body].basis
+        gauges, facets, _ = gauges_of(bench, name, entry)
         with blame(f"sensors.{name}.gauges"):
             felt = sensitivity_rows(mesh.position, gauges, basis, std.position, facets=facets)
         slope: list[np.ndarray] = []
         for key, value in sigma.items():
             rows, owner = value * getattr(felt, key), gauges.gauge if key in COMMON else np.arange(len(gauges))
             slope += [np.where((owner == each)[:, None], rows, 0.0) for each in np.unique(owner)]
-        kept = [own for own in slope if own.any()]
-        whole = np.stack(kept, axis=1) if kept else np.zeros((len(gauges), 0, basis.shape[1]))
+        felt_at_all = [rows for rows in slope if rows.any()]
+        whole = np.stack(felt_at_all, axis=1) if felt_at_all else np.zeros((len(gauges), 0, basis.shape[1]))
         found.append(Toleranced(name, entry.body, gauges, mesh, facets, basis, whole, entry.zeroed))
     return tuple(found)
 
@@ -136,42 +114,22 @@ def considered(run: FilterRun, y: np.ndarray, R: np.ndarray, D: np.ndarray, o: n
     return S
 
 
-def observed(bench: Bench, sensors: Sensors, errors: tuple[Toleranced, ...]) -> Observed:
-    """All sensors, and the coordinates under those with errors as strains of unit rows behind the strains."""
-    if not errors:
-        return Observed(sensors.readings, sensors.zeroed, np.arange(len(sensors.zeroed)), {})
-    strains = [own for own in sensors.readings.sensors if isinstance(own, StrainRows)]
-    others = [own for own in sensors.readings.sensors if not isinstance(own, StrainRows)]
-    modal = [StrainRows(f"coordinates under {own.name}", own.body, np.eye(own.basis.shape[1])) for own in errors]
-    first, zeroed, eta = sum(len(own.rows) for own in strains), [], {}
-    at = first
-    for own, rows in zip(errors, modal, strict=True):
-        eta[own.name] = np.arange(at, at + len(rows.rows))
-        zeroed += [own.zeroed] * len(rows.rows)
-        at += len(rows.rows)
-    own_columns = np.arange(len(sensors.zeroed))
-    own_columns[first:] += at - first
-    whole = np.insert(sensors.zeroed, np.full(len(zeroed), first), zeroed)
-    return Observed(readings(bench.system, [*strains, *modal, *others]), whole, own_columns, eta)
-
-
-def misread(
-    config: BenchConfig, used: Sensors, errors: tuple[Toleranced, ...], eta: Mapping[str, np.ndarray], runs: int
-) -> np.ndarray:
-    """What gauges as they are installed read beside what they are taken for (T, runs, m), drawn anew for every run; eta: sensor →
-    (T, 1 or runs, r) true coordinates. Exact in the errors, to which the filter is linear."""
-    std, m = std_of(config), len(used.zeroed)
-    steps = next(iter(eta.values())).shape[0] if eta else 0
-    found = np.zeros((steps, runs, m))
+def misread(bench: Bench, used: Sensors, errors: tuple[Toleranced, ...], q: np.ndarray, runs: int) -> np.ndarray:
+    """What gauges as they are installed read beside what they are taken for (T, runs, m), drawn anew for every run; q
+    (T + 1, 1 or runs, n): the true motion. Exact in the errors, to which the filter is linear."""
+    std = std_of(bench.config)
+    added = np.zeros((len(q) - 1, runs, len(used.zeroed)))
     for run in range(runs):
-        draw = np.random.default_rng((config.seed, run, DRAWN))
-        for own in errors:
-            free = replace(own.gauges, bonded=np.zeros(len(own.gauges), dtype=bool))
-            installation = drawn_installation(free, std, draw)
-            rows, _ = installed_rows(own.mesh.position, free, own.basis, installation, facets=own.facets)
-            plain, _ = installed_rows(
-                own.mesh.position, free, own.basis, drawn_installation(free, InstallationStd(), draw), facets=own.facets
+        draw = np.random.default_rng((bench.config.seed, run, DRAWN))
+        for error in errors:
+            free = replace(error.gauges, bonded=np.zeros(len(error.gauges), dtype=bool))
+            eta = q[:, min(run, q.shape[1] - 1), bench.system.modal(error.body)]
+            rows, plain = (
+                installed_rows(error.mesh.position, free, error.basis, installation, facets=error.facets)[0]
+                for installation in (
+                    drawn_installation(free, std, draw),
+                    drawn_installation(free, InstallationStd(), draw),
+                )
             )
-            true = eta[own.name]
-            found[:, run, used.channels[own.name]] += true[:, min(run, true.shape[1] - 1)] @ (rows - plain).T
-    return found
+            added[:, run, used.channels[error.name]] += (eta - eta[0] * error.zeroed)[1:] @ (rows - plain).T
+    return added

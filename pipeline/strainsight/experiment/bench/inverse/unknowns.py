@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -84,9 +84,14 @@ def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:
     return {bearing: tuple(sorted(own, key=PARAMETERS.index)) for bearing, own in found.items()}
 
 
-def unknowns_of(config: BenchConfig, bench: Bench, h: float) -> Unknowns:
+def parameter_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
+    """Pa of a modulus, m of what a bearing has."""
+    return {name: "Pa" if asked(config).parameters[name].bearing is None else "m" for name in names}
+
+
+def unknowns_of(bench: Bench, h: float) -> Unknowns:
     """What the config's `estimate` says, h [s] the filter's step: σ a step is σ a second times h where it asks for that."""
-    system, estimate = bench.system, asked(config)
+    config, system, estimate = bench.config, bench.system, asked(bench.config)
     a_step = h if estimate.increments == "second" else 1.0
     entries = list(estimate.inputs.values())
     places = {name: _system_name(name, entry) for name, entry in estimate.parameters.items()}

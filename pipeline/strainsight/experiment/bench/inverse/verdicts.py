@@ -32,7 +32,6 @@ from strainsight.experiment.bench.inverse.estimation import Estimated
 from strainsight.experiment.bench.inverse.numbers import smoothed_name
 from strainsight.experiment.bench.inverse.unknowns import asked
 from strainsight.pages.text import number
-from strainsight.records.bench import ReducedBody
 
 Scalar = float | str
 """Of a summary."""
@@ -205,35 +204,25 @@ def claim_numbers(claims: Mapping[str, Claim]) -> dict[str, Scalar]:
     return numbers
 
 
-def bench_out_of_range(own: Estimated, reduced: Mapping[str, ReducedBody]) -> dict[str, str]:
+def bench_out_of_range(own: Estimated) -> dict[str, str]:
     """Modulus → that it came out beyond its `reach`, for those that did; of all runs, the first that did.
 
     Laws of bearings are exact at every diameter, radius and preload that their own checks let pass.
     """
-    reach = {name: (float(low), float(high)) for body in reduced.values() for name, (low, high) in body.reach.items()}
+    problem = own.problem
+    ranges = {name: ends for body in problem.bench.reduced.values() for name, ends in body.reach.items()}
     beyond: dict[str, str] = {}
-    for name in own.unknowns.free:
-        inner = own.unknowns.parameters[name]
-        if inner not in reach:
-            continue
-        for value in in_theta(own, own.bench.system.parameters.index(inner))[0][-1]:
+    for name in problem.unknowns.free:
+        inner = problem.unknowns.parameters[name]
+        for value in in_theta(own, own.place(name))[0][-1] if inner in ranges else ():
             if np.isfinite(value) and name not in beyond:
-                beyond |= out_of_range({name: float(value)}, {name: reach[inner]}, {name: "Pa"}, "reduce")
+                low, high = map(float, ranges[inner])
+                beyond |= out_of_range({name: float(value)}, {name: (low, high)}, {name: "Pa"}, "reduce")
     return beyond
 
 
 def estimated_without_sigma(own: Estimated) -> Estimated:
     """The estimate with every σ withheld: NaN."""
-    held = own.without
-    if held is not None:
-        rows = tuple(replace(row, claim=None, inside=np.nan) for row in held.rows)
-        held = replace(without_sigma(held), rows=rows)
-    return replace(
-        own,
-        std=np.full_like(own.std, np.nan),
-        xi_covariance=np.full_like(own.xi_covariance, np.nan),
-        smoothed=without_sigma(own.smoothed),
-        compared=None,
-        without=held,
-        rings=without_sigma(own.rings),
-    )
+    joint = np.full_like(own.filtered.joint, np.nan)
+    filtered = replace(without_sigma(own.filtered), joint=joint, compared=None)
+    return replace(own, filtered=filtered, without=without_sigma(own.without), rings=without_sigma(own.rings))

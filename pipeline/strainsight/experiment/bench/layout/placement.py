@@ -11,7 +11,13 @@ from strainsight.config.bench.bench import BenchConfig, BenchPlace
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import Bench, bench_of, start_of
 from strainsight.experiment.bench.inverse.unknowns import Unknowns as BenchUnknowns
-from strainsight.experiment.bench.inverse.unknowns import asked, corrects_in_a_test, free_properties, unknowns_of
+from strainsight.experiment.bench.inverse.unknowns import (
+    asked,
+    corrects_in_a_test,
+    free_properties,
+    parameter_units,
+    unknowns_of,
+)
 from strainsight.experiment.bench.layout.pool import (
     GaugePool,
     MotionCandidates,
@@ -19,7 +25,6 @@ from strainsight.experiment.bench.layout.pool import (
     installation_offs,
     known_of,
     motion_candidates,
-    parameter_units,
     zeroed,
 )
 from strainsight.experiment.bench.layout.strained import Known, Strained
@@ -77,9 +82,9 @@ def placement_of(
     """
     place = config.place
     assert place is not None
-    bench = bench_of(config, reduced, meshes, free_properties(asked(config)))
+    bench = bench_of(config, reduced, meshes, free=free_properties(asked(config)))
     h = float(asked(config).time_step or config.simulate.time_step)
-    unknowns = unknowns_of(config, bench, h)
+    unknowns = unknowns_of(bench, h)
     # by what the filter takes the parameters for when it begins
     bench = replace(bench, theta=unknowns.starts[0])
     loads = tuple(name for name in bench.system.inputs if name in asked(config).inputs)
@@ -127,7 +132,7 @@ def placement_of(
         using.progress,
         pooled=task,
     )
-    units = (*load_units(config, loads).values(), *parameter_units(config, unknowns.free))
+    units = (*load_units(config, loads).values(), *parameter_units(config, unknowns.free).values())
     layouts, std = _layouts(found, place, strained, on.names), strained.in_poses(found.gauges)
     if len(untold := strained.untold(np.array(list(found.expected.std.values())))):
         names = " and ".join(unknowns.free[i] for i in untold)
@@ -144,11 +149,10 @@ def _poses(
     """Instants (poses,) [s] and the static equilibrium at each, whatever the simulation starts from, with its loads and drives
     at rest; each is sought from the one before."""
     time = np.array(instants)
-    u = loads_of(config, bench, using.files)(time)
+    u = loads_of(bench, using.files)(time)
     u[:, bench.system.drives.rates] = 0.0
-    settings = config.simulate.model_copy(update={"start": "equilibrium"})
     with blame("simulate"):
-        q = start_of(bench, settings, u[0])[0]
+        q = start_of(bench.simulated(start="equilibrium"), u[0])[0]
     poses = [(q, u[0])]
     for k in range(1, len(time)):
         try:

@@ -251,11 +251,6 @@ def known_of(
     return known, np.concatenate([of_loads, np.where(moved > 0, moved, stand_in)])
 
 
-def parameter_units(config: BenchConfig, names: Sequence[str]) -> list[str]:
-    """Pa of a modulus, m of what a bearing has."""
-    return ["Pa" if asked(config).parameters[name].bearing is None else "m" for name in names]
-
-
 def zeroed(config: BenchConfig) -> bool:
     """Whether the filter has the layout by a sensor that is zeroed at a start at rest: it tells nothing of what deformed the
     bench then."""
@@ -295,7 +290,7 @@ def installation_offs(
         return v
     modal = bench.system.modal(body)
     run = np.linspace(0.0, float(asked(config).duration or config.simulate.duration), INSTANTS)
-    loads, nearest = loads_of(config, bench, files)(run), np.abs(run[:, None] - time).argmin(axis=1)
+    loads, nearest = loads_of(bench, files)(run), np.abs(run[:, None] - time).argmin(axis=1)
     second: list[np.ndarray] = []
     for k, (q, u) in enumerate(poses):
         change = loads[nearest == k] - u if np.any(nearest == k) else np.zeros((1, len(u)))

@@ -1,0 +1,192 @@
+"""What an estimate of a bench is asked, and what the bench at rest says before a filter runs: zeros of gauges, loads that explain
+a reading, what moves it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.estimate import Estimate
+from strainsight.errors import NumericalError, UserError, blame
+from strainsight.experiment.bench.bench import Bench, start_of
+from strainsight.experiment.bench.inverse.installed import Toleranced, toleranced
+from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked, unknowns_of
+from strainsight.experiment.bench.loads import drives_of, loads_of
+from strainsight.experiment.bench.sensors import Sensors, sensors_of, some_of
+from strainsight.experiment.bench.simulation import refuse_spun
+from strainsight.multibody.accelerations import at_rest
+from strainsight.multibody.inverse.parameters import Zero, static_response, zero_at_rest
+from strainsight.ordering import first_of_largest
+
+InTime = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class Problem:
+    """bench; sensors: all of them, used: those of the filter; errors: of its gauges; unknowns; h [s]: the filter's step; loads,
+    drives: as stated, in time; known (T + 1, width): all loads as the filter knows them, guesses in the columns of unknown ones;
+    heaviest (width,): loads under which a parameter has to be felt; zeroing (width,): those under which gauges were zeroed at
+    rest, which a test knows."""
+
+    bench: Bench
+    sensors: Sensors
+    used: Sensors
+    errors: tuple[Toleranced, ...]
+    unknowns: Unknowns
+    h: float
+    loads: InTime
+    drives: InTime
+    known: np.ndarray
+    heaviest: np.ndarray
+    zeroing: np.ndarray
+
+    @property
+    def config(self) -> BenchConfig:
+        return self.bench.config
+
+    @property
+    def estimate(self) -> Estimate:
+        return asked(self.config)
+
+    @property
+    def steps(self) -> int:
+        return len(self.known) - 1
+
+    @property
+    def time(self) -> np.ndarray:
+        """(T + 1,) [s]."""
+        return self.h * np.arange(len(self.known))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The unknowns, loads before parameters."""
+        return (*self.estimate.inputs, *self.unknowns.free)
+
+    @property
+    def among(self) -> np.ndarray:
+        """Channels of the filter among those of all sensors (m,)."""
+        every = np.arange(len(self.sensors.zeroed))
+        return np.concatenate([every[self.sensors.channels[name]] for name in self.used.channels])
+
+
+def problem_of(bench: Bench, files: Mapping[str, Path]) -> Problem:
+    """As `estimate` asks; the bench with its free properties as parameters."""
+    config, estimate = bench.config, asked(bench.config)
+    sensors = sensors_of(bench)
+    used = some_of(bench, sensors, list(estimate.sensors))
+    errors = toleranced(bench, used)
+    h = estimate.time_step or config.simulate.time_step
+    unknowns = unknowns_of(bench, h)
+    loads, drives = loads_of(bench, files), drives_of(bench, files)
+    known = loads(h * np.arange(round((estimate.duration or config.simulate.duration) / h) + 1))
+    refuse_spun(bench, known, "estimate")
+    zeroing = known[0].copy()
+    heaviest = known[first_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
+    for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
+        guess = estimate.inputs[name].guess
+        known[:, column] = known[0, column] if guess is None else guess
+    return Problem(bench, sensors, used, errors, unknowns, h, loads, drives, known, heaviest, zeroing)
+
+
+FITS, SETTLED = 20, 1e-9
+"""Gauss-Newton steps to loads at rest, and the share of their σ below which they are found."""
+HALVINGS = 12
+"""How often a step of them is halved that explains less, or that no rest carries."""
+
+
+def zero_of(problem: Problem, sensors: Sensors, theta: np.ndarray) -> np.ndarray:
+    """What zeroed channels read when they were zeroed (channels,), by a bench with these parameters; 0 for the others."""
+    if not sensors.zeroed.any():
+        return np.zeros(len(sensors.zeroed))
+    with blame("estimate"):
+        q, v = start_of(problem.bench.at(theta), problem.zeroing)
+    rest = at_rest(problem.bench.system, problem.zeroing)
+    return np.where(sensors.zeroed, sensors.readings.read(q, v, rest)[0], 0.0)
+
+
+def free_zero(problem: Problem, sensors: Sensors) -> Zero | None:
+    """The same for every trial value of the parameters; None where none is estimated, none zeroed, or the start no rest."""
+    unknowns, bench = problem.unknowns, problem.bench
+    if not (sensors.zeroed.any() and unknowns.free and problem.config.simulate.start == "equilibrium"):
+        return None
+    q, _ = start_of(bench.at(unknowns.starts[0]), problem.zeroing)
+    return zero_at_rest(bench.system, sensors.readings, sensors.zeroed, q, problem.zeroing, unknowns.coordinates)
+
+
+def loads_at_rest(problem: Problem, guess: np.ndarray, first: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Loads (nu,) under which the bench at rest reads what was measured first, by damped Gauss-Newton from the guess:
+
+    min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
+
+    first y₀ (m,), NaN where nothing was measured.
+    """
+    bench, unknowns = problem.bench, problem.unknowns
+    free = [i for i, entry in enumerate(problem.estimate.inputs.values()) if entry.guess is None]
+    measured = np.isfinite(first)
+    columns, theta = unknowns.inputs[free], unknowns.starts[0]
+
+    def misfit(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is to be explained by a change of the loads, and its slopes."""
+        q, v = start_of(bench.at(theta), u)
+        by_u, _ = static_response(bench.system, q, u, theta)
+        read, H, _ = problem.used.readings.read(q, v, at_rest(bench.system, u))
+        r = np.concatenate([((first - read) / noise)[measured], (guess - u)[columns] / unknowns.std_u[free]])
+        slopes = np.concatenate(
+            [((H @ by_u[:, columns]) / noise[:, None])[measured], np.diag(1 / unknowns.std_u[free])]
+        )
+        return r, slopes
+
+    u = guess.copy()
+    if not free:
+        return u
+    with blame("estimate.measured"):
+        r, slopes = misfit(u)
+    for _ in range(FITS):
+        du = np.linalg.lstsq(slopes, r, rcond=None)[0]
+        if np.all(np.abs(du) < SETTLED * unknowns.std_u[free]):
+            u[columns] += du
+            break
+        for halvings in range(HALVINGS):
+            trial = u.copy()
+            trial[columns] += 0.5**halvings * du
+            try:
+                found = misfit(trial)
+            except (NumericalError, UserError):
+                continue  # no rest under loads that go too far
+            if np.linalg.norm(found[0]) < np.linalg.norm(r):
+                u, (r, slopes) = trial, found
+                break
+        else:
+            break
+    return u
+
+
+def moved_at_rest(problem: Problem, under: tuple[np.ndarray, ...]) -> tuple[np.ndarray, NumericalError | None]:
+    """What one σ of every unknown, or of its change in a step, moves every reading by at rest (m, nu + p): the most of all
+    these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest. With the error
+    of loads, the first ones aside, under which no rest was found: they may move more."""
+    bench, unknowns, channels = problem.bench, problem.unknowns, problem.used.readings
+    unsolved: NumericalError | None = None
+    most = np.zeros((len(channels.channels), len(unknowns.std_u) + len(unknowns.std)))
+    if problem.config.simulate.start != "equilibrium":
+        return most, unsolved
+    theta = unknowns.starts[0]
+    std = np.maximum(np.append(unknowns.std_u, unknowns.std), np.append(unknowns.increment_u, unknowns.increment))
+    free = [bench.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
+    for i, u in enumerate(under):
+        try:
+            with blame("estimate"):
+                q, v = start_of(bench.at(theta), u)
+                by_u, by_theta = static_response(bench.system, q, u, theta)
+        except (UserError, NumericalError) as error:
+            if i == 0:
+                raise
+            unsolved = error if isinstance(error, NumericalError) else unsolved
+            continue  # loads that rest cannot carry say nothing
+        response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, free]], axis=1)
+        most = np.maximum(most, np.abs(channels.read(q, v, at_rest(bench.system, u))[1] @ response) * std)
+    return most, unsolved

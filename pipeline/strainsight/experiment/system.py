@@ -1,0 +1,35 @@
+"""What an experiment needs of the system that it is made on, a reduced structure or a bench, whichever filter it has."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Protocol
+
+import numpy as np
+
+
+class System(Protocol):
+    """A filter on the measurements of one record or several, all with the same m channels.
+
+    measured: of every record (T, ..., m); given (m,): channels that the filter has; parts: channels that can only be left out
+    together, as all grids of a gauge.
+    """
+
+    @property
+    def labels(self) -> Sequence[str]:
+        """Of the channels (m,)."""
+        ...
+
+    @property
+    def given(self) -> np.ndarray: ...
+
+    @property
+    def parts(self) -> Sequence[np.ndarray]: ...
+
+    @property
+    def measured(self) -> Sequence[np.ndarray]: ...
+
+    def by_others(self, part: np.ndarray) -> tuple[Sequence[tuple[np.ndarray, np.ndarray]], str]:
+        """What all other channels say that those of a part (k,) read, and σ of that, (T, ..., k) in every record; or none, and
+        why they cannot, in words."""
+        ...
