@@ -120,56 +120,45 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
     return model
 
 
+def _sources(config: PlacementConfig, given: bool) -> list[str]:
+    """What is drawn with which σ; given: whether the gauges are given by their strain rows, which cannot be moved or turned."""
+    own, stated = tolerances_of(config.tolerances), config.validation.truth
+    moved = not given
+    sizes = (
+        (own.damping - 1, f"ln ζ of every mode ln {own.damping:g}", stated.damping_factor is None),
+        (own.frequency, f"natural frequencies {100 * own.frequency:g} %", True),
+        (own.model, f"stiffness {100 * own.model:g} %", not modulus_estimated(config)),
+        (own.position, f"place {1e3 * own.position:g} mm each way", moved and stated.gauge_offset is None),
+        (own.angle, f"direction {own.angle:g}°", moved and stated.gauge_rotation is None),
+        (own.gain, f"gain {100 * own.gain:g} %", True),
+        (own.transverse, f"transverse sensitivity {100 * own.transverse:g} %", moved),
+        (own.offset, f"offset {1e6 * own.offset:g} µm/m", True),
+        (own.drift, f"drift {1e6 * own.drift:g} µm/m", True),
+        (own.temperature, f"temperature {own.temperature:g} K", any(installation_std(config).warmed)),
+        (own.load_angle, f"direction of loads {own.load_angle:g}°", True),
+        (own.load_position, f"point of loads {1e3 * own.load_position:g} mm", True),
+        (own.load_gain, f"gain of known loads {100 * own.load_gain:g} %", _some_known(config)),
+    )
+    return [words for size, words, applies in sizes if size > 0 and applies]
+
+
 def varies(config: PlacementConfig) -> bool:
     """Whether one realisation differs from another."""
-    own, stated = tolerances_of(config.tolerances), config.validation.truth
-    return bool(
-        (own.position > 0 and stated.gauge_offset is None)
-        or (own.angle > 0 and stated.gauge_rotation is None)
-        or (own.damping > 1 and stated.damping_factor is None)
-        or own.frequency > 0
-        or own.gain > 0
-        or own.transverse > 0
-        or own.offset > 0
-        or own.drift > 0
-        or any(installation_std(config).warmed)
-        or loads_vary(config)
-        or (own.model > 0 and not modulus_estimated(config))
-    )
+    return bool(_sources(config, given=False))
 
 
 def in_words(config: PlacementConfig, given: bool) -> str:
-    """What is off, for people; given: whether the gauges are given by their strain rows. Begins with a comma."""
-    own, stated = tolerances_of(config.tolerances), config.validation.truth
-    drawn, fixed = [], []
+    """What is off, for people; given: as of `_sources`. Begins with a comma."""
+    stated, fixed = config.validation.truth, []
     if stated.damping_factor is not None:
         fixed.append(f"damping × {stated.damping_factor:g}")
-    elif own.damping > 1:
-        drawn.append(f"ln ζ of every mode ln {own.damping:g}")
-    if own.frequency > 0:
-        drawn.append(f"natural frequencies {100 * own.frequency:g} %")
-    if own.model > 0 and not modulus_estimated(config):
-        drawn.append(f"stiffness {100 * own.model:g} %")
     if given:
         fixed.append("gauges exactly in place, because given strain rows cannot be moved or turned")
     elif stated.gauge_offset is not None or stated.gauge_rotation is not None:
-        sizes = (("gauge_offset", 1e3, " mm"), ("gauge_rotation", 1.0, "°"))
-        own_sizes = [(getattr(stated, key), factor, unit) for key, factor, unit in sizes]
-        fixed.append("gauges off by " + " and ".join(f"{f * v:g}{unit}" for v, f, unit in own_sizes if v is not None))
-    moved = not given
-    for value, text in (
-        (own.position * (moved and stated.gauge_offset is None), f"place {1e3 * own.position:g} mm each way"),
-        (own.angle * (moved and stated.gauge_rotation is None), f"direction {own.angle:g}°"),
-        (own.gain, f"gain {100 * own.gain:g} %"),
-        (own.transverse * moved, f"transverse sensitivity {100 * own.transverse:g} %"),
-        (own.offset, f"offset {1e6 * own.offset:g} µm/m"),
-        (own.drift, f"drift {1e6 * own.drift:g} µm/m"),
-        (own.temperature * any(installation_std(config).warmed), f"temperature {own.temperature:g} K"),
-        (own.load_angle, f"direction of loads {own.load_angle:g}°"),
-        (own.load_position, f"point of loads {1e3 * own.load_position:g} mm"),
-        (own.load_gain * _some_known(config), f"gain of known loads {100 * own.load_gain:g} %"),
-    ):
-        drawn += [text] if value > 0 else []
+        sizes = ((stated.gauge_offset, 1e3, " mm"), (stated.gauge_rotation, 1.0, "°"))
+        parts = (f"{factor * size:g}{unit}" for size, factor, unit in sizes if size is not None)
+        fixed.append(f"gauges off by {' and '.join(parts)}")
+    drawn = _sources(config, given)
     words = fixed + ([f"drawn with σ: {', '.join(drawn)}"] if drawn else [])
     return "".join(f", {text}" for text in words)
 

@@ -2,79 +2,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.decision import expected_ratio
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import Posterior, marginal
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.reduced import Settled
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.sigma_point import run_sigma_points
-from strainsight.estimation.smoother import Smoothed, smooth
-from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, on_average
 from strainsight.experiment.structure.problem import Problem, exactly_damped
 from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
 
 IDENTIFIED = 0.5
 """Share of its initial σ that the samples may leave of a parameter that they identify."""
-
-
-@dataclass(frozen=True)
-class Filtered:
-    """run: B runs of a filter; banks: what each run's bank found, none of another filter, None for one that failed."""
-
-    run: FilterRun
-    banks: tuple[BankRun | None, ...]
-
-
-def filtered(
-    problem: Problem,
-    tolerated: Tolerated,
-    model: FilterModel,
-    channels: np.ndarray,
-    start: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measured: np.ndarray,
-    keep: Keep = "mean",
-    settled: Settled | None = None,
-    refuse: bool = True,
-) -> Filtered:
-    """Filter the measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none, as the config asks for.
-
-    start (n*,) or (B, n*), covariance (n*, n*) of x* at t = 0; known (T, HOLD, n_known) [N]; keep: whether what a smoother needs
-    is kept; with "mean" a bank under known loads has its parameters alone; settled: as of `filter_bank`; refuse: raise
-    NumericalError where every run fails, and not mark them lost.
-    """
-    if problem.method != "bank":
-        return Filtered(by_moments(problem, model, start, covariance, known, measured, keep, refuse=refuse), ())
-    data = measured if measured.ndim == 3 else measured[:, None]
-    runs = data.shape[1]
-    sets = np.broadcast_to(channels, (runs, channels.shape[-1]))
-    starts = np.broadcast_to(start, (runs, model.size))
-    kept: Keep = "parameters" if keep == "mean" and not model.unknowns.inputs else keep
-    found: list[BankRun | None] = []
-    failure: NumericalError | None = None
-    for b in range(runs):
-        there = sets[b] >= 0
-        own = on_average(tolerated, _of_run(model, b, there), sets[b][there])
-        nuisances = nuisances_of(tolerated, own, sets[b][there])
-        try:
-            of_run = own, starts[b], covariance, known, data[:, b, there], nuisances
-            found.append(filter_bank(*of_run, settled=settled, keep=kept))
-        except NumericalError as error:
-            failure = error
-            found.append(None)
-    if failure is not None and refuse and all(own is None for own in found):
-        raise failure
-    return Filtered(_together(model, found, sets >= 0, len(known)), tuple(found))
 
 
 def by_moments(
@@ -100,48 +45,33 @@ def by_moments(
     )
 
 
-def _of_run(model: FilterModel, b: int, there: np.ndarray) -> FilterModel:
-    """The model of one run, with the channels that it has."""
-    quantity = model.quantity
-    if model.H.ndim == 3:
-        model = replace(
-            model,
-            H=model.H[b],
-            change=model.change.of_terms(lambda X: X[b]),
-            r=model.r[b] if model.r.ndim == 2 else model.r,
-            quantity=quantity[b] if quantity is not None and quantity.ndim == 2 else quantity,
-        )
-    return model.of_channels(there)
-
-
-def _together(model: FilterModel, found: list[BankRun | None], there: np.ndarray, steps: int) -> FilterRun:
-    """Runs of many banks as one, NaN where one failed or has no channel."""
-    if len(found) == 1 and found[0] is not None:
-        return found[0].run
-    runs, n, u, m = len(found), model.size, len(model.position), there.shape[1]
+def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.ndarray, steps: int) -> FilterRun:
+    """Runs of many banks as one, NaN where one failed or has no channel (channels (B, m), −1 for none)."""
+    if len(banks) == 1 and banks[0] is not None:
+        return banks[0].run
+    (runs, m), n, u = channels.shape, model.size, len(model.position)
     mean, std = np.full((2, steps + 1, runs, n), np.nan)
     unknown = np.full((steps + 1, runs, u, u), np.nan)
-    gauge_mean, gauge_std, innovation, whitened = np.full((4, steps, runs, m), np.nan)
+    of_channels = {
+        key: np.full((steps, runs, m), np.nan) for key in ("gauge_mean", "gauge_std", "innovation", "whitened")
+    }
     fit, last = np.full(runs, -np.inf), np.full((runs, n, n), np.nan)
-    for b, bank in enumerate(found):
+    for b, bank in enumerate(banks):
         if bank is None:
             continue
-        own = bank.run
-        mean[:, b], std[:, b], unknown[:, b] = own.mean[:, 0], own.std[:, 0], own.unknown_covariance[:, 0]
-        gauge_mean[:, b, there[b]], gauge_std[:, b, there[b]] = own.gauge_mean[:, 0], own.gauge_std[:, 0]
-        innovation[:, b, there[b]], whitened[:, b, there[b]] = own.innovation[:, 0], own.whitened[:, 0]
-        fit[b], last[b] = own.log_likelihood[0], own.last[0]
+        run = bank.run
+        mean[:, b], std[:, b], unknown[:, b] = run.mean[:, 0], run.std[:, 0], run.unknown_covariance[:, 0]
+        for key, values in of_channels.items():
+            values[:, b, channels[b] >= 0] = getattr(run, key)[:, 0]
+        fit[b], last[b] = run.log_likelihood[0], run.last[0]
     return FilterRun(
         time=model.h * np.arange(steps + 1),
         mean=mean,
         std=std,
         unknown_covariance=unknown,
-        gauge_mean=gauge_mean,
-        gauge_std=gauge_std,
-        innovation=innovation,
-        whitened=whitened,
-        nis=np.nansum(whitened**2, axis=2),
-        lost=np.where([own is None for own in found], 1, -1),
+        **of_channels,
+        nis=np.nansum(of_channels["whitened"] ** 2, axis=2),
+        lost=np.where([bank is None for bank in banks], 1, -1),
         log_likelihood=fit,
         last=last,
         covariance=None,
@@ -149,27 +79,6 @@ def _together(model: FilterModel, found: list[BankRun | None], there: np.ndarray
         rows=None,
         adjusted=None,
     )
-
-
-def smoothed(
-    problem: Problem,
-    tolerated: Tolerated,
-    model: FilterModel,
-    channels: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measured: np.ndarray,
-    found: Filtered,
-    settled: Settled | None = None,
-) -> Smoothed:
-    """What all samples say of every instant; arguments as of `filtered`, which found the one run, from a start at zero."""
-    if problem.method != "bank":
-        return smooth(model, found.run)
-    bank = found.banks[0]
-    assert bank is not None  # a bank that fails alone is refused
-    start, model = np.zeros(model.size), on_average(tolerated, model, channels)
-    nuisances = nuisances_of(tolerated, model, channels)
-    return smooth_bank(model, start, covariance, known, measured, nuisances, bank, settled=settled)
 
 
 def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None) -> dict[str, Posterior]:

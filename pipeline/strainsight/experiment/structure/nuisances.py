@@ -235,10 +235,20 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behin
     m, n, states = len(channels), model.model.size, model.parameter_states.start
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
     moving = own.quantity[at] == ACCELERATION
-    sources, D, E, shape = of_loads(own.loads, model, at, moving)
     errors = acting(own.loads, model)
-    B = [np.zeros((m, len(errors)))] * len(D)
-    offset = [np.zeros(m)] * len(D)
+    shapes = {"D": (m, states), "E": (m, len(model.known_inputs)), "B": (m, len(errors)), "offset": (m,), "drift": (m,)}
+    sources: list[str] = []
+    columns: dict[str, list[np.ndarray]] = {key: [] for key in shapes}
+
+    def add(source: str, **rows: np.ndarray) -> None:
+        sources.append(source)
+        for key, shape in shapes.items():
+            columns[key].append(rows.get(key, np.zeros(shape)))
+
+    changes = []
+    for source, on_states, on_known, change in of_loads(own.loads, model, at, moving):
+        add(source, D=on_states, E=on_known)
+        changes.append(change)
     row_of = np.full(len(own.channels), -1)
     row_of[at] = np.arange(m)
     grids = np.flatnonzero(row_of[own.channel_of_grid] >= 0)
@@ -259,40 +269,29 @@ def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behin
         beyond = (own.sign[:, None] * own.beyond[name][:, errors])[grids] * ~accelerated[:, None]
         owner = own.gauge[grids] if name in COMMON else np.arange(len(grids))
         for each in np.unique(owner):
-            there = owner == each
-            if not sensed[there].any():
-                continue
-            sources.append(SOURCE[name])
-            D.append(_rows(m, row[there], sensed[there]))
-            E.append(_rows(m, row[there], fed[there]))
-            B.append(_rows(m, row[there], beyond[there]))
-            offset.append(np.zeros(m))
-    drift = [np.zeros(m)] * len(D)
+            part = owner == each
+            if sensed[part].any():
+                rows_of = (_rows(m, row[part], values[part]) for values in (sensed, fed, beyond))
+                add(SOURCE[name], **dict(zip("DEB", rows_of, strict=True)))
     for zero in own.zeros:
         for each in np.unique(zero.owner[at]):
-            row = np.where(zero.owner[at] == each, zero.std[at], 0.0)
-            if not row.any():
-                continue
-            sources.append(zero.source)
-            D.append(np.zeros((m, states)))
-            E.append(np.zeros((m, len(model.known_inputs))))
-            B.append(np.zeros((m, len(errors))))
-            offset.append(np.zeros(m) if zero.drifts else row)
-            drift.append(row if zero.drifts else np.zeros(m))
-    on_known, late = stacked(E, (m, len(model.known_inputs))), stacked(drift, (m,))
+            off = np.where(zero.owner[at] == each, zero.std[at], 0.0)
+            if off.any():
+                add(zero.source, **{"drift" if zero.drifts else "offset": off})
+    D, E, B, offset, drift = (stacked(columns[key], shape) for key, shape in shapes.items())
     return Nuisances(
         tuple(sources),
-        stacked(D, (m, states)),
-        np.concatenate([on_known, late[..., None]], axis=2) if late.any() else on_known,
-        stacked(offset, (m,)),
+        D,
+        np.concatenate([E, drift[..., None]], axis=2) if drift.any() else E,
+        offset,
         own.damping,
         own.stiffness,
         own.learned,
         own.discrepancy,
-        stacked(shape, model.model.input_shape.shape),
+        stacked(changes, model.model.input_shape.shape),
         inputs_changed(own.loads, model)[errors],
         behind,
-        stacked(B, (m, len(errors))),
+        B,
         frequency=own.frequency,
     )
 

@@ -28,25 +28,17 @@ from strainsight.runner.output import Table
 
 @dataclass(frozen=True)
 class Runs:
-    """Filter runs: channels (B, k), −1 for none; noise_factor (B,), start (B, unknowns) of [ũ, p], seed (B,) of the noise;
-    drawn (B,): number of the truth's realisation, 0 the layout's own."""
+    """Filter runs: channels (B, k), −1 for none; noise_factor (B,), start (B, unknowns) of [ũ, p]; drawn (B,): number of the
+    realisation of noise and truth, 0 the layout's own."""
 
     channels: np.ndarray
     noise_factor: np.ndarray
     start: np.ndarray
-    seed: np.ndarray
     drawn: np.ndarray
 
-
-@dataclass(frozen=True)
-class Study:
-    """What some runs found, by name: real and claimed error (B,), estimate and its σ (T + 1, B) [SI]."""
-
-    runs: Runs
-    real: dict[str, np.ndarray]
-    claimed: dict[str, np.ndarray]
-    estimate: dict[str, np.ndarray]
-    std: dict[str, np.ndarray]
+    def some(self, which: np.ndarray) -> Runs:
+        """Some of them, by number."""
+        return Runs(self.channels[which], self.noise_factor[which], self.start[which], self.drawn[which])
 
 
 @dataclass(frozen=True)
@@ -57,12 +49,14 @@ class Studies:
     repeats    other noise and other starting values, and the layout installed anew where the truth is drawn
     screened   random sets of the screened pool, on the layout's own noise
     all        random sets of all candidates
+    lost       runs that diverged
     """
 
-    noise: Study
-    repeats: Study
-    screened: Study
-    all: Study
+    noise: NoiseStudy
+    repeats: Starts
+    screened: RandomSets
+    all: RandomSets
+    lost: int
 
 
 CHOICES = 1 << 31
@@ -83,18 +77,29 @@ def studies_of(
     factors = np.array(settings.noise_factors, dtype=float)
     starts = scaled_truth(trial)[0] + spread * rng.standard_normal((repeats, len(spread)))
     home, others = np.zeros_like(spread), np.arange(1, repeats + 1)
-    own = np.zeros(max(len(factors), count), dtype=int)
     parts = {
-        "noise": _runs(trial.chosen, factors, home, own[: len(factors)]),
-        "repeats": replace(_runs(trial.chosen, 1.0, starts, others), drawn=others),
+        "noise": _runs(len(factors), trial.chosen, factors, home),
+        "repeats": _runs(repeats, trial.chosen, 1.0, starts, others),
     }
     every = trial.problem.channels
     size = len(np.unique(every.gauge[trial.chosen]))
     for key, pool in (("screened", kept), ("all", allowed)):
         sets = [rng.choice(pool, size, replace=False) for _ in range(count)]
         channels = every.of(np.array(sets, dtype=int).reshape(count, size))
-        parts[key] = _runs(channels.reshape(count, size * channels.shape[-1]), 1.0, home, own[:count])
-    return Studies(**_studied(trial, parts, seed, sweep))
+        parts[key] = _runs(count, channels.reshape(count, size * channels.shape[-1]), 1.0, home)
+    each = _studied(trial, parts, seed, sweep)
+    errors = {key: {"error": study.error, "std": study.std} for key, study in each.items()}
+    sets = {
+        key: RandomSets(**errors[key], candidate=parts[key].channels, estimate=each[key].estimate)
+        for key in ("screened", "all")
+    }
+    start = {name: starts[:, i] for i, name in enumerate(trial.names)}
+    return Studies(
+        noise=NoiseStudy(**errors["noise"], factor=factors),
+        repeats=Starts(**errors["repeats"], start=start),
+        **sets,
+        lost=sum(int(np.isnan(study.error[trial.names[-1]]).sum()) for study in each.values()),
+    )
 
 
 FEWEST_SETS = 10
@@ -111,9 +116,9 @@ class Rank:
     correlation: float
 
 
-def rank_of(random: Study, name: str, real: float, claimed: float) -> Rank | None:
+def rank_of(random: RandomSets, name: str, real: float, claimed: float) -> Rank | None:
     """By the errors of one unknown; None among too few sets."""
-    errors = np.array([np.append(random.real[name], real), np.append(random.claimed[name], claimed)])
+    errors = np.array([np.append(random.error[name], real), np.append(random.std[name], claimed)])
     known = np.isfinite(errors).all(axis=0)
     if known.sum() < FEWEST_SETS or not known[-1]:
         return None
@@ -123,31 +128,19 @@ def rank_of(random: Study, name: str, real: float, claimed: float) -> Rank | Non
     return Rank(by_real, by_claimed, float(np.corrcoef(order)[0, 1]))
 
 
-def noise_levels(study: Study) -> NoiseStudy:
-    """As it is written."""
-    return NoiseStudy(factor=study.runs.noise_factor, error=study.real, std=study.claimed)
-
-
-def repeated(study: Study) -> Starts:
-    """As it is written."""
-    start = {name: study.runs.start[:, i] for i, name in enumerate(study.real)}
-    return Starts(error=study.real, std=study.claimed, start=start)
-
-
-def random_sets(study: Study) -> RandomSets:
-    """As it is written."""
-    return RandomSets(candidate=study.runs.channels, error=study.real, std=study.claimed, estimate=study.estimate)
-
-
-def _runs(channels: np.ndarray, noise_factor: float | np.ndarray, start: np.ndarray, seed: np.ndarray) -> Runs:
-    """Runs with whatever is common repeated for each; seed (B,) sets their number."""
-    B = len(seed)
+def _runs(
+    count: int,
+    channels: np.ndarray,
+    noise_factor: float | np.ndarray,
+    start: np.ndarray,
+    drawn: np.ndarray | None = None,
+) -> Runs:
+    """Runs with whatever is common repeated for each."""
     return Runs(
-        np.broadcast_to(channels, (B, channels.shape[-1])),
-        np.broadcast_to(np.asarray(noise_factor, dtype=float), (B,)),
-        np.broadcast_to(start, (B, start.shape[-1])),
-        seed,
-        np.zeros(B, dtype=int),
+        np.broadcast_to(channels, (count, channels.shape[-1])),
+        np.broadcast_to(np.asarray(noise_factor, dtype=float), (count,)),
+        np.broadcast_to(start, (count, start.shape[-1])),
+        np.zeros(count, dtype=int) if drawn is None else drawn,
     )
 
 
@@ -164,33 +157,45 @@ class _Batch:
     seed: int
 
 
-def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -> dict[str, Study]:
+@dataclass(frozen=True)
+class _Study:
+    """Of runs, by name of the unknown: real and claimed error (B,), estimate (T + 1, B) [SI]; the steps that lost them (B,)."""
+
+    error: dict[str, np.ndarray]
+    std: dict[str, np.ndarray]
+    estimate: dict[str, np.ndarray]
+    lost: np.ndarray
+
+
+def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -> dict[str, _Study]:
     width = max(part.channels.shape[1] for part in parts.values())
-    channels = np.concatenate([_widened(part.channels, width) for part in parts.values()])
-    factor, start, stream, drawn = (
-        np.concatenate([getattr(part, name) for part in parts.values()])
-        for name in ("noise_factor", "start", "seed", "drawn")
+    runs = Runs(
+        np.concatenate([_widened(part.channels, width) for part in parts.values()]),
+        *(
+            np.concatenate([getattr(part, key) for part in parts.values()])
+            for key in ("noise_factor", "start", "drawn")
+        ),
     )
     batches = []
-    for own in np.array_split(np.arange(len(stream)), -(-len(stream) // BATCH)):
-        runs = Runs(channels[own], factor[own], start[own], stream[own], drawn[own])
-        batches.append(_Batch(runs, _true(trial, runs), seed))
-    found = sweep(_batch, batches, without_truth(trial))
-    lost = np.concatenate([answer[-1] for answer in found])
+    for at in np.array_split(np.arange(len(runs.drawn)), -(-len(runs.drawn) // BATCH)):
+        some = runs.some(at)
+        batches.append(_Batch(some, _true(trial, some), seed))
+    found: list[_Study] = sweep(_batch, batches, without_truth(trial))
+    lost = np.concatenate([batch.lost for batch in found])
     if np.all(lost >= 0):
-        raise all_lost(Driven(filter_model(trial.problem, channels[:1], trial.h), trial.known), lost)
-    real, claimed, estimate, std = (
-        {name: np.concatenate([answer[i][name] for answer in found], axis=-1) for name in trial.names} for i in range(4)
-    )
-    studies, first = {}, 0
-    for key, part in parts.items():
-        span = slice(first, first + len(part.seed))
-        first = span.stop
-        studies[key] = Study(
-            part,
-            *({name: values[name][..., span] for name in trial.names} for values in (real, claimed, estimate, std)),
-        )
-    return studies
+        raise all_lost(Driven(filter_model(trial.problem, runs.channels[:1], trial.h), trial.known), lost)
+    ends = np.cumsum([len(part.drawn) for part in parts.values()])
+    spans = {key: slice(end - len(part.drawn), end) for (key, part), end in zip(parts.items(), ends, strict=True)}
+
+    def of(what: str, span: slice) -> dict[str, np.ndarray]:
+        return {
+            name: np.concatenate([getattr(batch, what)[name] for batch in found], axis=-1)[..., span]
+            for name in trial.names
+        }
+
+    return {
+        key: _Study(of("error", span), of("std", span), of("estimate", span), lost[span]) for key, span in spans.items()
+    }
 
 
 def _true(trial: Trial, runs: Runs) -> np.ndarray:
@@ -202,24 +207,19 @@ def _true(trial: Trial, runs: Runs) -> np.ndarray:
     return true
 
 
-Answer = tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]
-"""By name: real and claimed error (B,), estimate and its σ (T + 1, B); then the steps that lost the runs (B,)."""
-
-
-def _batch(trial: Trial, batch: _Batch) -> Answer:
+def _batch(trial: Trial, batch: _Batch) -> _Study:
     """Measure with noise and filter: a task of a sweep."""
     runs = batch.runs
     model = filter_model(trial.problem, runs.channels, trial.h, runs.noise_factor)
     shape = (len(batch.true), runs.channels.shape[1])
-    noise = np.stack([sample_noise(batch.seed, int(realisation), *shape) for realisation in runs.seed], axis=1)
+    noise = np.stack([sample_noise(batch.seed, int(number), *shape) for number in runs.drawn], axis=1)
     measured = batch.true + noise * sample_std(trial.problem, runs.channels, trial.h, runs.noise_factor)
-    mean = np.zeros((len(runs.seed), model.size))
+    mean = np.zeros((len(runs.drawn), model.size))
     mean[:, model.position] = runs.start
-    found = trial.filtered(model, runs.channels, measured, mean, refuse=False).run
-    real, claimed = real_and_claimed(trial, model, found.mean, found.std)
-    values = physical(model, found.mean, found.std)
-    estimate, std = ({name: values[name][i] for name in trial.names} for i in (0, 1))
-    return real, claimed, estimate, std, found.lost
+    run = trial.filtered(model, runs.channels, measured, mean, refuse=False).run
+    values = physical(model, run.mean, run.std)
+    estimate = {name: values[name][0] for name in trial.names}
+    return _Study(*real_and_claimed(trial, model, run.mean, run.std), estimate, run.lost)
 
 
 def _widened(channels: np.ndarray, width: int) -> np.ndarray:

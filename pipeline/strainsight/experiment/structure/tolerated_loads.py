@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -41,34 +42,25 @@ def tolerated_loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quant
     """Of all loads, as if every one were known; those that change nothing are left out. missed (k, n_u, misalignments)."""
     model, off = reduced.model, reduced.misaligned.shape
     std = np.repeat([np.deg2rad(own.load_angle), own.load_position], 2)
-    source, load, ways, shape, read = [], [], [], [], []
+    errors: list[tuple[str, int, float, int, np.ndarray, np.ndarray]] = []
+    nothing = np.zeros(len(missed))
     for i in range(len(model.inputs)):
         each = zip(MISALIGNMENT, std, off[:, i].T, missed[:, i].T, strict=True)
         for way, (name, sigma, change, static) in enumerate(each):
             if sigma > 0 and (change.any() or static.any()):
-                source.append(name)
-                load.append(i)
-                ways.append((sigma, way))
-                shape.append(sigma * change)
-                read.append(sigma * np.where(quantity == ACCELERATION, 0.0, static))
+                read = sigma * np.where(quantity == ACCELERATION, 0.0, static)
+                errors.append((name, i, sigma, way, sigma * change, read))
         if own.load_gain > 0:
-            source.append(LOAD_GAIN)
-            load.append(i)
-            ways.append((0.0, 0))
-            shape.append(own.load_gain * model.input_shape[:, i])
-            read.append(np.zeros(len(missed)))
-        source.append(BETWEEN)
-        load.append(i)
-        ways.append((0.0, 0))
-        shape.append(model.input_shape[:, i])
-        read.append(np.zeros(len(missed)))
+            errors.append((LOAD_GAIN, i, 0.0, 0, own.load_gain * model.input_shape[:, i], nothing))
+        errors.append((BETWEEN, i, 0.0, 0, model.input_shape[:, i], nothing))
+    source, load, sigmas, ways, shape, reads = ([error[k] for error in errors] for k in range(6))
     return ToleratedLoads(
         tuple(source),
         np.array(load, dtype=int),
-        np.array([sigma for sigma, _ in ways], dtype=float),
-        np.array([way for _, way in ways], dtype=int),
+        np.array(sigmas, dtype=float),
+        np.array(ways, dtype=int),
         stacked(shape, (model.size,)),
-        stacked(read, (len(missed),)),
+        stacked(reads, (len(missed),)),
     )
 
 
@@ -119,30 +111,20 @@ def field_beyond(own: ToleratedLoads, model: FilterModel, reduced: Reduced) -> n
 
 def of_loads(
     own: ToleratedLoads, model: FilterModel, at: np.ndarray, moving: np.ndarray
-) -> tuple[list[str], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     """Source, D (m, states), E (m, n_known) and change of the input shape (n, n_u), load by load; at (m,): rows of `missed`;
     moving (m,): which channels are accelerometers. Static readings at the guess."""
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
-    named = model.model.inputs
-    sources: list[str] = []
-    D: list[np.ndarray] = []
-    E: list[np.ndarray] = []
-    shape: list[np.ndarray] = []
     for each, i in enumerate(inputs_changed(own, model).tolist()):
         if i < 0:
             continue
         change = np.zeros(model.model.input_shape.shape)
         change[:, i] = own.shape[each]
-        direct = np.zeros((len(at), len(named)))
+        direct = np.zeros((len(at), len(model.model.inputs)))
         direct[:, i] = own.missed[each][at]
         if moving.any():
             direct[moving] = model.H[moving, : model.model.size] @ acceleration_change(model, at_guess, change)[0]
-        on_states, on_known = on_loads(model, direct)
-        sources.append(own.source[each])
-        D.append(on_states)
-        E.append(on_known)
-        shape.append(change)
-    return sources, D, E, shape
+        yield own.source[each], *on_loads(model, direct), change
 
 
 def stacked(parts: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:

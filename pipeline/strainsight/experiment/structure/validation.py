@@ -32,10 +32,7 @@ from strainsight.experiment.structure.problem import (
 from strainsight.experiment.structure.studies import (
     Rank,
     Studies,
-    noise_levels,
-    random_sets,
     rank_of,
-    repeated,
     studies_of,
     sweeps_of,
 )
@@ -118,7 +115,7 @@ def validation_of(
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies = studies_of(trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch)
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
-    last, P, known, start = trial.names[-1], trial.covariance, trial.known, trial.settled
+    P, known, start = trial.covariance, trial.known, trial.settled
     budget, without = budget_of(problem, tolerances, model, trial.chosen, P, known, measured, run, smoothed, start)
     bank = found.banks[0] if found.banks else None
     return Validation(
@@ -132,7 +129,7 @@ def validation_of(
         accuracies(trial, model, run, smoothed, studies),
         float(whiteness(run.whitened[:, 0])),
         verdict(run.whitened[:, 0]).text,
-        int(sum(np.isnan(study.real[last]).sum() for study in vars(studies).values())),
+        studies.lost,
         without,
     )
 
@@ -187,10 +184,10 @@ def _validated(
             band=bands,
         ),
         field=_field(trial, model, run),
-        noise=noise_levels(studies.noise),
-        repeats=repeated(studies.repeats),
-        screened=random_sets(studies.screened),
-        all=random_sets(studies.all),
+        noise=studies.noise,
+        repeats=studies.repeats,
+        screened=studies.screened,
+        all=studies.all,
         sweep=swept,
         posterior={},
     )
@@ -280,7 +277,7 @@ def accuracies(
             smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
             settling_time=settling_time(trial.time, value, trial.truth.theta[name], SETTLED) if constant else None,
             rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
-            benefit=benefit_of(float(error[name][0]), studies.all.real[name]),
+            benefit=benefit_of(float(error[name][0]), studies.all.error[name]),
         )
     return found
 
