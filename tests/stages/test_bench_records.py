@@ -161,7 +161,7 @@ def parts(folder):
 
 def by_radau(folder, loads, time):
     """Readings (k, m) at time (k,) of M v̇ + c + f = Bᵀλ, B v̇ + Ḃv = 0 by the implicit method of fifth order, from rest."""
-    config, own, sensors = parts(folder)
+    _, own, sensors = parts(folder)
     system = own.system
     n, m = system.size, system.constrained
     still, none = np.zeros(n), np.zeros(m)

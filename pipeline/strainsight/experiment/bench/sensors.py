@@ -1,9 +1,9 @@
-"""The sensors of a bench, compiled for its system."""
+"""The sensors of a bench, compiled for its system, and its gauges as they may be installed."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.mesh.facets import Facets, exterior_facets
+from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import Instant, gravity_at, instant
 from strainsight.multibody.bodies import Frame
 from strainsight.multibody.relations import bearing_displacements
@@ -35,6 +36,14 @@ from strainsight.multibody.sensors import (
 from strainsight.multibody.sensors import StrainSensor as StrainRows
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.installation import (
+    COMMON,
+    SECOND,
+    InstallationStd,
+    drawn_installation,
+    installed_rows,
+    sensitivity_rows,
+)
 from strainsight.sensors.rows import channel_rows
 
 MOTION_UNITS = {"position": "m", "velocity": "m/s"}
@@ -180,3 +189,90 @@ def dataset_units(config: BenchConfig, loads: Mapping[str, str]) -> dict[str, st
     """What records of a bench ask the unit of: its sensors, and these loads."""
     units = {f"sensor {name}": unit_of(entry) for name, entry in config.sensors.items()}
     return units | {f"input {name}": unit for name, unit in loads.items()}
+
+
+DRAWN = 5
+"""Last word of the seed by which a seed's gauges are installed."""
+
+
+@dataclass(frozen=True)
+class Toleranced:
+    """A strain sensor of the filter: its name and body, gauges, mesh and facets of that, basis (3 nodes, r); slope
+    (channels, k, r): σ times what each of k errors adds to its rows; zeroed."""
+
+    name: str
+    body: str
+    gauges: Candidates
+    mesh: Mesh
+    facets: Facets
+    basis: np.ndarray
+    slope: np.ndarray
+    zeroed: bool
+
+
+def std_of(config: BenchConfig) -> InstallationStd:
+    """σ of place [m], angle [rad], gain and transverse sensitivity."""
+    stated = None if config.estimate is None else config.estimate.tolerances
+    if stated is None:
+        return InstallationStd()
+    return InstallationStd(stated.position, float(np.deg2rad(stated.angle)), stated.gain, stated.transverse)
+
+
+def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
+    """Of every strain sensor of the filter the errors that `estimate.tolerances` leaves open, to first order: place and turn of a
+    gauge, all grids of which move as one, gain and transverse sensitivity of each grid."""
+    std = std_of(bench.config)
+    sigma = {name: value for name, value in std.by_name.items() if value > 0 and name not in SECOND}
+    found = []
+    for name in used.channels if sigma else ():
+        entry = bench.config.sensors[name]
+        if not isinstance(entry, StrainSensor):
+            continue
+        mesh, basis = bench.meshes[entry.body], bench.reduced[entry.body].basis
+        gauges, facets, _ = gauges_of(bench, name, entry)
+        with blame(f"sensors.{name}.gauges"):
+            felt = sensitivity_rows(mesh.position, gauges, basis, std.position, facets=facets)
+        slope: list[np.ndarray] = []
+        for key, value in sigma.items():
+            rows, owner = value * getattr(felt, key), gauges.gauge if key in COMMON else np.arange(len(gauges))
+            slope += [np.where((owner == each)[:, None], rows, 0.0) for each in np.unique(owner)]
+        felt_at_all = [rows for rows in slope if rows.any()]
+        whole = np.stack(felt_at_all, axis=1) if felt_at_all else np.zeros((len(gauges), 0, basis.shape[1]))
+        found.append(Toleranced(name, entry.body, gauges, mesh, facets, basis, whole, entry.zeroed))
+    return tuple(found)
+
+
+def rows_of(
+    bench: Bench, used: Sensors, sensors: tuple[Toleranced, ...], zero: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """D (m, k, n), o (m, k): what the k errors of all sensors add to every channel, in σ of them, (D q + o) ν; zero (n,): q where
+    zeroed sensors were zeroed."""
+    m, n = len(used.zeroed), bench.system.size
+    D, o = [np.zeros((m, 0, n))], [np.zeros((m, 0))]
+    for own in sensors:
+        rows = np.zeros((m, own.slope.shape[1], n))
+        rows[used.channels[own.name], :, bench.system.modal(own.body)] = own.slope
+        D.append(rows)
+        o.append(-rows @ zero if own.zeroed else np.zeros(rows.shape[:2]))
+    return np.concatenate(D, axis=1), np.concatenate(o, axis=1)
+
+
+def misread(bench: Bench, used: Sensors, errors: tuple[Toleranced, ...], q: np.ndarray, runs: int) -> np.ndarray:
+    """What gauges as they are installed read beside what they are taken for (T, runs, m), drawn anew for every run; q
+    (T + 1, 1 or runs, n): the true motion. Exact in the errors, to which the filter is linear."""
+    std = std_of(bench.config)
+    added = np.zeros((len(q) - 1, runs, len(used.zeroed)))
+    for run in range(runs):
+        draw = np.random.default_rng((bench.config.seed, run, DRAWN))
+        for error in errors:
+            free = replace(error.gauges, bonded=np.zeros(len(error.gauges), dtype=bool))
+            eta = q[:, min(run, q.shape[1] - 1), bench.system.modal(error.body)]
+            rows, plain = (
+                installed_rows(error.mesh.position, free, error.basis, installation, facets=error.facets)[0]
+                for installation in (
+                    drawn_installation(free, std, draw),
+                    drawn_installation(free, InstallationStd(), draw),
+                )
+            )
+            added[:, run, used.channels[error.name]] += (eta - eta[0] * error.zeroed)[1:] @ (rows - plain).T
+    return added

@@ -18,7 +18,6 @@ from strainsight.estimation.reduced import Settled, periodic_start
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.candidates import thickness_of_guess
-from strainsight.experiment.structure.drawn import BY_MODE, installation_std, modulus_estimated
 from strainsight.experiment.structure.problem import SILENT, Problem
 from strainsight.experiment.structure.tolerated_loads import (
     ToleratedLoads,
@@ -28,6 +27,7 @@ from strainsight.experiment.structure.tolerated_loads import (
     stacked,
     tolerated_loads,
 )
+from strainsight.experiment.structure.truth import BY_MODE, installation_std, modulus_estimated
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced

@@ -49,7 +49,7 @@ class Studies:
     repeats    other noise and other starting values, and the layout installed anew where the truth is drawn
     screened   random sets of the screened pool, on the layout's own noise
     all        random sets of all candidates
-    lost       runs that diverged
+    lost       of all of them, how many diverged
     """
 
     noise: NoiseStudy

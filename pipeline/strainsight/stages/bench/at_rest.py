@@ -9,10 +9,10 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import InfeasibleError
-from strainsight.experiment.bench.at_rest import Rest, at_rest, coupled, modes_in_space, rest_of
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.bench.sensors import dataset_units
+from strainsight.experiment.bench.simulation import Rest, at_rest, coupled, modes_in_space, rest_of
 from strainsight.records.bench import Coupled
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import written

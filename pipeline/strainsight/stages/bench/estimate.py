@@ -13,7 +13,7 @@ from strainsight.csv_cells import csv_bytes
 from strainsight.errors import ArtefactError
 from strainsight.experiment.bench.inverse.comparison import Compared, compared
 from strainsight.experiment.bench.inverse.estimation import Estimated, estimated
-from strainsight.experiment.bench.inverse.unknowns import free_properties, parameter_units
+from strainsight.experiment.bench.inverse.problem import free_properties, parameter_units
 from strainsight.experiment.bench.inverse.verdicts import (
     Evidence,
     bench_out_of_range,

@@ -14,7 +14,6 @@ from strainsight.estimation.model import StepModel
 from strainsight.estimation.run import Keep
 from strainsight.estimation.smoother import smooth_first
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
-from strainsight.experiment.bench.inverse.installed import considered
 from strainsight.experiment.bench.inverse.trial import Trial
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.records.estimated import BANK, EXTENDED, Compared
@@ -130,6 +129,30 @@ def by_extended(
         # what later samples say does not undo an error that all of them have
         smoothed = None if smoothed is None else replace(smoothed, std=np.full_like(smoothed.std, np.nan))
     return Filtered(found.mean, std, joint, per_channel(found.nis, y), found.lost, smoothed=smoothed, notes=notes)
+
+
+def considered(run: FilterRun, y: np.ndarray, R: np.ndarray, D: np.ndarray, o: np.ndarray) -> np.ndarray:
+    """S (T + 1, B, N, k): what σ of every constant error of the readings, (D x + o) ν, leaves the estimate off by, where the gain
+    knows nothing of it:
+
+        Sₖ₊₁ = (1 − K H) A Sₖ + K (D x̂ + o),     K = P Hᵀ R⁻¹,     σ² = diag(P + S Sᵀ)
+
+    run: kept for all runs; y (T, B, m) with NaN where missing, R (m,); D (m, k, n) on the first n states, o (m, k).
+    Source: Schmidt; Gelb, Applied Optimal Estimation (1974), section 7.2.
+    """
+    assert run.covariance is not None
+    assert run.jacobian is not None
+    assert run.rows is not None
+    steps, runs, size = len(y), y.shape[1], run.mean.shape[2]
+    S = np.zeros((steps + 1, runs, size, D.shape[1]))
+    for t in range(steps):
+        H = np.where(np.isfinite(y[t])[..., None], run.rows[t], 0.0)
+        G = np.einsum("mkn,bn->bmk", D, np.nan_to_num(run.mean[t + 1, :, : D.shape[2]])) + o
+        G = np.where(np.isfinite(y[t])[..., None], G, 0.0)
+        K = run.covariance[t + 1] @ np.swapaxes(H, 1, 2) / R
+        ahead = run.jacobian[t] @ S[t]
+        S[t + 1] = ahead - K @ (H @ ahead) + K @ G
+    return S
 
 
 def predicted(trial: Trial, y: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

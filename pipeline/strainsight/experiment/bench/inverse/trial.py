@@ -14,10 +14,16 @@ from strainsight.errors import ConfigError, NumericalError, UserError, blame
 from strainsight.estimation.model import StepModel
 from strainsight.estimation.reduced import Biased, bordered
 from strainsight.experiment.bench.bench import Bench, start_of
-from strainsight.experiment.bench.inverse.installed import rows_of
-from strainsight.experiment.bench.inverse.problem import Problem, free_zero, loads_at_rest, moved_at_rest, zero_of
-from strainsight.experiment.bench.inverse.unknowns import corrects, has_other_poses
-from strainsight.experiment.bench.sensors import Sensors
+from strainsight.experiment.bench.inverse.problem import (
+    Problem,
+    corrects,
+    free_zero,
+    has_other_poses,
+    loads_at_rest,
+    moved_at_rest,
+    zero_of,
+)
+from strainsight.experiment.bench.sensors import Sensors, rows_of
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import start_covariance, white_force
 

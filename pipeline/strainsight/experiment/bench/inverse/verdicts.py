@@ -27,10 +27,9 @@ from strainsight.estimation.decision import (
     out_of_range,
     without_sigma,
 )
-from strainsight.experiment.bench.inverse.comparison import in_theta
+from strainsight.experiment.bench.inverse.comparison import in_theta, smoothed_name
 from strainsight.experiment.bench.inverse.estimation import Estimated
-from strainsight.experiment.bench.inverse.numbers import smoothed_name
-from strainsight.experiment.bench.inverse.unknowns import asked
+from strainsight.experiment.bench.inverse.problem import asked
 from strainsight.pages.text import number
 
 Scalar = float | str

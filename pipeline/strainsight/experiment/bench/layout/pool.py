@@ -21,11 +21,10 @@ from strainsight.config.bench.bench import (
 )
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import Bench
-from strainsight.experiment.bench.inverse.installed import std_of
-from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked
+from strainsight.experiment.bench.inverse.problem import Unknowns, asked
 from strainsight.experiment.bench.layout.strained import Known
 from strainsight.experiment.bench.loads import loads_of
-from strainsight.experiment.bench.sensors import motion_sensor
+from strainsight.experiment.bench.sensors import motion_sensor, std_of
 from strainsight.experiment.layout.gauge_list import zone_of
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
