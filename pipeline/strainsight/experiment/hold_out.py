@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.estimation.decision import Claim, claim_in_time
-from strainsight.experiment.system import System
+from strainsight.experiment.system import TestedSystem
 from strainsight.records.estimated import HoldOut
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import STRAIN, UNITS
@@ -16,7 +16,7 @@ from strainsight.sensors.candidates import STRAIN, UNITS
 NOT_GIVEN = "the filter is not given it"
 
 
-def held_out(system: System, progress: Callable[[str, float], None]) -> tuple[HoldOut, ...]:
+def held_out(system: TestedSystem, progress: Callable[[str, float], None]) -> tuple[HoldOut, ...]:
     """Predict the channels of every part in every record by all other channels; NaN of channels that stay in, and why they do."""
     every = [np.full((2, *values.shape), np.nan) for values in system.measured]
     left_in = np.where(system.given, "", NOT_GIVEN).astype(object)
@@ -33,7 +33,7 @@ def held_out(system: System, progress: Callable[[str, float], None]) -> tuple[Ho
 
 
 @dataclass(frozen=True)
-class Left:
+class LeftOut:
     """Of a channel that was left out: RMS of its readings, and of what the others say less these [unit of the channel]; share of
     the samples within 2σ; the verdict on error over σ, None where there is no σ or the others cannot tell; left_in: why it was
     not left out, empty where it was."""
@@ -48,7 +48,7 @@ class Left:
 
 def left_out(
     predicted: np.ndarray, std: np.ndarray, left_in: Sequence[str], labels: Sequence[str], measured: np.ndarray
-) -> tuple[Left, ...]:
+) -> tuple[LeftOut, ...]:
     """Every channel by its label; predicted, std, measured (T, ..., m), NaN where there is none. Neighbouring samples are off
     alike: as many draws as the samples are worth (`samples_alike`)."""
     rows = []
@@ -58,25 +58,25 @@ def left_out(
         claim = claim_in_time(error, std[..., i])
         inside = float(np.mean(np.abs(scaled[np.isfinite(scaled)]) < 2)) if claim is not None else np.nan
         there = np.isfinite(error)
-        rows.append(Left(label, rms(own[there]), rms(error[there]), inside, claim, why))
+        rows.append(LeftOut(label, rms(own[there]), rms(error[there]), inside, claim, why))
     return tuple(rows)
 
 
-def hold_out_numbers(rows: Sequence[Left]) -> dict[str, Scalar]:
+def hold_out_numbers(rows: Sequence[LeftOut]) -> dict[str, Scalar]:
     """Share of all samples within 2σ; error over σ of every channel."""
     inside = [own.inside for own in rows if own.claim is not None]
     numbers: dict[str, Scalar] = {"hold_out.inside": float(np.mean(inside))} if inside else {}
     return numbers | {f"hold_out.ratio.{own.label}": own.claim.ratio for own in rows if own.claim is not None}
 
 
-def misfits_in_words(rows: Sequence[Left], others: str) -> list[str]:
+def misfits_in_words(rows: Sequence[LeftOut], others: str) -> list[str]:
     """The channels that the others contradict, the worst first: a wrong one misleads what is predicted of others, too."""
     off = [(own.claim.ratio, own.label) for own in rows if own.claim and own.claim.overconfident]
     said = [f"{label} (error {ratio:.2g} σ)" for ratio, label in sorted(off, key=lambda one: -one[0])]
     return [f"the other {others} contradict {', '.join(said)}"] if said else []
 
 
-def hold_out_table(rows: Sequence[Left], units: Sequence[str], each: str) -> Table:
+def hold_out_table(rows: Sequence[LeftOut], units: Sequence[str], each: str) -> Table:
     """What every channel read and what the others say of it."""
     lines = []
     for unit, own in zip(units, rows, strict=True):

@@ -2,19 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.bench.connections import Constant as StatedConstant
-from strainsight.config.bench.connections import Ramp as StatedRamp
+from strainsight.config.base import Section
 from strainsight.config.estimate import Channel, DelayInSamples, DelayInSeconds, RecordedFile
-from strainsight.config.loads import MultiSine as StatedMultiSine
 from strainsight.config.loads import Recorded
-from strainsight.config.loads import Sine as StatedSine
-from strainsight.config.loads import Sweep as StatedSweep
 from strainsight.config.mesh import RegionKey
 from strainsight.config.placement import ModalDamping, RayleighDamping
 from strainsight.errors import ConfigError, UserError, blame
@@ -201,28 +197,27 @@ def delay_in_seconds(stated: DelayInSamples | DelayInSeconds | None, step: float
     return own.samples * step + own.seconds
 
 
-StatedSignal = StatedConstant | StatedRamp | StatedSine | StatedSweep | StatedMultiSine | Recorded
-"""A load history, as a config states it."""
+SIGNALS: dict[str, Callable[..., Signal]] = {
+    "constant": Constant,
+    "sine": Sine,
+    "sweep": Sweep,
+    "multisine": MultiSine,
+    "ramp": Ramp,
+}
+"""Type of a signal in a config → the history, whose fields are in the order of the config's."""
 
 
-def signal_of(name: str, config: StatedSignal, files: Mapping[str, Path], section: str = "loads") -> Signal:
+def signal_of(name: str, config: Section, files: Mapping[str, Path], section: str = "loads") -> Signal:
     """A load history, of the entry `name` of a section of the config."""
     return signal_at(f"{section}.{name}.signal", config, files)
 
 
-def signal_at(key: str, config: StatedSignal, files: Mapping[str, Path], of: Sequence[str] = LOADS) -> Signal:
+def signal_at(key: str, config: Section, files: Mapping[str, Path], of: Sequence[str] = LOADS) -> Signal:
     """The history that stands at a key of the config; of: the quantities that a file may hold of it."""
-    if config.type == "constant":
-        return Constant(config.value)
-    if config.type == "sine":
-        return Sine(config.frequency, config.amplitude, config.phase)
-    if config.type == "sweep":
-        return Sweep(config.start_frequency, config.end_frequency, config.duration, config.amplitude)
-    if config.type == "multisine":
-        return MultiSine(config.lowest, config.highest, config.count, config.amplitude, config.seed)
-    if config.type == "ramp":
-        return Ramp(config.start, config.end, config.begin, config.duration)
-    return recorded(key, config, files[f"{key}.file"], of)
+    if isinstance(config, Recorded):
+        return recorded(key, config, files[f"{key}.file"], of)
+    kind, *values = dict(config).values()
+    return SIGNALS[kind](*values)
 
 
 def damping_of(config: ModalDamping | RayleighDamping) -> Damping:

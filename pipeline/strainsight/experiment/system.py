@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 
 
-class System(Protocol):
+class TestedSystem(Protocol):
     """A filter on the measurements of one record or several, all with the same m channels.
 
     measured: of every record (T, ..., m); given (m,): channels that the filter has; parts: channels that can only be left out

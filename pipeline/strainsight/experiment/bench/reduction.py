@@ -43,7 +43,7 @@ HELD = 2.0
 
 
 @dataclass(frozen=True)
-class Reduction:
+class BodyReduction:
     """body; unknowns: of the finite-element model; frequency [Hz]: of the modes that deform it, its interfaces free."""
 
     body: ReducedBody
@@ -56,7 +56,7 @@ def flexible(config: BenchConfig) -> dict[str, FlexibleBody]:
     return {name: body for name, body in config.bodies.items() if isinstance(body, FlexibleBody)}
 
 
-def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> dict[str, Reduction]:
+def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> dict[str, BodyReduction]:
     """Body → its reduction."""
     found, bodies = {}, flexible(config)
     for i, (name, entry) in enumerate(bodies.items()):
@@ -66,7 +66,7 @@ def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources
     return found
 
 
-def _reduction(name: str, entry: FlexibleBody, frames: Mapping[str, Frame], mesh: Mesh) -> Reduction:
+def _reduction(name: str, entry: FlexibleBody, frames: Mapping[str, Frame], mesh: Mesh) -> BodyReduction:
     """Assemble, constrain, reduce after Craig and Bampton; the inertia of the body in its floating frame."""
     model = build_model(mesh, moduli_of(name, entry.moduli, mesh), supported=False)
     loose = rigid_motions(model).shape[1]
@@ -100,7 +100,7 @@ def _reduction(name: str, entry: FlexibleBody, frames: Mapping[str, Frame], mesh
         interface={str(node): rows for node, rows in body.interface.items()},
         inertia=inertia_invariants(model, body.basis),
     )
-    return Reduction(reduced, model.size, np.sqrt(np.maximum(lam, 0.0))[loose:] / (2 * np.pi))
+    return BodyReduction(reduced, model.size, np.sqrt(np.maximum(lam, 0.0))[loose:] / (2 * np.pi))
 
 
 def moduli_of(name: str, moduli: Mapping[str, Modulus], mesh: Mesh) -> tuple[Parameter, ...]:
@@ -154,7 +154,7 @@ PICTURES = 50
 
 
 @dataclass(frozen=True)
-class Motion:
+class BodyMotion:
     """time (T,) [s]; q (T, coordinates of the body); moduli (T,) [Pa]: those that were estimated."""
 
     time: np.ndarray
@@ -173,7 +173,7 @@ class Pictures:
     element: int
 
 
-def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Motion, using: Resources) -> Pictures:
+def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: BodyMotion, using: Resources) -> Pictures:
     """The surface at some instants: displacement and strain in body axes, stress with the moduli of those instants."""
     settings = config.field
     assert settings is not None

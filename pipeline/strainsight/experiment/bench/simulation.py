@@ -305,7 +305,7 @@ DRAWN = 20
 
 
 @dataclass(frozen=True)
-class Rest:
+class BenchAtRest:
     """The bench with its state at rest q, v (n,) under u, and how fast it would be left (0: stable) by which body."""
 
     bench: Bench
@@ -317,7 +317,7 @@ class Rest:
     body: str
 
 
-def rest_of(bench: Bench, using: Resources, balanced: bool) -> Rest:
+def rest_of(bench: Bench, using: Resources, balanced: bool) -> BenchAtRest:
     """balanced: in the equilibrium under the loads at t = 0, its drives held, whatever `simulate.start` says; unstable ones,
     too."""
     u = loads_of(bench, using.files)(np.zeros(1))[0]
@@ -328,10 +328,10 @@ def rest_of(bench: Bench, using: Resources, balanced: bool) -> Rest:
     with blame("simulate"):
         q, v = start_of(bench.simulated(**changed), u)
     modes = coupled_modes(bench.system, q, v, u, bench.theta)
-    return Rest(bench, q, v, u, modes, *growth(bench.system, modes))
+    return BenchAtRest(bench, q, v, u, modes, *growth(bench.system, modes))
 
 
-def at_rest(rest: Rest, using: Resources) -> AtRest:
+def at_rest(rest: BenchAtRest, using: Resources) -> AtRest:
     """The equilibrium in numbers: frames, sensors, reactions of every joint, drives, bearings."""
     bench, q, config = rest.bench, rest.q, rest.bench.config
     every = {f"joint {name}": ReactionSensor(type="reaction", joint=name) for name in config.joints}
@@ -360,7 +360,7 @@ def at_rest(rest: Rest, using: Resources) -> AtRest:
     )
 
 
-def coupled(rest: Rest) -> Coupled:
+def coupled(rest: BenchAtRest) -> Coupled:
     """Modes with the motion of every frame in them, and the state space from the loads to the sensors, but for reactions."""
     bench, modes = rest.bench, rest.modes
     sensors = sensors_of(bench)
@@ -416,7 +416,7 @@ def _looked_at(bench: Bench, frame: Frame, q: np.ndarray) -> tuple[np.ndarray, n
     return y, by_q
 
 
-def modes_in_space(rest: Rest) -> VtkHdf:
+def modes_in_space(rest: BenchAtRest) -> VtkHdf:
     """Surfaces of flexible bodies and lines from the centre of a rigid body to its frames, where they rest; `mode` in steps."""
     bench, count = rest.bench, min(DRAWN, len(rest.modes.squares))
     points, shapes, blocks, total = [], [], [], 0

@@ -11,7 +11,7 @@ from strainsight.estimation.consistency import verdict
 from strainsight.estimation.decision import record_verdict
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.hold_out import (
-    Left,
+    LeftOut,
     hold_out_numbers,
     hold_out_table,
     left_out,
@@ -213,7 +213,7 @@ def _apart(campaign: Campaign) -> bool:
     return all(record.judgement.apart for record in campaign.records.values())
 
 
-def without_each(estimated: Estimated) -> tuple[Left, ...]:
+def without_each(estimated: Estimated) -> tuple[LeftOut, ...]:
     """Every gauge by the others, empty where that was not asked for."""
     if (held := estimated.hold_out) is None:
         return ()

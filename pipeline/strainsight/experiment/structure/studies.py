@@ -228,7 +228,7 @@ def _widened(channels: np.ndarray, width: int) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Point:
+class SweepPoint:
     """One change: key "time_step", "process_noise" or the name of a parameter; its value [s] or factor [-]."""
 
     key: str
@@ -265,9 +265,9 @@ def sweeps_of(trial: Trial, settings: Validate, seed: int, sweep: Sweep = serial
     )
 
 
-def _points(trial: Trial, sweeps: Sweeps) -> list[Point]:
-    points = [Point("time_step", h) for h in sweeps.time_steps]
-    points += [Point("process_noise", factor) for factor in sweeps.process_noise]
+def _points(trial: Trial, sweeps: Sweeps) -> list[SweepPoint]:
+    points = [SweepPoint("time_step", h) for h in sweeps.time_steps]
+    points += [SweepPoint("process_noise", factor) for factor in sweeps.process_noise]
     for name, factors in sweeps.wrong_parameters.items():
         key = f"validate.sweeps.wrong_parameters.{name}"
         if name not in trial.problem.model.parameters:
@@ -279,7 +279,7 @@ def _points(trial: Trial, sweeps: Sweeps) -> list[Point]:
                 key=key,
                 remedy="name a parameter that is not estimated",
             )
-        points += [Point(name, factor) for factor in factors]
+        points += [SweepPoint(name, factor) for factor in factors]
     return points
 
 
@@ -291,7 +291,7 @@ class _Task:
     measured: np.ndarray
 
 
-def _swept(own: Trial, changed: tuple[Point, _Task]) -> tuple[dict[str, float], dict[str, float]]:
+def _swept(own: Trial, changed: tuple[SweepPoint, _Task]) -> tuple[dict[str, float], dict[str, float]]:
     """Real and claimed error of every unknown."""
     point, task = changed
     trial, measured = task.trial or own, task.measured

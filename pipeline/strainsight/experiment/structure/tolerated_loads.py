@@ -53,14 +53,13 @@ def tolerated_loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quant
         if own.load_gain > 0:
             errors.append((LOAD_GAIN, i, 0.0, 0, own.load_gain * model.input_shape[:, i], nothing))
         errors.append((BETWEEN, i, 0.0, 0, model.input_shape[:, i], nothing))
-    source, load, sigmas, ways, shape, reads = ([error[k] for error in errors] for k in range(6))
     return ToleratedLoads(
-        tuple(source),
-        np.array(load, dtype=int),
-        np.array(sigmas, dtype=float),
-        np.array(ways, dtype=int),
-        stacked(shape, (model.size,)),
-        stacked(reads, (len(missed),)),
+        tuple(error[0] for error in errors),
+        np.array([error[1] for error in errors], dtype=int),
+        np.array([error[2] for error in errors], dtype=float),
+        np.array([error[3] for error in errors], dtype=int),
+        stacked([error[4] for error in errors], (model.size,)),
+        stacked([error[5] for error in errors], (len(missed),)),
     )
 
 

@@ -23,12 +23,12 @@ from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, 
 from strainsight.experiment.structure.problem import Problem, initial_covariance, sample_std, settled_under
 from strainsight.experiment.structure.settings import unknown_units
 from strainsight.experiment.structure.start import Loading, loading_of
-from strainsight.experiment.structure.truth import Motion, ReadMotion, Truth
+from strainsight.experiment.structure.truth import ReadMotion, SimulatedMotion, SimulatedTruth
 from strainsight.loads.histories import instant_values
 
 
 @dataclass(frozen=True)
-class Filtered:
+class TrialRuns:
     """run: B runs of a filter; banks: what each run's bank found, none of another filter, None for one that failed."""
 
     run: FilterRun
@@ -49,8 +49,8 @@ class Trial:
     h: float
     time: np.ndarray
     known: np.ndarray
-    truth: Truth
-    motion: Motion
+    truth: SimulatedTruth
+    motion: SimulatedMotion
     history: Mapping[str, np.ndarray]
     gauges: np.ndarray
     chosen: np.ndarray
@@ -96,7 +96,7 @@ class Trial:
         start: np.ndarray | None = None,
         keep: Keep = "mean",
         refuse: bool = True,
-    ) -> Filtered:
+    ) -> TrialRuns:
         """The filter of the config on measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none.
 
         start (B, n*) of x* at t = 0, None: zero; keep: whether what a smoother needs is kept; with "mean" a bank under known
@@ -104,7 +104,7 @@ class Trial:
         P, mean = self.covariance, np.zeros(model.size) if start is None else start
         if self.problem.method != "bank":
             run = by_moments(self.problem, model, mean, P, self.known, measured, keep, refuse=refuse)
-            return Filtered(run, ())
+            return TrialRuns(run, ())
         samples = measured if measured.ndim == 3 else measured[:, None]
         runs = samples.shape[1]
         sets, starts = np.broadcast_to(channels, (runs, channels.shape[-1])), np.broadcast_to(mean, (runs, model.size))
@@ -122,9 +122,9 @@ class Trial:
                 banks.append(None)
         if failure is not None and refuse and all(bank is None for bank in banks):
             raise failure
-        return Filtered(together(model, banks, sets, len(self.known)), tuple(banks))
+        return TrialRuns(together(model, banks, sets, len(self.known)), tuple(banks))
 
-    def smoothed(self, model: FilterModel, measured: np.ndarray, filtered: Filtered) -> Smoothed:
+    def smoothed(self, model: FilterModel, measured: np.ndarray, filtered: TrialRuns) -> Smoothed:
         """What all samples (T, k) of the layout's channels say of every instant, from a start at zero."""
         if self.problem.method != "bank":
             return smooth(model, filtered.run)
@@ -159,12 +159,12 @@ def without_truth(trial: Trial) -> Trial:
     return replace(trial, truth=replace(trial.truth, motion=_gone, again=None, field=None), motion=gone, again=None)
 
 
-def _gone(_loading: Loading) -> Motion:
+def _gone(_loading: Loading) -> SimulatedMotion:
     raise AssertionError("the truth stays in the process that simulated it")
 
 
 def trial_of(
-    config: PlacementConfig, problem: Problem, truth: Truth, tolerated: Tolerated, gauges: np.ndarray
+    config: PlacementConfig, problem: Problem, truth: SimulatedTruth, tolerated: Tolerated, gauges: np.ndarray
 ) -> Trial:
     """Simulate the truth at the time step of `validate`; gauges (k,): numbers of the layout's gauges."""
     settings, channels = config.validation, problem.channels.of(gauges)
@@ -190,7 +190,7 @@ def at_step(trial: Trial, h: float, duration: float) -> Trial:
 
 
 def _in_time(
-    problem: Problem, truth: Truth, gauges: np.ndarray, count: int, h: float, duration: float
+    problem: Problem, truth: SimulatedTruth, gauges: np.ndarray, count: int, h: float, duration: float
 ) -> dict[str, Any]:
     """Fields of a trial that its time step decides; count: channels of the gauges."""
     unknowns, steps = problem.unknowns, round(duration / h)
@@ -209,7 +209,9 @@ def _in_time(
     }
 
 
-def _again(truth: Truth, gauges: np.ndarray, count: int, loading: Loading) -> Callable[[int], np.ndarray] | None:
+def _again(
+    truth: SimulatedTruth, gauges: np.ndarray, count: int, loading: Loading
+) -> Callable[[int], np.ndarray] | None:
     if truth.again is None:
         return None
     drawn = truth.again

@@ -196,7 +196,7 @@ def modulus_estimated(config: PlacementConfig) -> bool:
     return any(own.springs is None for own in of_whole)
 
 
-class Motion(Protocol):
+class SimulatedMotion(Protocol):
     """A simulated motion that channels can be read from."""
 
     def reading(self, channels: np.ndarray) -> np.ndarray:
@@ -233,7 +233,7 @@ class ReadMotion:
 
 
 @dataclass(frozen=True)
-class Truth:
+class SimulatedTruth:
     """theta: true parameter values [SI]; description for people; held (gauges,): which a sharp edge has kept from being
     misplaced as far as asked; motion: loads, and how the motion begins → what happens under them; again: number of a
     realisation, and gauges → the truth of these gauges, in their order, with everything drawn anew; None where nothing is
@@ -242,8 +242,8 @@ class Truth:
     theta: Mapping[str, float]
     description: str
     held: np.ndarray
-    motion: Callable[[Loading], Motion]
-    again: Callable[[int, np.ndarray], Truth] | None = None
+    motion: Callable[[Loading], SimulatedMotion]
+    again: Callable[[int, np.ndarray], SimulatedTruth] | None = None
     field: Callable[[], np.ndarray] | None = None
 
 
@@ -255,7 +255,7 @@ def truth_of(
     training: Training,
     problem: Problem,
     using: Resources,
-) -> Truth:
+) -> SimulatedTruth:
     """The truth that the config asks for:
 
     rom    the filter's own model at the true parameters: an inverse crime, and reported as one (the thesis's case)
@@ -300,7 +300,7 @@ def truth_of(
         return replace(_modal(theta, words, held, model, rows, pool), field=partial(nodal, built.model, basis))
     words += in_words(config, given=training.given is not None)
 
-    def drawn(realisation: int, gauges: np.ndarray) -> Truth:
+    def drawn(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
         installation = installation_of(config, pool, realisation).take(pool, gauges)
         with blame("tolerances"):
             rows, held = installed(gauges, installation)
@@ -367,18 +367,18 @@ def _modal(
     rows: np.ndarray,
     pool: Candidates,
     installation: Installation | None = None,
-) -> Truth:
+) -> SimulatedTruth:
     # A model of the truth has the true values for its reference; the filter's own model is taken there.
     at = {name: theta[name] for name in model.reference}
     exact = np.zeros(len(pool))
     zero = (exact, exact) if installation is None else (installation.offset, installation.drift)
 
-    def motion(loading: Loading) -> Motion:
+    def motion(loading: Loading) -> SimulatedMotion:
         x = motion_of(model, at, loading)
         a = accelerations(model, at, x, instant_values(loading.held))
         return ModalMotion(x[:, : model.size], a, rows, pool.quantity == ACCELERATION, *zero)
 
-    return Truth(theta, words, held, motion)
+    return SimulatedTruth(theta, words, held, motion)
 
 
 def _full(
@@ -392,7 +392,7 @@ def _full(
     modes: int,
     using: Resources,
     thickness: Thickness | None,
-) -> Truth:
+) -> SimulatedTruth:
     """stated: the damping; modes: how many have its ratio."""
     # with solvers that no other truth needs
     from strainsight.fem.relief import relief_of
@@ -413,7 +413,7 @@ def _full(
         rows = free_rows(built.model, channel_matrix(mesh.position, pool, exterior_facets(mesh), thickness))
     moving = pool.quantity == ACCELERATION
 
-    def motion(loading: Loading) -> Motion:
+    def motion(loading: Loading) -> SimulatedMotion:
         tones, lead = loading.tones, len(loading.lead)
         with blame("validate.truth"):
             start = None if tones is None else steady_state(K, M, S, viscous, tones.frequency, tones.amplitude)
@@ -433,7 +433,7 @@ def _full(
         readings[:, ~moving], readings[:, moving] = found.reading[lead:], found.acceleration[lead:]
         return ReadMotion(readings)
 
-    return Truth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
+    return SimulatedTruth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
 
 
 def _at(theta: Mapping[str, float], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:

@@ -12,7 +12,7 @@ from strainsight.errors import InfeasibleError
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.bench.sensors import dataset_units
-from strainsight.experiment.bench.simulation import Rest, at_rest, coupled, modes_in_space, rest_of
+from strainsight.experiment.bench.simulation import BenchAtRest, at_rest, coupled, modes_in_space, rest_of
 from strainsight.records.bench import Coupled
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import written
@@ -105,7 +105,7 @@ def modes(context: Context[BenchConfig]) -> Output:
     )
 
 
-def _row(rest: Rest, found: Coupled, k: int) -> tuple[str, str, str, str]:
+def _row(rest: BenchAtRest, found: Coupled, k: int) -> tuple[str, str, str, str]:
     frequency = f"{found.frequency[k]:.5g}" if found.stiffness[k] >= 0 else "topples"
     motion = rest.bench.system.metric * found.shape[k]
     body = max(found.coordinates, key=lambda name: float(np.linalg.norm(motion[slice(*found.coordinates[name])])))

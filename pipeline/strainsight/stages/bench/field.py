@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from strainsight.config.bench.bench import BenchConfig, SurfaceField
-from strainsight.experiment.bench.reduction import Motion, pictures
+from strainsight.experiment.bench.reduction import BodyMotion, pictures
 from strainsight.records.bench import Simulated
 from strainsight.records.bench_estimated import BenchEstimated
 from strainsight.records.mesh import vtkhdf_datasets
@@ -38,15 +38,15 @@ def run(context: Context[BenchConfig]) -> Output:
     )
 
 
-def _motion(settings: SurfaceField, context: Context[object]) -> Motion:
+def _motion(settings: SurfaceField, context: Context[object]) -> BodyMotion:
     """The body's coordinates, and the moduli where they were estimated."""
     simulated = read(Simulated, context.upstream["simulate"])
     part = slice(*simulated.coordinates[settings.body])
     if settings.of == "simulate":
-        return Motion(simulated.time, simulated.q[:, part], {})
+        return BodyMotion(simulated.time, simulated.q[:, part], {})
     estimated = read(BenchEstimated, context.upstream["estimate"])
     moduli = {name: history.estimate for name, history in estimated.parameters.items()}
-    return Motion(estimated.time, estimated.q[:, part], moduli)
+    return BodyMotion(estimated.time, estimated.q[:, part], moduli)
 
 
 FIELD = Stage(

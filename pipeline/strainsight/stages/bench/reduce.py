@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.experiment.bench.reduction import Reduction, reductions
+from strainsight.experiment.bench.reduction import BodyReduction, reductions
 from strainsight.records.bench import ReducedBodies
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table
@@ -35,7 +35,7 @@ def run(context: Context[BenchConfig]) -> Output:
     )
 
 
-def _table(name: str, own: Reduction) -> Table:
+def _table(name: str, own: BodyReduction) -> Table:
     rows = tuple((str(k), f"{f:.4g}") for k, f in enumerate(own.frequency[:12], start=1))
     return Table(f"natural frequencies of {name}, its interfaces free", ("mode", "Hz"), rows)
 

@@ -9,7 +9,7 @@ import numpy as np
 from strainsight.config.bench.estimate import FromRun
 from strainsight.estimation.consistency import settling_time
 from strainsight.estimation.decision import Claim, claim_in_time, claim_of, not_identified
-from strainsight.experiment.bench.inverse.estimation import Estimated
+from strainsight.experiment.bench.inverse.estimation import BenchEstimation
 from strainsight.records.bench_estimated import (
     BenchEstimated,
     LoadHistory,
@@ -161,7 +161,7 @@ LEARNED = 0.5
 
 
 @dataclass(frozen=True)
-class Compared:
+class BenchComparison:
     """found: what is written; numbers: of every load, parameter and sensor, those that are finite; claims: whether the
     estimate of every unknown keeps to its σ, where the truth is known."""
 
@@ -170,7 +170,7 @@ class Compared:
     claims: dict[str, Claim]
 
 
-def compared(own: Estimated) -> Compared:
+def compared(own: BenchEstimation) -> BenchComparison:
     """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
     problem, filtered = own.problem, own.filtered
     numbers: Numbers = {}
@@ -215,10 +215,10 @@ def compared(own: Estimated) -> Compared:
     )
     judged = {name: claim for name, claim in claims.items() if claim is not None}
     kept = {key: value for key, value in numbers.items() if np.isfinite(value) or key.startswith(SETTLING_TIME)}
-    return Compared(found, kept, judged)
+    return BenchComparison(found, kept, judged)
 
 
-def _load(own: Estimated, name: str, i: int) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
+def _load(own: BenchEstimation, name: str, i: int) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
     """The history of an unknown load, the errors (runs,) of several runs, whether they keep to σ, and its numbers."""
     at = own.trial.model.u[i]
     mean = own.filtered.mean[:, :, at]
@@ -253,7 +253,7 @@ def _load(own: Estimated, name: str, i: int) -> tuple[LoadHistory, np.ndarray | 
     return history, error, claim, numbers
 
 
-def _smoothed(own: Estimated, name: str, i: int) -> tuple[Claim | None, Numbers]:
+def _smoothed(own: BenchEstimation, name: str, i: int) -> tuple[Claim | None, Numbers]:
     """Whether a load of the first run keeps to σ once it is smoothed, and its numbers, where the truth is known."""
     true = own.true_load(name)[:, 0]
     if own.filtered.smoothed is None or not np.isfinite(true).all():
@@ -266,7 +266,9 @@ def _smoothed(own: Estimated, name: str, i: int) -> tuple[Claim | None, Numbers]
     return claim_in_time((mean - true)[late], std[late], of="smoothed"), numbers
 
 
-def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
+def _parameter(
+    own: BenchEstimation, name: str, i: int
+) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
     """The history of a parameter, where all runs start and end, whether they end within their σ, and its numbers."""
     theta, std = in_theta(own, own.place(name))
     true, starts = own.true_parameter(name), own.starts
@@ -289,7 +291,7 @@ def _parameter(own: Estimated, name: str, i: int) -> tuple[ParameterHistory, Par
     return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), claim, numbers
 
 
-def in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:
+def in_theta(own: BenchEstimation, column: int) -> tuple[np.ndarray, np.ndarray]:
     """A parameter and its σ, √(s P_ξξ sᵀ) with s = ∂θ/∂ξ (T + 1, runs)."""
     xi, P = own.filtered.mean[:, :, own.trial.model.xi], own.xi_covariance
     theta, std = np.full(xi.shape[:2], np.nan), np.full(xi.shape[:2], np.nan)
@@ -299,13 +301,13 @@ def in_theta(own: Estimated, column: int) -> tuple[np.ndarray, np.ndarray]:
     return theta, std
 
 
-def _theta_at(own: Estimated, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
+def _theta_at(own: BenchEstimation, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
     values, slopes = own.problem.unknowns.coordinates.theta(xi)
     s = slopes[column]
     return float(values[column]), float(np.sqrt(max(float(s @ P @ s), 0.0)))
 
 
-def _sensor(own: Estimated, name: str) -> SensorMatch:
+def _sensor(own: BenchEstimation, name: str) -> SensorMatch:
     used, part = name in own.problem.used.channels, own.problem.sensors.channels[name]
     measured = own.measured[:, 0, own.problem.used.channels[name]] if used else own.reality.readings[:, 0, part]
     there = bool(np.isfinite(measured).any())
@@ -329,12 +331,12 @@ def _sensor(own: Estimated, name: str) -> SensorMatch:
     )
 
 
-def _violation(own: Estimated, k: int) -> float:
+def _violation(own: BenchEstimation, k: int) -> float:
     x = own.filtered.mean[k, :1]
     return float(own.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")
 
 
-def numbers_of_seeds(own: Estimated) -> dict[str, np.ndarray]:
+def numbers_of_seeds(own: BenchEstimation) -> dict[str, np.ndarray]:
     """Name → the number of every seed (seeds,) by its first start, NaN of a seed that diverged: of loads, parameters, innovations
     and sensors, as in the summary. None of a single seed."""
     runs = range(0, own.measured.shape[1], own.starts)
@@ -345,7 +347,7 @@ def numbers_of_seeds(own: Estimated) -> dict[str, np.ndarray]:
     return {name: np.array([float(numbers.get(name, np.nan)) for numbers in each]) for name in names}
 
 
-def _numbers(own: Estimated, seed: int, run: int) -> Numbers:
+def _numbers(own: BenchEstimation, seed: int, run: int) -> Numbers:
     """Of one seed."""
     problem, mean, std, nis = own.problem, own.filtered.mean, own.filtered.std, own.filtered.nis
     numbers: Numbers = {"nis": float(np.nanmean(nis[len(nis) // 2 :, run]))}

@@ -15,9 +15,9 @@ from strainsight.config.bench.estimate import FromFile
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.balls import ring_watch, rings_estimated
-from strainsight.experiment.bench.inverse.filtering import Filtered, by_bank, by_extended, predicted
+from strainsight.experiment.bench.inverse.filtering import FilteredRuns, by_bank, by_extended, predicted
 from strainsight.experiment.bench.inverse.problem import (
-    Problem,
+    BenchProblem,
     corrects,
     free_zero,
     has_bank,
@@ -25,10 +25,10 @@ from strainsight.experiment.bench.inverse.problem import (
     problem_of,
     zero_of,
 )
-from strainsight.experiment.bench.inverse.trial import Trial, trial_of
+from strainsight.experiment.bench.inverse.trial import BenchTrial, trial_of
 from strainsight.experiment.bench.inverse.truth import Reality, measurements, reality_of, walked
 from strainsight.experiment.bench.sensors import channel_labels, misread
-from strainsight.experiment.hold_out import Left, held_out, left_out
+from strainsight.experiment.hold_out import LeftOut, held_out, left_out
 from strainsight.experiment.resources import Resources
 from strainsight.multibody.coupled import coupled_modes, followed, missed
 from strainsight.multibody.inverse.linear import indistinct
@@ -48,9 +48,9 @@ class FilteredBench:
     R of one sample; S what installation of the others leaves x̂ off by, D x̂ + o what its own does to the reading (`considered`).
     """
 
-    trial: Trial
+    trial: BenchTrial
     y: np.ndarray
-    trial_with: Callable[[np.ndarray], Trial]
+    trial_with: Callable[[np.ndarray], BenchTrial]
     mean: np.ndarray
 
     @property
@@ -102,7 +102,7 @@ TURN = 0.1
 """[rad] that a body may turn in a step which is linearised half-way."""
 
 
-def undistinguished(trial: Trial, mean: np.ndarray) -> Iterator[str]:
+def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
     """Combinations of unknowns that no sensor separates at any of a few instants of the first run, mean (T + 1, size); raises
     ConfigError, where the config does not allow for them."""
     model, estimate = replace(trial.model, R=np.where(trial.given, trial.model.R, np.inf)), trial.problem.estimate
@@ -127,7 +127,7 @@ def undistinguished(trial: Trial, mean: np.ndarray) -> Iterator[str]:
     yield f"the sensors cannot tell {words}: what is given of each rests on its first σ alone"
 
 
-def unfollowed(trial: Trial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
+def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
     """Loads that the step does not follow, and bodies that turn too far in it, mean, std (T + 1, size) of the first run; raises
     ConfigError, where the config does not allow for them.
 
@@ -146,7 +146,7 @@ def unfollowed(trial: Trial, reality: Reality, mean: np.ndarray, std: np.ndarray
     yield from (f"{text}: σ does not allow for that" for text in doubts)
 
 
-def _missed(trial: Trial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
+def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
     estimate, model, bench = trial.problem.estimate, trial.model, trial.problem.bench
     if estimate.measured is None and estimate.truth.model not in ("fine", "other"):
         return
@@ -173,7 +173,7 @@ def _missed(trial: Trial, reality: Reality, mean: np.ndarray, std: np.ndarray) -
             )
 
 
-def _turning(trial: Trial, mean: np.ndarray) -> Iterator[str]:
+def _turning(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
     """‖Ṙ‖/√2 is the angular velocity of a body."""
     bench, v = trial.problem.bench, mean[:, trial.model.v]
     for name in bench.poses:
@@ -184,7 +184,7 @@ def _turning(trial: Trial, mean: np.ndarray) -> Iterator[str]:
 
 
 @dataclass(frozen=True)
-class Estimated:
+class BenchEstimation:
     """What a filter made of a reality.
 
     measured (T, B, m); filtered; reading (T + 1, seeds, all channels) of every sensor at the
@@ -192,17 +192,17 @@ class Estimated:
     channel by the others, where that was asked for; notes: doubts. Sentences.
     """
 
-    trial: Trial
+    trial: BenchTrial
     reality: Reality
     measured: np.ndarray
-    filtered: Filtered
+    filtered: FilteredRuns
     reading: np.ndarray
     rings: dict[str, RingEstimate]
     without: HoldOut | None
     notes: tuple[str, ...]
 
     @property
-    def problem(self) -> Problem:
+    def problem(self) -> BenchProblem:
         return self.trial.problem
 
     @property
@@ -232,7 +232,7 @@ class Estimated:
         return np.repeat(true, self.measured.shape[1] // len(true))
 
     @property
-    def held_out(self) -> tuple[Left, ...]:
+    def held_out(self) -> tuple[LeftOut, ...]:
         """What the others say of every channel, over all seeds; none where that was not asked for."""
         if self.without is None:
             return ()
@@ -240,7 +240,7 @@ class Estimated:
         return left_out(held.predicted, held.std, held.left_in, labels, self.measured[:, :: self.starts])
 
 
-def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None, using: Resources) -> Estimated:
+def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None, using: Resources) -> BenchEstimation:
     """Simulate or take the measurements, run the filter on them; other: the bench of `estimate.measured`; truths: by another
     integrator, where these stand for reality."""
     problem = problem_of(bench, using.files)
@@ -252,7 +252,7 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
         largest = np.nan_to_num(np.abs(read)).max(axis=(0, 1))
         given &= np.isfinite(read).any(axis=(0, 1))
 
-    def trial_with(channels: np.ndarray) -> Trial:
+    def trial_with(channels: np.ndarray) -> BenchTrial:
         return trial_of(problem, largest, first, channels)
 
     trial = trial_with(given)
@@ -277,10 +277,12 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
         (without,) = held_out(FilteredBench(trial, y, trial_with, mean), leaving)
     reading = _expected(trial, filtered.mean)
     rings = rings_estimated(bench, watch)
-    return Estimated(trial, reality, y, filtered, reading, rings, without, (*doubts, *trial.notes, *filtered.notes))
+    return BenchEstimation(
+        trial, reality, y, filtered, reading, rings, without, (*doubts, *trial.notes, *filtered.notes)
+    )
 
 
-def _samples(trial: Trial, reality: Reality) -> np.ndarray:
+def _samples(trial: BenchTrial, reality: Reality) -> np.ndarray:
     """What the filter is given (T, B, m), NaN of channels that it has not."""
     problem, estimate = trial.problem, trial.problem.estimate
     runs, starts, seed = estimate.runs, len(problem.unknowns.starts), problem.config.seed
@@ -295,7 +297,7 @@ def _samples(trial: Trial, reality: Reality) -> np.ndarray:
     return y
 
 
-def _given(problem: Problem) -> np.ndarray:
+def _given(problem: BenchProblem) -> np.ndarray:
     """Which channels (m,) of its sensors the filter has: of those that take a layout the components that are in it."""
     given = np.ones(len(problem.used.zeroed), dtype=bool)
     for name, entry in problem.estimate.sensors.items():
@@ -307,7 +309,7 @@ def _given(problem: Problem) -> np.ndarray:
     return given
 
 
-def _expected(trial: Trial, mean: np.ndarray) -> np.ndarray:
+def _expected(trial: BenchTrial, mean: np.ndarray) -> np.ndarray:
     """What all sensors read by the estimate of the first start of every seed (T + 1, seeds, channels), zeroed ones less their
     zero by the parameters of that instant, those of the filter with their offsets; NaN where the run diverges."""
     problem, model, sensors = trial.problem, trial.model, trial.problem.sensors

@@ -14,7 +14,7 @@ from strainsight.estimation.model import StepModel
 from strainsight.estimation.run import Keep
 from strainsight.estimation.smoother import smooth_first
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
-from strainsight.experiment.bench.inverse.trial import Trial
+from strainsight.experiment.bench.inverse.trial import BenchTrial
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.records.estimated import BANK, EXTENDED, Compared
 
@@ -73,7 +73,7 @@ Progress = Callable[[float], None]
 
 
 @dataclass(frozen=True)
-class Filtered:
+class FilteredRuns:
     """mean, std (T + 1, B, size) of x, behind it the offsets, NaN in diverged runs; joint (T + 1, b, k, k) covariance of loads
     and parameters; nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; compared: the
     parameters of the first run by the bank and by the extended filter; smoothed: loads of the first run, of an extended filter;
@@ -95,11 +95,11 @@ def per_channel(nis: np.ndarray, y: np.ndarray) -> np.ndarray:
 
 
 def by_extended(
-    trial: Trial,
+    trial: BenchTrial,
     y: np.ndarray,
     progress: Progress,
     watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
-) -> Filtered:
+) -> FilteredRuns:
     """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too. watch as of `filter_runs`."""
     keep, notes = keep_for(trial.model, len(y))
     D, o = trial.installed
@@ -128,7 +128,7 @@ def by_extended(
         joint = joint + of_unknowns @ np.swapaxes(of_unknowns, 2, 3)
         # what later samples say does not undo an error that all of them have
         smoothed = None if smoothed is None else replace(smoothed, std=np.full_like(smoothed.std, np.nan))
-    return Filtered(found.mean, std, joint, per_channel(found.nis, y), found.lost, smoothed=smoothed, notes=notes)
+    return FilteredRuns(found.mean, std, joint, per_channel(found.nis, y), found.lost, smoothed=smoothed, notes=notes)
 
 
 def considered(run: FilterRun, y: np.ndarray, R: np.ndarray, D: np.ndarray, o: np.ndarray) -> np.ndarray:
@@ -155,7 +155,7 @@ def considered(run: FilterRun, y: np.ndarray, R: np.ndarray, D: np.ndarray, o: n
     return S
 
 
-def predicted(trial: Trial, y: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def predicted(trial: BenchTrial, y: np.ndarray, part: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Readings (T, B, k) of some channels (k,) by all others of y (T, B, m), their σ with the noise of a sample, and which runs
     (B,) diverge."""
     D, o = trial.installed
@@ -176,7 +176,7 @@ def predicted(trial: Trial, y: np.ndarray, part: np.ndarray) -> tuple[np.ndarray
     return found.gauge_mean[:, :, part], np.sqrt(variance), found.lost >= 0
 
 
-def _refuse_large(trial: Trial, y: np.ndarray) -> None:
+def _refuse_large(trial: BenchTrial, y: np.ndarray) -> None:
     """What errors of gauges leave is found from the covariances of all runs."""
     steps, runs, size = len(y), y.shape[1], trial.model.size + len(trial.offsets.at)
     needed = 8.0 * steps * runs * size * (3 * size + y.shape[2] + trial.installed[0].shape[1])
@@ -188,7 +188,7 @@ def _refuse_large(trial: Trial, y: np.ndarray) -> None:
         )
 
 
-def by_bank(trial: Trial, y: np.ndarray, progress: Progress) -> Filtered:
+def by_bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRuns:
     """One run after the other on y (T, B, m), and the extended filter on the first one's samples beside it."""
     runs = y.shape[1]
 
@@ -203,11 +203,11 @@ def by_bank(trial: Trial, y: np.ndarray, progress: Progress) -> Filtered:
         # a mean of states that the joints allow is none itself, by the square of what they differ
         states[:] = trial.offsets.projected(trial.model)(states, k)
     nis, lost = per_channel(nis, y), np.full(runs, -1)
-    return Filtered(mean, std, joint, nis, lost, _compared(trial, y, banks[0]), notes=_notes(banks))
+    return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, banks[0]), notes=_notes(banks))
 
 
 def _filter(
-    trial: Trial,
+    trial: BenchTrial,
     y: np.ndarray,
     model: AugmentedStep | None = None,
     start: tuple[np.ndarray, np.ndarray] | None = None,
@@ -244,7 +244,7 @@ def _of_run(model: AugmentedStep, run: int) -> AugmentedStep:
     return replace(model, offset=model.offset[run : run + 1])
 
 
-def _bank(trial: Trial, run: int, y: np.ndarray, progress: Progress) -> StepBankRun:
+def _bank(trial: BenchTrial, run: int, y: np.ndarray, progress: Progress) -> StepBankRun:
     """On the samples y (T, m) of one run."""
     offsets, size = trial.offsets, trial.model.size
 
@@ -262,7 +262,7 @@ def _bank(trial: Trial, run: int, y: np.ndarray, progress: Progress) -> StepBank
     return filter_constants(bank, y, progress=lambda k: progress(k / len(y)))
 
 
-def _compared(trial: Trial, y: np.ndarray, bank: StepBankRun) -> Compared:
+def _compared(trial: BenchTrial, y: np.ndarray, bank: StepBankRun) -> Compared:
     """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
     unknowns, at, model = trial.problem.unknowns, trial.model.xi, _of_run(trial.model, 0)
     try:

@@ -32,7 +32,7 @@ from strainsight.ordering import first_of_largest
 
 
 @dataclass(frozen=True)
-class Unknowns:
+class BenchUnknowns:
     """inputs (nu,): places of the unknown loads in `system.inputs`, with σ at the start and of their change in a step [N, N m];
     loads: how they move;
     parameters: name in the config → name in the system; free: those of them that are estimated; starts (s, nθ): what the
@@ -101,7 +101,7 @@ def parameter_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]
     return {name: "Pa" if asked(config).parameters[name].bearing is None else "m" for name in names}
 
 
-def unknowns_of(bench: Bench, h: float) -> Unknowns:
+def unknowns_of(bench: Bench, h: float) -> BenchUnknowns:
     """What the config's `estimate` says, h [s] the filter's step: σ a step is σ a second times h where it asks for that."""
     config, system, estimate = bench.config, bench.system, asked(bench.config)
     a_step = h if estimate.increments == "second" else 1.0
@@ -127,7 +127,7 @@ def unknowns_of(bench: Bench, h: float) -> Unknowns:
         )
         for start in starts:
             coordinates.xi(start)
-    return Unknowns(
+    return BenchUnknowns(
         np.array([system.inputs.index(name) for name in estimate.inputs], dtype=int),
         np.array([entry.std for entry in entries]),
         increments_of(config, h),
@@ -189,7 +189,7 @@ InTime = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclass(frozen=True)
-class Problem:
+class BenchProblem:
     """bench; sensors: all of them, used: those of the filter; errors: of its gauges; unknowns; h [s]: the filter's step; loads,
     drives: as stated, in time; known (T + 1, width): all loads as the filter knows them, guesses in the columns of unknown ones;
     heaviest (width,): loads under which a parameter has to be felt; zeroing (width,): those under which gauges were zeroed at
@@ -199,7 +199,7 @@ class Problem:
     sensors: Sensors
     used: Sensors
     errors: tuple[Toleranced, ...]
-    unknowns: Unknowns
+    unknowns: BenchUnknowns
     h: float
     loads: InTime
     drives: InTime
@@ -236,7 +236,7 @@ class Problem:
         return np.concatenate([every[self.sensors.channels[name]] for name in self.used.channels])
 
 
-def problem_of(bench: Bench, files: Mapping[str, Path]) -> Problem:
+def problem_of(bench: Bench, files: Mapping[str, Path]) -> BenchProblem:
     """As `estimate` asks; the bench with its free properties as parameters."""
     config, estimate = bench.config, asked(bench.config)
     sensors = sensors_of(bench)
@@ -252,7 +252,7 @@ def problem_of(bench: Bench, files: Mapping[str, Path]) -> Problem:
     for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
         guess = estimate.inputs[name].guess
         known[:, column] = known[0, column] if guess is None else guess
-    return Problem(bench, sensors, used, errors, unknowns, h, loads, drives, known, heaviest, zeroing)
+    return BenchProblem(bench, sensors, used, errors, unknowns, h, loads, drives, known, heaviest, zeroing)
 
 
 FITS, SETTLED = 20, 1e-9
@@ -261,7 +261,7 @@ HALVINGS = 12
 """How often a step of them is halved that explains less, or that no rest carries."""
 
 
-def zero_of(problem: Problem, sensors: Sensors, theta: np.ndarray) -> np.ndarray:
+def zero_of(problem: BenchProblem, sensors: Sensors, theta: np.ndarray) -> np.ndarray:
     """What zeroed channels read when they were zeroed (channels,), by a bench with these parameters; 0 for the others."""
     if not sensors.zeroed.any():
         return np.zeros(len(sensors.zeroed))
@@ -271,7 +271,7 @@ def zero_of(problem: Problem, sensors: Sensors, theta: np.ndarray) -> np.ndarray
     return np.where(sensors.zeroed, sensors.readings.read(q, v, rest)[0], 0.0)
 
 
-def free_zero(problem: Problem, sensors: Sensors) -> Zero | None:
+def free_zero(problem: BenchProblem, sensors: Sensors) -> Zero | None:
     """The same for every trial value of the parameters; None where none is estimated, none zeroed, or the start no rest."""
     unknowns, bench = problem.unknowns, problem.bench
     if not (sensors.zeroed.any() and unknowns.free and problem.config.simulate.start == "equilibrium"):
@@ -280,7 +280,7 @@ def free_zero(problem: Problem, sensors: Sensors) -> Zero | None:
     return zero_at_rest(bench.system, sensors.readings, sensors.zeroed, q, problem.zeroing, unknowns.coordinates)
 
 
-def loads_at_rest(problem: Problem, guess: np.ndarray, first: np.ndarray, noise: np.ndarray) -> np.ndarray:
+def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, noise: np.ndarray) -> np.ndarray:
     """Loads (nu,) under which the bench at rest reads what was measured first, by damped Gauss-Newton from the guess:
 
     min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
@@ -328,7 +328,7 @@ def loads_at_rest(problem: Problem, guess: np.ndarray, first: np.ndarray, noise:
     return u
 
 
-def moved_at_rest(problem: Problem, under: tuple[np.ndarray, ...]) -> tuple[np.ndarray, NumericalError | None]:
+def moved_at_rest(problem: BenchProblem, under: tuple[np.ndarray, ...]) -> tuple[np.ndarray, NumericalError | None]:
     """What one σ of every unknown, or of its change in a step, moves every reading by at rest (m, nu + p): the most of all
     these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest. With the error
     of loads, the first ones aside, under which no rest was found: they may move more."""

@@ -15,7 +15,7 @@ from strainsight.estimation.model import StepModel
 from strainsight.estimation.reduced import Biased, bordered
 from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.inverse.problem import (
-    Problem,
+    BenchProblem,
     corrects,
     free_zero,
     has_other_poses,
@@ -32,7 +32,7 @@ DRAWN = 4
 
 
 @dataclass(frozen=True)
-class Offsets:
+class ChannelOffsets:
     """at (k,): channels that have an offset; std (k,): σ of it at the start, walk (k,): of its change in a step [unit of
     each]."""
 
@@ -70,14 +70,14 @@ class Offsets:
         return found
 
 
-def offsets_of(problem: Problem) -> Offsets:
+def offsets_of(problem: BenchProblem) -> ChannelOffsets:
     """As `estimate.sensors` states them."""
     std, rate = np.zeros((2, len(problem.used.zeroed)))
     for name, part in problem.used.channels.items():
         entry = problem.estimate.sensors[name]
         std[part], rate[part] = np.asarray(entry.bias, dtype=float), np.asarray(entry.drift, dtype=float)
     at = np.flatnonzero((std > 0) | (rate > 0))
-    return Offsets(at, std[at], rate[at] * np.sqrt(problem.h))
+    return ChannelOffsets(at, std[at], rate[at] * np.sqrt(problem.h))
 
 
 FLOOR = 1e-8
@@ -96,19 +96,19 @@ STILL = 1e-9
 
 
 @dataclass(frozen=True)
-class Trial:
+class BenchTrial:
     """given (m,): channels of the problem's filter that it has; model; start (B, size), covariance (B, size, size): of every run,
     seeds outside and starts inside; guess (width,): loads at the start; noise (m,) σ of the readings; offsets of channels, of
     which model and start know nothing; installed: D, o of `rows_of`; notes: what was done to the config's wishes, in words."""
 
-    problem: Problem
+    problem: BenchProblem
     given: np.ndarray
     model: AugmentedStep
     start: np.ndarray
     covariance: np.ndarray
     guess: np.ndarray
     noise: np.ndarray
-    offsets: Offsets
+    offsets: ChannelOffsets
     installed: tuple[np.ndarray, np.ndarray]
     notes: tuple[str, ...]
 
@@ -126,14 +126,14 @@ class Trial:
             x[i, model.xi] = values
         return x, P
 
-    def of_seeds(self) -> Trial:
+    def of_seeds(self) -> BenchTrial:
         """With the first start of every seed."""
         first = slice(None, None, len(self.problem.unknowns.starts))
         model = replace(self.model, offset=self.model.offset[first])
         return replace(self, model=model, start=self.start[first], covariance=self.covariance[first])
 
 
-def trial_of(problem: Problem, largest: np.ndarray, first: np.ndarray | None, given: np.ndarray) -> Trial:
+def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | None, given: np.ndarray) -> BenchTrial:
     """The filter of `estimate`; largest (m,) reading of every channel without noise; first (m,): what was measured at the start,
     which guesses that the config leaves open have to explain at rest; given (m,): the channels that the filter has.
 
@@ -176,7 +176,7 @@ def trial_of(problem: Problem, largest: np.ndarray, first: np.ndarray | None, gi
         model, zeros = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
     model = replace(model, offset=np.tile(zeros, (runs, 1)), R=noise**2)
     start, covariance = np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1))
-    return Trial(problem, given, model, start, covariance, guess, noise, offsets, installed, notes)
+    return BenchTrial(problem, given, model, start, covariance, guess, noise, offsets, installed, notes)
 
 
 def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
@@ -186,7 +186,7 @@ def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
 
 
 def _start(
-    problem: Problem, model: AugmentedStep, guess: np.ndarray, theta: np.ndarray, std: np.ndarray
+    problem: BenchProblem, model: AugmentedStep, guess: np.ndarray, theta: np.ndarray, std: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """x (size,) and its covariance at the start, of parameters θ (nθ,) known to std (p,)."""
     unknowns = problem.unknowns
@@ -233,7 +233,9 @@ def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigEr
     )
 
 
-def _felt(problem: Problem, given: np.ndarray, moved: np.ndarray, unsolved: NumericalError | None) -> tuple[str, ...]:
+def _felt(
+    problem: BenchProblem, given: np.ndarray, moved: np.ndarray, unsolved: NumericalError | None
+) -> tuple[str, ...]:
     """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise, by
     channels that are given (m,); unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest
     was not found.

@@ -14,8 +14,8 @@ from strainsight.config.estimate import Channel
 from strainsight.errors import ConfigError, NumericalError, blame, did_you_mean
 from strainsight.estimation.update import covariance_factor, square_factor
 from strainsight.experiment.bench.bench import Bench, start_of
-from strainsight.experiment.bench.inverse.problem import Problem
-from strainsight.experiment.bench.inverse.trial import Trial
+from strainsight.experiment.bench.inverse.problem import BenchProblem
+from strainsight.experiment.bench.inverse.trial import BenchTrial
 from strainsight.experiment.bench.loads import load_units, loads_of
 from strainsight.experiment.bench.sensors import MOTION_UNITS, instants_of, read_in_time, unit_of
 from strainsight.experiment.recorded import signals_of
@@ -54,7 +54,7 @@ class Reality:
 
 
 def reality_of(
-    problem: Problem,
+    problem: BenchProblem,
     measured_there: Simulated | None,
     truths: BenchTruths | None,
     files: Mapping[str, Path],
@@ -72,7 +72,7 @@ def reality_of(
     return _simulated(problem, estimate.truth.substeps if estimate.truth.model == "fine" else 1, progress)
 
 
-def _measured(problem: Problem, measured_there: Simulated | None, files: Mapping[str, Path]) -> Reality:
+def _measured(problem: BenchProblem, measured_there: Simulated | None, files: Mapping[str, Path]) -> Reality:
     elsewhere: dict[str, np.ndarray] = {}
     done: tuple[str, ...] = ()
     if isinstance(problem.estimate.measured, FromFile):
@@ -91,7 +91,7 @@ def _measured(problem: Problem, measured_there: Simulated | None, files: Mapping
     return Reality(nowhere, unknown, readings, first=first, elsewhere=elsewhere, done=done)
 
 
-def _simulated(problem: Problem, substeps: int, progress: Callable[[float], None]) -> Reality:
+def _simulated(problem: BenchProblem, substeps: int, progress: Callable[[float], None]) -> Reality:
     """The bench with its own parameters, integrated with h/substeps."""
     bench, h, count = problem.bench, problem.h / substeps, problem.steps * substeps
     fine = h * np.arange(count + 1)
@@ -106,7 +106,7 @@ def _simulated(problem: Problem, substeps: int, progress: Callable[[float], None
     return _as_read(problem, [(found.q[at], found.v[at], u[at])], problem.drives(fine[at])[:, 2].T)
 
 
-def _by_integrator(problem: Problem, truths: BenchTruths) -> Reality:
+def _by_integrator(problem: BenchProblem, truths: BenchTruths) -> Reality:
     """The first histories, one a run where there are several, at 0, h, … of the filter."""
     every = round(problem.h / (truths.time[1] - truths.time[0]))
     rows = slice(0, every * problem.steps + 1, every)
@@ -117,7 +117,7 @@ def _by_integrator(problem: Problem, truths: BenchTruths) -> Reality:
 
 
 def _as_read(
-    problem: Problem, motions: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], second: np.ndarray
+    problem: BenchProblem, motions: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], second: np.ndarray
 ) -> Reality:
     """Motions q, v, u (T + 1, ...) with what all sensors read in them; second (T + 1, nd): p̈ of driven joints."""
     bench, sensors = problem.bench, problem.sensors
@@ -131,7 +131,7 @@ def _as_read(
     return Reality(inputs, np.tile(bench.theta, (len(motions), 1)), read[1:], q)
 
 
-def walked(trial: Trial) -> Reality:
+def walked(trial: BenchTrial) -> Reality:
     """Drawn truths; sensors that the filter has not are not read."""
     problem, runs = trial.problem, trial.problem.estimate.runs
     start, P = trial.start[:runs], trial.covariance[:runs]
@@ -194,7 +194,7 @@ def measurements(readings: np.ndarray, noise: np.ndarray, runs: int, starts: int
 
 
 def from_run(
-    problem: Problem, settings: FromRun, other: Simulated
+    problem: BenchProblem, settings: FromRun, other: Simulated
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
     """What another bench's sensors read and its loads at 0, h, … (T + 1, components) and (T + 1,), by own names: of sensors that
     the filter is not given those that the other bench has of the same kind and size, to be compared with its readings.
@@ -265,7 +265,7 @@ def _there(found: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> n
     return found[name]
 
 
-def from_file(problem: Problem, settings: FromFile, path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
     """Readings at 0, h, … (T + 1, components) of every sensor, NaN where nothing was measured, and what was done to them.
 
     The first sample of the file is the start. Raises ConfigError for a channel of another quantity, a sensor with another number

@@ -10,8 +10,8 @@ import numpy as np
 from strainsight.config.bench.bench import BenchConfig, BenchPlace
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import Bench, bench_of, start_of
-from strainsight.experiment.bench.inverse.problem import Unknowns as BenchUnknowns
 from strainsight.experiment.bench.inverse.problem import (
+    BenchUnknowns,
     asked,
     corrects_in_a_test,
     free_properties,

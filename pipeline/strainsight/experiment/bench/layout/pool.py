@@ -21,7 +21,7 @@ from strainsight.config.bench.bench import (
 )
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import Bench
-from strainsight.experiment.bench.inverse.problem import Unknowns, asked
+from strainsight.experiment.bench.inverse.problem import BenchUnknowns, asked
 from strainsight.experiment.bench.layout.strained import Known
 from strainsight.experiment.bench.loads import loads_of
 from strainsight.experiment.bench.sensors import motion_sensor, std_of
@@ -223,7 +223,7 @@ def _candidates(config: BenchConfig, bench: Bench, names: Sequence[str], q: np.n
 
 
 def known_of(
-    config: BenchConfig, unknowns: Unknowns, bench: Bench, loads: Sequence[str], h: float, time: np.ndarray
+    config: BenchConfig, unknowns: BenchUnknowns, bench: Bench, loads: Sequence[str], h: float, time: np.ndarray
 ) -> tuple[Known | None, np.ndarray]:
     """What parameters add to a placement, None without any; and σ (unknowns,) of the change in a step h [s] that gauges are
     ranked with, loads in the order given before ξ: as stated, of a constant one as much as leads to σ of its guess over the run.
