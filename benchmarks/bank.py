@@ -17,8 +17,8 @@ from benchmarks.filter import E0, HEIGHT, LENGTH, MODES, WIDTH, cantilever
 
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import Nuisances
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import draw_truth
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import Unknowns
 from strainsight.runner.where import Where, opened

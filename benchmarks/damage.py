@@ -22,17 +22,15 @@ from strainsight import api
 from strainsight.config.estimate import DamageSettings
 from strainsight.damage.sums import interval_of
 from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances
-from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.error_paths import bank_paths
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.reduced import Settled, draw_truth
 from strainsight.experiment.structure.damage import Places, asked_places, damage_at, theta_at
 from strainsight.experiment.structure.damage_drawn import may_walk_otherwise, walking, walks
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, tolerated
 from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance, problem_of, sample_std
-from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.start import loading_of
 from strainsight.experiment.structure.surface import Displaced, skin_of
 from strainsight.experiment.structure.tolerated_loads import field_beyond

@@ -21,9 +21,9 @@ import numpy as np
 
 from strainsight import api
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
 

@@ -16,8 +16,7 @@ from pathlib import Path
 
 from strainsight.config.load import load_config
 from strainsight.config.suite import SuiteConfig
-from strainsight.pages.suite.data import Statement, unexplained
-from strainsight.pages.suite.statements import measured, target
+from strainsight.pages.suite.data import Statement, measured, target, unexplained
 from strainsight.records.record import read
 from strainsight.records.suite import SuiteNumbers
 from strainsight.runner.artefact import Artefact

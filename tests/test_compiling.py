@@ -63,6 +63,7 @@ print(len(functions), sorted(f.py_func.__name__ for f in functions if len(f.sign
 """
 
 
+@pytest.mark.slow
 def test_two_processes_compile_a_function_once(tmp_path):
     (tmp_path / "summed.py").write_text(MODULE)
     env = os.environ | {"NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(tmp_path)}

@@ -34,9 +34,8 @@ from strainsight_cli.options import (
     Set,
     Verbose,
 )
-from strainsight_cli.printing import say
+from strainsight_cli.printing import missing, prepare_streams, say, unwritten
 from strainsight_cli.status import show_plan
-from strainsight_cli.surroundings import missing, prepare_streams, unwritten
 from strainsight_cli.view import figures, view
 from strainsight_cli.work import Work, bring_up_to_date, exit_code, refuse_warned, show_results
 

@@ -146,7 +146,7 @@ def bring_up_to_date(
 
 def _forecast(work: Work, forced: Collection[str], first: Artefact) -> str:
     from strainsight.runner.plan import WILL_RUN, plan
-    from strainsight_cli.forecast import forecast
+    from strainsight_cli.status import forecast
 
     pending = [status.stage for status in plan(work.stages, work.job, forced) if status.status == WILL_RUN]
     return forecast(work, pending, first) if first.header.stage == "import" else ""

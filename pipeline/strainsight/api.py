@@ -190,7 +190,7 @@ def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gaug
     `.refined` and `.spread` are changes over the RMS reading in training, when the mesh around a gauge is refined and when forces
     on nodes there are spread; `.hot` which are beyond `.share`. None where the model is not that of a mesh.
     """
-    from strainsight.experiment.structure.hot_spots import tested_hot_spots
+    from strainsight.experiment.structure.clearance import tested_hot_spots
 
     return tested_hot_spots(case.config, mesh, reduced, training, np.asarray(gauges, dtype=int))
 

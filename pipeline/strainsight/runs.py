@@ -11,8 +11,15 @@ import numpy as np
 from strainsight.errors import UserError
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf, unstructured_grid
-from strainsight.records.bench import BearingsAlone, ReducedBodies, ReducedBody, Simulated, SurfaceInTime
-from strainsight.records.bench_estimated import BenchEstimated, BenchPlaced
+from strainsight.records.bench import (
+    BearingsAlone,
+    BenchEstimated,
+    BenchPlaced,
+    ReducedBodies,
+    ReducedBody,
+    Simulated,
+    SurfaceInTime,
+)
 from strainsight.records.estimated import CampaignRecord, Estimated, campaign_in, estimated_in
 from strainsight.records.mesh import Meshes, mesh_from
 from strainsight.records.placed import Observed, Placed

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.experiment.structure.modes_compared import modes_of_file
-from strainsight.foreign.results.printed import printed_modes
+from strainsight.foreign.results.response import printed_modes
 from strainsight_cli.main import app
 
 from ..edges.beam import TIP, bricks

@@ -8,9 +8,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from strainsight_cli import checks, packages
-from strainsight_cli.checks import FAILS, GOOD, WARNING, Finding
-from strainsight_cli.doctor import show
+from strainsight_cli import doctor
+from strainsight_cli.doctor import FAILS, GOOD, WARNING, Finding, show
 from strainsight_cli.main import app
 
 ROOT = Path(__file__).parents[2]
@@ -33,7 +32,7 @@ def test_this_environment_is_sound_and_everything_was_looked_at(found):
 
 @pytest.mark.slow
 def test_every_package_of_pyproject_is_compared_with_its_range(found):
-    _, asked = packages.asked_for()
+    _, asked = doctor.asked_for()
     assert any(line.startswith("numpy>=") for line in asked)
     names = {line.partition(">=")[0] for line in asked}
     assert names - found.keys() <= {"pypardiso"}
@@ -41,7 +40,7 @@ def test_every_package_of_pyproject_is_compared_with_its_range(found):
 
 def test_versions_out_of_range_and_missing_packages_have_a_remedy():
     elsewhere = "none-on-any-machine>=1; platform_machine == 'abacus'"
-    python, numpy, missing = packages.compared(">=99", ["numpy>=99.0", "no-such-package>=1", elsewhere])
+    python, numpy, missing = doctor.compared(">=99", ["numpy>=99.0", "no-such-package>=1", elsewhere])
     assert (python.verdict, numpy.verdict, missing.verdict) == (FAILS, FAILS, FAILS)
     assert numpy.found.endswith(", >=99.0 is needed")
     assert numpy.remedy == "pip install 'numpy>=99.0'"
@@ -51,7 +50,7 @@ def test_versions_out_of_range_and_missing_packages_have_a_remedy():
 def test_without_pardiso_it_says_what_that_means(tmp_path, monkeypatch):
     (tmp_path / "pypardiso.py").write_text("raise OSError('no libmkl_rt')", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    (solver,) = checks.check_solver()
+    (solver,) = doctor.check_solver()
     assert solver.verdict == WARNING
     assert "SuperLU" in solver.found
     assert "OSError: no libmkl_rt" in solver.found
@@ -61,11 +60,11 @@ def test_without_pardiso_it_says_what_that_means(tmp_path, monkeypatch):
 def test_a_renderer_that_dies_or_draws_nothing_fails(tmp_path, monkeypatch):
     (tmp_path / "pyvista.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    (died,) = checks.check_rendering()
+    (died,) = doctor.check_rendering()
     assert (died.verdict, died.found) == (FAILS, "off screen: crashed with SIGSEGV")
     assert "libegl1" in died.remedy
-    monkeypatch.setattr(checks, "tried", lambda name: ({"middle": [0, 0, 0], "corner": [0, 0, 0], "seconds": 0.1}, ""))
-    (blank,) = checks.check_rendering()
+    monkeypatch.setattr(doctor, "tried", lambda name: ({"middle": [0, 0, 0], "corner": [0, 0, 0], "seconds": 0.1}, ""))
+    (blank,) = doctor.check_rendering()
     assert blank.found == "off screen: the picture is empty"
 
 
@@ -80,7 +79,7 @@ def test_a_renderer_that_dies_or_draws_nothing_fails(tmp_path, monkeypatch):
     ],
 )
 def test_thread_variables(name, given, verdict):
-    finding = checks.check_threads({name: given}, cores=4 if given != "8" else 2)[1]
+    finding = doctor.check_threads({name: given}, cores=4 if given != "8" else 2)[1]
     assert (finding.subject, finding.verdict) == (name, verdict)
     assert bool(finding.remedy) == (verdict == WARNING)
 
@@ -91,23 +90,23 @@ def test_the_memory_model_is_what_was_measured():
         for line in (ROOT / "docs" / "measured.md").read_text("utf-8").splitlines()
         if "| shell |" in line
     ]
-    assert [(int(n.replace(" ", "")), float(gib.strip(" *"))) for n, gib in rows] == list(checks.PEAKS)
-    for unknowns, peak in checks.PEAKS:
-        assert checks.largest_model(peak) == pytest.approx(unknowns)
-    sizes = [checks.largest_model(gib) for gib in (0.05, 0.15, 0.2, 1.0, 3.0, 10.0, 17.4, 64.0)]
+    assert [(int(n.replace(" ", "")), float(gib.strip(" *"))) for n, gib in rows] == list(doctor.PEAKS)
+    for unknowns, peak in doctor.PEAKS:
+        assert doctor.largest_model(peak) == pytest.approx(unknowns)
+    sizes = [doctor.largest_model(gib) for gib in (0.05, 0.15, 0.2, 1.0, 3.0, 10.0, 17.4, 64.0)]
     assert sizes == sorted(sizes)
 
 
 @pytest.mark.parametrize(("gib", "verdict"), [(0.1, FAILS), (1.0, WARNING), (8.0, GOOD), (float("inf"), WARNING)])
 def test_memory(gib, verdict, monkeypatch):
-    monkeypatch.setattr("strainsight.memory.available_memory", lambda: gib * checks.GIB)
-    assert checks.check_memory()[0].verdict == verdict
+    monkeypatch.setattr("strainsight.memory.available_memory", lambda: gib * doctor.GIB)
+    assert doctor.check_memory()[0].verdict == verdict
 
 
 def test_a_results_folder_that_is_a_file_fails_and_one_that_is_missing_does_not(tmp_path):
     (tmp_path / "file").touch()
-    assert checks.check_disk(tmp_path / "file")[0].verdict == FAILS
-    assert checks.check_disk(tmp_path / "none" / "deeper")[0].verdict != FAILS
+    assert doctor.check_disk(tmp_path / "file")[0].verdict == FAILS
+    assert doctor.check_disk(tmp_path / "none" / "deeper")[0].verdict != FAILS
     assert not (tmp_path / "none").exists()
 
 

@@ -155,7 +155,9 @@ posix = pytest.mark.skipif(os.name != "posix", reason="the shell and the limits 
 
 
 def shell(line, folder, *words):
-    return subprocess.run(["sh", "-c", line, "sh", *COMMAND, *words], cwd=folder, capture_output=True, text=True, timeout=60)
+    return subprocess.run(
+        ["sh", "-c", line, "sh", *COMMAND, *words], cwd=folder, capture_output=True, text=True, timeout=60
+    )
 
 
 @posix
@@ -215,7 +217,7 @@ def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
 
 @posix
 def test_files_do_not_get_the_numbers_of_streams_that_are_closed(tmp_path):
-    code = "from strainsight_cli.surroundings import prepare_streams as p; p(); "
+    code = "from strainsight_cli.printing import prepare_streams as p; p(); "
     code += "open('n', 'w').write(str(open('a', 'w').fileno()))"
     line = f'{sys.executable} -c "{code}" <&- >&- 2>&-'
     assert subprocess.run(["sh", "-c", line], cwd=tmp_path, timeout=60).returncode == 0

@@ -145,7 +145,10 @@ EXAMPLES = {
     },
     "sensors": {
         "strain": "body: hub, layout: place",
-        "relative": PAIR, "motion": "frame: root", "acceleration": "frame: root", "reaction": "joint: pitch",
+        "relative": PAIR,
+        "motion": "frame: root",
+        "acceleration": "frame: root",
+        "reaction": "joint: pitch",
     },
 }
 """Section → kind → the keys of a valid entry on bench-full."""

@@ -48,8 +48,9 @@ def start(monkeypatch):
     return started
 
 
+@pytest.mark.slow
 @needs_slepc
-@pytest.mark.parametrize("processes", [*slowly(1), 2])
+@pytest.mark.parametrize("processes", [1, 2])
 def test_modes_and_responses_are_those_of_the_closed_form(start, processes, tmp_path, monkeypatch):
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     K, M, exact = lattice()
@@ -111,7 +112,9 @@ def test_more_entries_than_indices_of_32_bits_count(start, monkeypatch):
 
 
 @needs_slepc
-@pytest.mark.parametrize("ending", [*slowly(signal.SIGINT, signal.SIGKILL), signal.SIGTERM], ids=lambda number: number.name)
+@pytest.mark.parametrize(
+    "ending", [*slowly(signal.SIGINT, signal.SIGKILL), signal.SIGTERM], ids=lambda number: number.name
+)
 def test_a_run_that_is_ended_leaves_no_process_and_no_file(tmp_path, ending):
     script = (
         "import time\n"

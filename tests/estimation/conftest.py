@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import eigh
 
-from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.linear import LinearModels, plain_motion
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import LinearModels, plain_motion
+from strainsight.estimation.reduced import draw_truth
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import InputModel, Unknowns, input_intensity
 from strainsight.rom.model import Damping, ReducedModel

@@ -12,9 +12,9 @@ from strainsight.estimation import bank
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import Nuisances, discrepancy, no_nuisances
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import removed_of
+from strainsight.estimation.reduced import draw_truth
 
 from .chain import (
     NOISE,
@@ -192,7 +192,9 @@ def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
         ends = [[error(np.ones(2), np.exp(s * size * 0.1)) for s in (1, -1)]]
     slope = np.stack([(ahead - back) / (2 * size) for ahead, back in ends], axis=1)
     y, _ = readings(np.ones(2), 1.0)
-    found, plain = (filter_bank(model, np.zeros(4), P, forces(steps), y, own).run.std[:, 0] for own in (nuisances, None))
+    found, plain = (
+        filter_bank(model, np.zeros(4), P, forces(steps), y, own).run.std[:, 0] for own in (nuisances, None)
+    )
     added = np.sum(slope**2, axis=1)
     np.testing.assert_allclose((found**2 - plain**2) / added.max(axis=0), added / added.max(axis=0), atol=2e-4)
 
@@ -228,7 +230,9 @@ def test_constants_that_are_learned_are_states_of_the_filter():
 
 
 def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged():
-    model = make_filter(make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4)
+    model = make_filter(
+        make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4
+    )
     u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)
     mean, P = np.zeros(model.size), prior(model, 0.05)
     _, y = draw_truth(model, mean, P, u, [2])

@@ -14,9 +14,8 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
 from strainsight.estimation.consider_smoother import consider_smoothed
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.reduced import Biased, Driven
+from strainsight.estimation.reduced import Biased, Driven, draw_truth
 from strainsight.estimation.smoother import Wanted, smooth
 from strainsight.fem.affine import AffineOperator
 
@@ -144,7 +143,12 @@ def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
 @pytest.mark.parametrize("learned", [False, *slowly(True)])
 def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
     model = chain(tuple(REFERENCE)[:1])
-    own, mean, first, known = replace(constants(model), learned=learned), believed(model), start_of(6), both_forces()[..., :1]
+    own, mean, first, known = (
+        replace(constants(model), learned=learned),
+        believed(model),
+        start_of(6),
+        both_forces()[..., :1],
+    )
     _, y = draw_truth(model, mean, first, known, [3])
     samples, last = y[:, 0], len(y)
     samples[7, 0], samples[15] = np.nan, np.nan

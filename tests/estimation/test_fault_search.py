@@ -9,10 +9,10 @@ import pytest
 
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import no_nuisances
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.fault_search import diagnosed, examined
 from strainsight.estimation.faults import ANGLES, FORESEEN, Fault, shifted
 from strainsight.estimation.peak import peak_of
+from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.suspect import BROAD, Suspect, explained
 
 from ..shared import slowly

@@ -9,7 +9,6 @@ import pytest
 
 from strainsight.estimation.bank import filter_records
 from strainsight.estimation.bank_filters import bank_record
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.fault_search import examined
 from strainsight.estimation.faults import (
     FORESEEN,
@@ -25,7 +24,7 @@ from strainsight.estimation.faults import (
     undone,
 )
 from strainsight.estimation.load_faults import KnownLoads
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.reduced import Settled, draw_truth
 from strainsight.estimation.suspect import explained
 
 from ..shared import slowly

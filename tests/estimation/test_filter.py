@@ -12,12 +12,11 @@ from scipy.linalg import eigh, solve_continuous_are, solve_discrete_are
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.claim import covariance_recursion
-from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.filter import predict, run_filter, update
-from strainsight.estimation.motion import step
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.filter import run_filter
+from strainsight.estimation.model import step
+from strainsight.estimation.reduced import Driven, draw_truth
 from strainsight.estimation.smoother import smooth
-from strainsight.estimation.update import belief_of, covariance_factor, pivoted_factors
+from strainsight.estimation.update import belief_of, covariance_factor, pivoted_factors, predict, update
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.loads.linearisation import linearise
 

@@ -10,11 +10,10 @@ import pytest
 from strainsight.errors import ConfigError
 from strainsight.estimation import bank_filters
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_filters import noise_alone
 from strainsight.estimation.conditional import _linear_about, no_nuisances
-from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.judge import with_free_loads
-from strainsight.estimation.linear import LinearModels, plain_motion
+from strainsight.estimation.judge import noise_alone, with_free_loads
+from strainsight.estimation.parallel_filters import LinearModels, plain_motion
+from strainsight.estimation.reduced import draw_truth
 from strainsight.loads.input_models import (
     WALK,
     IntegratedRandomWalk,
@@ -144,7 +143,9 @@ def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
         slope = (reading(a + one) - reading(a - one))[0] / 2
         np.testing.assert_allclose(at.D[k] @ x + at.E[k] @ end + at.offset[k], slope, atol=1e-12)
     for k, one in enumerate(np.eye(d)[:e]):
-        np.testing.assert_allclose(at.A_nu[:, k] @ x + at.G_nu[:, k] @ w, (step(a + one) - step(a - one)) / 2, atol=1e-12)
+        np.testing.assert_allclose(
+            at.A_nu[:, k] @ x + at.G_nu[:, k] @ w, (step(a + one) - step(a - one)) / 2, atol=1e-12
+        )
 
 
 LOADS = [

@@ -13,13 +13,13 @@ from scipy.stats import norm
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation import consistency
 from strainsight.estimation.consistency import input_error, load_scale, scale_noise, settling_time, tune
-from strainsight.estimation.draws import covariance_factor, draw_truth
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.lattice import lattice_about
 from strainsight.estimation.mixture import marginal, peaks_of
 from strainsight.estimation.model import input_hold, inputs_of, loads_of, physical, process_covariance
+from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.smoother import smooth
-from strainsight.estimation.update import predict
+from strainsight.estimation.update import covariance_factor, predict
 from strainsight.loads.input_models import (
     IntegratedRandomWalk,
     Matern,

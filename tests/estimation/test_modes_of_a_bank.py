@@ -14,7 +14,7 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.columns import Columns, weakest
 from strainsight.estimation.conditional import linear_models, no_nuisances, tuned
-from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.reduced import draw_truth
 from strainsight.fem.affine import AffineOperator
 from strainsight.sensors.candidates import ACCELERATION
 
@@ -82,7 +82,9 @@ def case(request):
         w = np.exp(density - density.max())
         w /= w.sum()
         own = w @ point
-    nuisances = replace(no_nuisances(model), **({"damping": DAMPING} if kind == "damping" else {"frequency": FREQUENCY}))
+    nuisances = replace(
+        no_nuisances(model), **({"damping": DAMPING} if kind == "damping" else {"frequency": FREQUENCY})
+    )
     return kind, model, P, nuisances, y, w, point, motion
 
 

@@ -12,7 +12,7 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.motion import constant_acceleration, constant_step, measure, step, surface_reading
+from strainsight.estimation.model import constant_acceleration, constant_step, measure, step, surface_reading
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton

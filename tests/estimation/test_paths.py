@@ -10,13 +10,11 @@ from scipy.linalg import block_diag
 
 from strainsight.damage.sums import Curve, damage_of, interval_of
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import no_nuisances
-from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.error_paths import bank_paths, smoother_errors
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.reduced import driven_with_offsets
-from strainsight.estimation.smoother import smooth
+from strainsight.estimation.reduced import draw_truth, driven_with_offsets
+from strainsight.estimation.smoother import smooth, smoother_errors
 
 from ..shared import slowly
 from .chain import forces, loaded_chain, states

@@ -92,7 +92,9 @@ def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise)
     assert peak.evidence == pytest.approx(integral, abs=0.1)
 
 
-@pytest.mark.parametrize(("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), *slowly((0.35, -0.3, 1e-3)), (0.7, 0.5, 2e-2)])
+@pytest.mark.parametrize(
+    ("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), *slowly((0.35, -0.3, 1e-3)), (0.7, 0.5, 2e-2)]
+)
 def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, truth, noise):
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     density = log_density(lambda p: settled_readings(p, phase, 40), y, noise)
@@ -272,7 +274,9 @@ def test_what_is_expected_is_what_the_bank_claims_on_exact_readings():
     x = long_run(REFERENCE)
     both = np.concatenate([known, 0 * known], axis=2)
     claim = bank_claim(model, x, both, settled_prior(model, 1.0), nuisances, SETTLED)
-    bank = filter_bank(model, np.zeros(5), settled_prior(model, 1.0), known, x[1:, :2] @ ROWS.T, nuisances, settled=SETTLED)
+    bank = filter_bank(
+        model, np.zeros(5), settled_prior(model, 1.0), known, x[1:, :2] @ ROWS.T, nuisances, settled=SETTLED
+    )
     np.testing.assert_allclose(claim.std[-1, 0], bank.run.std[-1, 0], rtol=0.02)
     unknown = bank_claim(model, x, both, settled_prior(model, 1.0), nuisances)
     assert claim.std[5, 0, 4] < 0.9 * unknown.std[5, 0, 4]

@@ -7,14 +7,14 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.estimation import record_check, stretches
+from strainsight.estimation import record_check
+from strainsight.estimation import suspect as suspects
 from strainsight.estimation.conditional import known_ends, no_nuisances
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.faults import misfits
 from strainsight.estimation.load_faults import residual_pattern
 from strainsight.estimation.record_check import SPIKE, check_record, spikes_of
-from strainsight.estimation.reduced import Settled
-from strainsight.estimation.stretches import at_rest, loudest_stretches, moving_part_of, part_of, with_intensity
+from strainsight.estimation.reduced import Settled, draw_truth
+from strainsight.estimation.suspect import at_rest, loudest_stretches, moving_part_of, part_of, with_intensity
 
 from ..shared import slowly
 from .chain import NOISE, H, forces, loaded_chain, start
@@ -36,7 +36,7 @@ def record():
 
 @pytest.fixture(autouse=True)
 def short_stretches(monkeypatch):
-    monkeypatch.setattr(stretches, "LONGEST", SHORT)
+    monkeypatch.setattr(suspects, "LONGEST", SHORT)
     monkeypatch.setattr(record_check, "LONGEST", SHORT)
 
 

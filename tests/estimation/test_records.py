@@ -11,10 +11,9 @@ from scipy.linalg import block_diag
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import FOLLOWED, filter_bank, filter_records
 from strainsight.estimation.bank_filters import bank_record
-from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances, each_its_own, no_nuisances
-from strainsight.estimation.draws import draw_truth
-from strainsight.estimation.error_paths import bank_paths
+from strainsight.estimation.reduced import draw_truth
 
 from .chain import NOISE, ROWS, STEPS, H, chain, driven_chain, driven_start, forces, loaded_chain, start, states
 
@@ -147,9 +146,7 @@ def test_one_record_smooths_by_what_the_other_says_of_constants(measured):
 
 def test_motion_as_it_is_read_knows_nothing_of_other_records(measured):
     model, P, own = loaded_chain(), start()[:5, :5], nuisances(learned=False)
-    alone = Nuisances(
-        ("gain", "offset", "offset"), np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), np.vstack([SHARED, OWN])
-    )
+    alone = Nuisances(("gain", "offset", "offset"), np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), np.vstack([SHARED, OWN]))
     for r, bank in enumerate(campaign(model, P, measured, own)):
         by_itself = filter_bank(model, np.zeros(5), P, held_of(r), measured[r], alone)
         args = model, np.zeros(5), P, held_of(r), measured[r]

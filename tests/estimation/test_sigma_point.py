@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.draws import draw_truth
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.reduced import Driven, driven_with_offsets
+from strainsight.estimation.reduced import Driven, draw_truth, driven_with_offsets
 from strainsight.estimation.sigma_point import points_of, regression, run_sigma_points
 from strainsight.estimation.smoother import smooth
 
@@ -222,7 +221,9 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel():
         x = run.mean[k, 0] + gain @ (x - predicted)
         S = own + gain @ (S - ahead * np.outer(scale, scale)) @ gain.T
         np.testing.assert_allclose(found.mean[k, 0] / scale, x / scale, atol=1e-5)
-        np.testing.assert_allclose(found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5)
+        np.testing.assert_allclose(
+            found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5
+        )
 
 
 def test_a_filter_whose_runs_all_diverge_says_so():

@@ -16,8 +16,7 @@ from strainsight.estimation.compiled import vectors
 from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.linear import plain_motion
-from strainsight.estimation.parallel_filters import advance, filters_of
+from strainsight.estimation.parallel_filters import advance, filters_of, plain_motion
 from strainsight.estimation.step_bank import StepBank, filter_constants
 from strainsight.runner.where import Where, opened
 
@@ -287,8 +286,12 @@ def test_a_step_of_modes_apart_is_that_of_full_matrices():
     R = np.tile(1e-13 * np.arange(1.0, m + 1), (50, 1))
     found = []
     for each in (apart, full):
-        filters = filters_of(each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.nuisances, n)), consider=True)
-        found.append(advance(each, filters, known.reshape(50, -1), known_ends(known, own), samples, R, np.zeros(m), True))
+        filters = filters_of(
+            each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.nuisances, n)), consider=True
+        )
+        found.append(
+            advance(each, filters, known.reshape(50, -1), known_ends(known, own), samples, R, np.zeros(m), True)
+        )
     for name in ("fit", "expected", "S", "slope"):
         one, other = (getattr(own, name) for own in found)
         np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10 * np.abs(other).max())

@@ -61,7 +61,9 @@ def test_pin_ended_double_cross_fv2(kind, count):
 def straight(kind, count, section, **more):
     """Elements along x over 10 m."""
     nodes, pairs = line(count if kind is Frame else 2 * count, 10.0)
-    return kind(nodes, pairs if kind is Frame else threes(range(len(nodes))), (0.0, 1.0, 0.0), section, E, DENSITY, **more)
+    return kind(
+        nodes, pairs if kind is Frame else threes(range(len(nodes))), (0.0, 1.0, 0.0), section, E, DENSITY, **more
+    )
 
 
 @pytest.mark.parametrize("kind", [Frame, Arch])
@@ -323,7 +325,9 @@ def test_sides_have_the_strain_of_beam_theory(bar, component, force):
         3: 0 * x,
     }[component] / 2e11
     np.testing.assert_allclose(strain[:, 0], along, atol=1e-10 * np.abs(strain).max())
-    np.testing.assert_allclose(strain[:, 1:3], -0.3 * along[:, None].repeat(2, axis=1), atol=1e-10 * np.abs(strain).max())
+    np.testing.assert_allclose(
+        strain[:, 1:3], -0.3 * along[:, None].repeat(2, axis=1), atol=1e-10 * np.abs(strain).max()
+    )
     shear = np.linalg.norm(strain[:, 3:], axis=1)
     J = next(iter(mesh.sections.values())).torsion
     expected = force * np.maximum(np.abs(y), np.abs(out)) / (2e11 / 2.6 * J) if component == 3 else 0 * x

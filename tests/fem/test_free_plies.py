@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 from strainsight.config.loads import Load
 from strainsight.errors import UserError
 from strainsight.experiment.structure.damage import surface_places
-from strainsight.experiment.structure.settings import load_slopes
+from strainsight.experiment.structure.references import load_slopes
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model
 from strainsight.fem.recovery import facet_strain
@@ -99,7 +99,9 @@ def test_factor_multiplies_what_moduli_shape():
         materials={2: replace(STEEL, youngs_modulus=0.8 * STEEL.youngs_modulus)},
     )  # fmt: skip
     assert apart(K.at(theta), thin_operators(other)[0].at({})) < 5e-8
-    np.testing.assert_allclose((0.8 * K.derivative("s", theta) - K.at(theta)).toarray(), 0, atol=1e-9 * abs(K.at(theta)).max())
+    np.testing.assert_allclose(
+        (0.8 * K.derivative("s", theta) - K.at(theta)).toarray(), 0, atol=1e-9 * abs(K.at(theta)).max()
+    )
 
 
 def test_stress_of_the_outer_plies_follows_their_moduli_and_so_does_its_deviation():

@@ -11,7 +11,7 @@ from scipy.sparse.linalg import spsolve
 from strainsight.config.loads import Load
 from strainsight.errors import UserError
 from strainsight.experiment.structure.candidates import rows_along
-from strainsight.experiment.structure.settings import load_slopes
+from strainsight.experiment.structure.references import load_slopes
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes

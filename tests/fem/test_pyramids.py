@@ -12,8 +12,7 @@ from strainsight.fem.assembly import assemble
 from strainsight.fem.element_matrices import element_masses, element_stiffnesses
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
-from strainsight.mesh.kinds.hexahedra import HEX8
-from strainsight.mesh.kinds.pyramids import PYRA5
+from strainsight.mesh.kinds.solids import HEX8, PYRA5
 
 from ..mesh.test_kinds import volume
 

@@ -18,7 +18,7 @@ from strainsight.fem.submodel import refined_submodel, submodel, with_spread_for
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.kinds import ELEMENTS, FACETS
-from strainsight.mesh.kinds.hexahedra import HEX8
+from strainsight.mesh.kinds.solids import HEX8
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.rows import channel_matrix

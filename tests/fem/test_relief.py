@@ -113,9 +113,7 @@ def test_the_stiffness_of_the_springs_and_where_they_stand_do_not_matter(bar):
 
 @pytest.mark.parametrize("kind", ["tet10", "hex8", "wedge15"])
 def test_rigid_motions_are_the_null_space_of_the_stiffness(box, kind):
-    model = build_model(
-        box(kind, (3, 2, 2), distort=0.2), (Parameter("E", "youngs_modulus", (1,), 2.1e11),), free=True
-    )
+    model = build_model(box(kind, (3, 2, 2), distort=0.2), (Parameter("E", "youngs_modulus", (1,), 2.1e11),), free=True)
     K = model.stiffness.at({"E": 2.1e11})
     assert model.rigid.shape == (model.size, 6)
     assert np.linalg.matrix_rank(model.rigid) == 6

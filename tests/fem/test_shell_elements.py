@@ -51,9 +51,7 @@ SHAPES = {
     "warped": np.array([[0.0, 0, 0.1], [1.3, 0.2, -0.2], [1.7, 1.1, 0.15], [0.3, 0.7, -0.1]]),
     "triangle": np.array([[0.1, 0, 0.4], [1.3, 0.2, 0], [0.3, 0.9, 0.2]]),
     "sliver": np.array([[0.0, 0, 0], [1.0, 0, 0], [0.9, 0.15, 0]]),
-} | {
-    f"{shape} {kind}": x for kind in SECOND for shape, x in (("flat", bent(kind) * [1, 1, 0]), ("bent", bent(kind)))
-}
+} | {f"{shape} {kind}": x for kind in SECOND for shape, x in (("flat", bent(kind) * [1, 1, 0]), ("bent", bent(kind)))}
 
 
 def general_section(seed: int) -> tuple[np.ndarray, ...]:
@@ -265,7 +263,9 @@ def test_a_patch_holds_constant_strain(kind, state, bow):
     strain, kappa = map(np.array, STATES[state])
     for at in (CENTRE[kind], (0.3, 0.5)):
         for z in (0.0, 5e-4, -5e-4):
-            read = shell_strain_rows(x[cells], np.tile(at, (count, 1)), np.full(count, z), np.zeros(count), np.arange(count))
+            read = shell_strain_rows(
+                x[cells], np.tile(at, (count, 1)), np.full(count, z), np.zeros(count), np.arange(count)
+            )
             found = np.einsum("eij,ej->ei", read, u[rows_of(cells)])
             expected = along(first_sides(x, cells), R) @ (strain + z * kappa)
             np.testing.assert_allclose(found, expected, atol=WITHIN[kind] * np.abs(strain + 5e-4 * kappa).max())
@@ -283,7 +283,9 @@ def test_constant_strain_has_the_energy_of_its_section(kind, offset):
     own = np.linalg.inv(both)
     C = own.swapaxes(1, 2) @ section @ own
     S = np.repeat(1e-3 * np.eye(2)[None], count, axis=0)
-    K = shell_stiffnesses(x[cells], C[:, :3, :3], C[:, :3, 3:], C[:, 3:, 3:], S, np.full(count, offset), np.arange(count))
+    K = shell_stiffnesses(
+        x[cells], C[:, :3, :3], C[:, :3, 3:], C[:, 3:, 3:], S, np.full(count, offset), np.arange(count)
+    )
     for seed in range(3):
         rng = np.random.default_rng(seed)
         strain, kappa = rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3) / 0.3e-3

@@ -106,9 +106,7 @@ def test_several_masses_loads_and_rows_over_several_blocks(J):
     # the shapes are eigenvectors whatever the mass-proportional part
     held, h = random_load(70, 2, J), 2e-3
     rows = np.random.default_rng(2).standard_normal((4, 6))
-    found = transient(
-        model_of(K, M), S, {}, damping, held, h, rows, sparse.csr_array(rows[:2]), highest=600.0
-    )
+    found = transient(model_of(K, M), S, {}, damping, held, h, rows, sparse.csr_array(rows[:2]), highest=600.0)
     true = exact(K, M, dense_damping(K, M, damping), S, held, h)
     np.testing.assert_allclose(found.reading, true[:, 0] @ rows.T, atol=1e-10 * np.abs(true[:, 0]).max())
     np.testing.assert_allclose(found.acceleration, true[:, 2] @ rows[:2].T, atol=1e-9 * np.abs(true[:, 2]).max())
@@ -248,7 +246,9 @@ def test_it_is_the_dense_complex_solution(kind, hertz):
     expected = np.linalg.solve(dense, S @ U)
     z, v = steady_state(sparse.csr_array(K), sparse.csr_array(M), S, damping, np.array([omega]), U[None])
     np.testing.assert_allclose(z, expected.real, rtol=0, atol=1e-9 * np.abs(expected).max())
-    np.testing.assert_allclose(v, (1j * omega * expected).real, rtol=0, atol=1e-9 * max(1, omega) * np.abs(expected).max())
+    np.testing.assert_allclose(
+        v, (1j * omega * expected).real, rtol=0, atol=1e-9 * max(1, omega) * np.abs(expected).max()
+    )
 
 
 @pytest.mark.parametrize("kind", ["modal", *slowly("rayleigh")])
@@ -360,6 +360,8 @@ def test_without_a_stated_frequency_the_first_modes_and_the_loads_are_resolved()
 
     assert highest(2.0) == pytest.approx(f[3], rel=1e-9)
     assert highest(900.0) == pytest.approx(900.0, abs=10)
-    assert module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, np.zeros((5, 1, 1)), h, None) == pytest.approx(f[3])
+    assert module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, np.zeros((5, 1, 1)), h, None) == pytest.approx(
+        f[3]
+    )
     found = transient(model_of(K, M), np.eye(8)[:, :1], {}, NONE, np.zeros((3, 1, 1)), h, np.eye(8), np.eye(8))
     assert found.highest >= 1 / (2.56 * h)

@@ -11,8 +11,7 @@ from strainsight.errors import UserError
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.mass import mass_product
 from strainsight.fem.model import nodal
-from strainsight.foreign.given_motion import given_motion
-from strainsight.foreign.of_results import Results, check_rows, results_model
+from strainsight.foreign.of_results import Results, check_rows, given_motion, results_model
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 from strainsight.mesh.model import Material
 from strainsight.mesh.thin import ShellSection

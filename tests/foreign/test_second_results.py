@@ -14,8 +14,7 @@ from strainsight.fem.affine import Parameter
 from strainsight.fem.loads import PointLoad, input_shape
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes
-from strainsight.foreign.given_motion import given_motion
-from strainsight.foreign.of_results import Results
+from strainsight.foreign.of_results import Results, given_motion
 from strainsight.foreign.second_results import Change, model_of_two
 from strainsight.mesh.model import Region
 

@@ -38,8 +38,7 @@ def read_deck(path: Path, choice: int, sandboxed: bool = True) -> None:
         read_numbering(path)
     else:
         from strainsight.config.mesh import Material, MeshFile
-        from strainsight.decks.other.load import load
-        from strainsight.decks.other.sandbox import load_sandboxed
+        from strainsight.decks.other.load import load, load_sandboxed
         from strainsight.experiment.structure.mesh import checked, mesh_of
 
         if path.suffix == ".h5":

@@ -63,5 +63,3 @@ def test_no_damaged_file_is_an_internal_error_of_the_command_line(seeds, tmp_pat
 
 def test_altered_models_are_taken_or_refused(tmp_path):
     assert structured.faults(2, 0, 2, tmp_path) == {}
-
-

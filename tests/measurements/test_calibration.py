@@ -9,8 +9,7 @@ from strainsight.errors import UserError
 from strainsight.measurements.calibration import Bridge, ChannelSettings, calibrate
 from strainsight.measurements.clock import Clock, to_step, uniform_clock
 from strainsight.measurements.csv_layout import TextFormat
-from strainsight.measurements.records import Recording
-from strainsight.measurements.units import known_unit
+from strainsight.measurements.records import Recording, known_unit
 
 from ..refusals import expect_refusal
 
@@ -29,7 +28,10 @@ def calibrated(values, settings, unit=None):
     ("units", "si"),
     [
         (("strain", "Strain", "in/in", "mm/mm", "MM/MM", "inch/inch", "ε", "ɛ"), 1.0),
-        (("um/m", "µm/m", "μm/m", "[um/m]", "ppm", "uin/in", "µin/in", "ue", "µstrain", "uStrain", "MicroStrain"), 1e-6),
+        (
+            ("um/m", "µm/m", "μm/m", "[um/m]", "ppm", "uin/in", "µin/in", "ue", "µstrain", "uStrain", "MicroStrain"),
+            1e-6,
+        ),
         (("µɛ", "µε", "USTRAIN"), 1e-6),
         (("mm/m", "µm/mm", "‰", "millistrain"), 1e-3),
         (("%",), 0.01),

@@ -205,5 +205,3 @@ def test_a_delimiter_at_the_end_of_every_line(tmp_path):
     path = written(tmp_path / "b.csv", ["Time,G1,F", *(f"{row}," for row in rows(",", "."))])
     with pytest.raises(UserError, match="4 cells where the names are 3"):
         read(path)
-
-

@@ -98,7 +98,6 @@ def test_spring_hangs_by_its_stiffness():
     np.testing.assert_allclose(found[:3], [0, 1.0 - 0.9 - 2.0 * 9.81 / 900.0, 0], atol=1e-9)
 
 
-
 def test_slow_and_fast_motions_of_one_bench_are_both_found_and_rounding_is_none():
     """1 kg on 1 mN/m beside 1 kg on 100 MN/m: six decades apart; a pendulum held level has no stiffness at all."""
     ground = Frame("ground", None)

@@ -184,7 +184,9 @@ def test_everything_of_a_mesh_comes_back(tmp_path):
     datasets = written(MeshColumns.of(mesh), at=Place(below))
     output = Output(datasets, {}, "toy")
     found = mesh_from(write_artefact(tmp_path / "import.h5", output, Header("import", 1, "key", {}, {}, {})), below)
-    assert len(mesh.rigid) == len(mesh.averaging) == len(mesh.point_masses) - 1 == len(mesh.loads) == len(mesh.axes) == 1
+    assert (
+        len(mesh.rigid) == len(mesh.averaging) == len(mesh.point_masses) - 1 == len(mesh.loads) == len(mesh.axes) == 1
+    )
     assert [len(own.value) for own in mesh.relations] == [3, 1]
     assert len(mesh.shells) == len(mesh.beams) == 2
     assert len(mesh.sections) == 7

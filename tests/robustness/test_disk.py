@@ -68,6 +68,7 @@ def ran(words: list[str], **more) -> subprocess.CompletedProcess[str]:
     return subprocess.run(words, capture_output=True, text=True, check=False, **more)
 
 
+@pytest.mark.slow
 def test_a_full_disk_is_reported_and_what_was_there_stays(mounts, project, placed, tmp_path):
     (tmp_path / "results" / "beam").mkdir(parents=True)
     for name in ("import.h5", "import.vtkhdf"):
@@ -133,7 +134,14 @@ def hostile(project, tmp_path) -> Path:
     """The project, with a module of the name of every one that could be imported, and with settings for all libraries."""
     folder = tmp_path / "folder"
     shutil.copytree(project, folder)
-    names = {*sys.stdlib_module_names, *packages_distributions(), "sitecustomize", "usercustomize", "strainsight", "marker"}
+    names = {
+        *sys.stdlib_module_names,
+        *packages_distributions(),
+        "sitecustomize",
+        "usercustomize",
+        "strainsight",
+        "marker",
+    }
     for name in filter(str.isidentifier, names):
         (folder / f"{name}.py").write_text(f"open({str(tmp_path / 'loaded')!r}, 'a').write({name!r} + '\\n')\n")
     for name, text in SETTINGS.items():

@@ -308,9 +308,7 @@ def test_factors_damp_every_mode_by_its_own_and_the_slope_is_that_of_differences
     stiffness = AffineOperator(positive(rng, 5), {"E": positive(rng, 5)})
     factors = rng.uniform(0.3, 3.0, 5)
     for damping in (MODAL, RAYLEIGH):
-        model = ReducedModel(
-            mass, stiffness, np.ones((5, 1)), ("F",), {"E": 1.0}, damping.scaled(factors.tolist())
-        )
+        model = ReducedModel(mass, stiffness, np.ones((5, 1)), ("F",), {"E": 1.0}, damping.scaled(factors.tolist()))
         lam, Phi = eigh(stiffness.at({"E": 1.3}), mass.constant)
         alone = 2 * MODAL.ratio * np.sqrt(lam) if damping is MODAL else RAYLEIGH.alpha + RAYLEIGH.beta * lam
         C = damping_matrix(model, {"E": 1.3})

@@ -24,7 +24,7 @@ AGREES, ROUNDING = 1e-5, 1e-10
 
 
 def numbers_of(folder: Path) -> dict[str, dict[str, Any]]:
-    """"run/stage" → version, and dataset → its `size`; of names, whole numbers and flags too where they are numbers."""
+    """ "run/stage" → version, and dataset → its `size`; of names, whole numbers and flags too where they are numbers."""
     found: dict[str, dict[str, Any]] = {}
     for name, (base, until) in RUNS.items():
         for stage, artefact in finished(folder / name, until, bricks((5, 2, 2), "hex8"), base=base).items():

@@ -17,7 +17,7 @@ from strainsight.errors import ArtefactError
 from strainsight.records.artefacts import BENCH, PLACEMENT
 from strainsight.records.record import read
 from strainsight.runner import artefact as artefacts
-from strainsight.runner import code
+from strainsight.runner import plan as plan_module
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Dataset, Output
 from strainsight.runner.plan import OTHER_CODE, UP_TO_DATE, Job, plan
@@ -41,7 +41,7 @@ def stage(version=1):
 
 
 def test_a_stage_reaches_what_python_finds_by_parsing_its_imports():
-    found = code.closure(MODES.run.__module__)
+    found = plan_module.closure(MODES.run.__module__)
     assert {"strainsight.stages.modes", "strainsight.fem.modes", "strainsight.mesh.model"} <= found
     assert "strainsight.estimation.bank" not in found
     for name in sorted(found)[::5]:
@@ -55,22 +55,22 @@ def test_a_stage_reaches_what_python_finds_by_parsing_its_imports():
 
 
 def test_another_source_of_a_module_within_makes_another_code_and_one_beside_does_not(monkeypatch):
-    before, source = code.code_of(MODES.run), code._source
+    before, source = plan_module.code_of(MODES.run), plan_module._source
     for module, same in (("strainsight.fem.modes", False), ("strainsight.estimation.bank", True)):
         monkeypatch.setattr(
-            code,
+            plan_module,
             "_digest",
-            lambda name, other=module: code.hashlib.sha256(source(name) + b"#" * (name == other)).digest(),
+            lambda name, other=module: plan_module.hashlib.sha256(source(name) + b"#" * (name == other)).digest(),
         )
-        assert (code.code_of(MODES.run) == before) is same
+        assert (plan_module.code_of(MODES.run) == before) is same
 
 
 def test_what_is_loaded_by_name_and_what_a_page_is_drawn_with_are_code():
-    estimate, report = (code.closure(f"strainsight.stages.{name}") for name in ("estimate", "report"))
+    estimate, report = (plan_module.closure(f"strainsight.stages.{name}") for name in ("estimate", "report"))
     assert {f"strainsight.measurements.{name}" for name in ("mdf", "tdms", "mat", "hdf5_file")} <= estimate
     parts = {path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*") if path.suffix in (".css", ".js")}
     assert len(parts) >= 6
-    benches = code.closure("strainsight.stages.bench.report")
+    benches = plan_module.closure("strainsight.stages.bench.report")
     assert parts <= report | benches
     assert {part for part in parts if part.startswith(("page/", "space/"))} <= report
 
@@ -81,7 +81,7 @@ def test_what_other_code_of_the_same_version_made_is_up_to_date_and_reported_so(
     (status,) = plan([stage()], job)
     assert (status.status, status.reasons) == (UP_TO_DATE, ())
     own = Artefact(job.folder / "toy.h5")
-    assert own.header.code == code.code_of(stage().run)
+    assert own.header.code == plan_module.code_of(stage().run)
     monkeypatch.setattr("strainsight.runner.plan.code_of", lambda run: "another")
     (status,) = plan([stage()], job)
     assert (status.status, status.reasons) == (UP_TO_DATE, (OTHER_CODE,))
@@ -138,7 +138,9 @@ def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
     }
     moved = {stage: paths for stage, paths in moved.items() if paths}
     first = next(iter(moved), "")
-    assert not moved, f"{first} has other numbers ({moved[first][:6]}) and its version: raise it, then renew numbers.json"
+    assert not moved, (
+        f"{first} has other numbers ({moved[first][:6]}) and its version: raise it, then renew numbers.json"
+    )
 
 
 RELEASED = sorted(path.name.removesuffix(".tar.xz") for path in released_KEPT.glob("*.tar.xz"))
@@ -206,7 +208,9 @@ def test_every_record_of_the_same_stage_version_is_whole_and_of_another_says_so(
 def test_another_format_is_refused_by_both_numbers_and_computed_anew(folder, monkeypatch):
     monkeypatch.setattr(artefacts, "FORMAT_VERSION", 99)
     job = job_of(folder / "structure.yaml", folder / "results")
-    with pytest.raises(ArtefactError, match=r"format version \d+, by strainsight [\d.]+; this one reads version 99") as caught:
+    with pytest.raises(
+        ArtefactError, match=r"format version \d+, by strainsight [\d.]+; this one reads version 99"
+    ) as caught:
         Artefact(job.folder / "rom.h5")
     assert "--force" in caught.value.remedy
     first = plan(stages_of(job), job)[0]

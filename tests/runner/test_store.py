@@ -99,7 +99,9 @@ def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
         assert strain.attrs["units"] == "strain"
         assert strain.attrs["description"] == "(time × gauge)"
         assert [strain.dims[axis][0].name for axis in (0, 1)] == ["/time", "/name"]
-        provenance = "format format_version package_version stage created python numpy h5py scipy numba mkl blas processor"
+        provenance = (
+            "format format_version package_version stage created python numpy h5py scipy numba mkl blas processor"
+        )
         assert {*provenance.split(), "commit", "seed"} <= set(file.attrs)
         assert not any(str(tmp_path) in str(value) for value in file.attrs.values())
 
@@ -107,7 +109,9 @@ def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
 def test_a_grid_has_a_file_beside_it_that_vtk_opens(tmp_path):
     grid = unstructured_grid(np.eye(3), (), {"rank": np.arange(3)})
     raw = {f"/VTKHDF/{path}": Dataset(array, "", "") for path, array in grid.datasets.items()}
-    content = Output(raw, {}, "", attributes={f"/VTKHDF/{path}".rstrip("/"): own for path, own in grid.attributes.items()})
+    content = Output(
+        raw, {}, "", attributes={f"/VTKHDF/{path}".rstrip("/"): own for path, own in grid.attributes.items()}
+    )
     write_artefact(tmp_path / "old" / "place.h5", content, HEADER)
     (tmp_path / "old").rename(tmp_path / "moved")
     read = pyvista.read(tmp_path / "moved" / "place.vtkhdf")
@@ -268,7 +272,17 @@ def repeated_text(file, other):
 @pytest.mark.parametrize(
     "attack",
     [
-        outside, external_storage, virtual, huge, ring, compressed, ladder, loop, nested, crowd, repeated_text,
+        outside,
+        external_storage,
+        virtual,
+        huge,
+        ring,
+        compressed,
+        ladder,
+        loop,
+        nested,
+        crowd,
+        repeated_text,
     ],
 )
 def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused(tmp_path, monkeypatch, attack):

@@ -26,6 +26,7 @@ def run(text: str, *changes: str) -> Ended:
     return ended("run", text, *changes)
 
 
+@pytest.mark.slow
 def test_cases_and_curves_are_of_the_bearings_they_name():
     end = run(TWO)
     found = end.artefact("bearing")
@@ -47,6 +48,7 @@ def test_a_load_that_the_bearing_cannot_carry_is_the_users_to_correct(force):
     assert "'second'" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_pressure_beyond_what_a_raceway_bears_is_warned_of():
     done = run(TWO, "bearings.second.pressure_limit=1.0e+9", "cases.own.force=[1.0e+5, 0, 0]", "curves=[]")
     assert done.code == 0

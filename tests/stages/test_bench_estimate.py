@@ -66,11 +66,18 @@ def test_every_number_of_a_summary_is_listed(estimate, bench):
     for config, *changes in (
         (DIAMETER, "estimate.duration=0.3", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8"),
         (DIAMETER, "estimate.duration=0.3", BANK),
-        (SMALL, "estimate.duration=0.1", measured, "estimate.hold_out=each", *(f"estimate.inputs.F{k}.guess=0" for k in "xyz")),
+        (
+            SMALL,
+            "estimate.duration=0.1",
+            measured,
+            "estimate.hold_out=each",
+            *(f"estimate.inputs.F{k}.guess=0" for k in "xyz"),
+        ),
     ):
         assert_summary_is_listed(estimate(config, *changes), "estimate.h5 of a bench")
 
 
+@pytest.mark.slow
 def test_the_page_of_a_bench_shows_its_estimate_and_its_balls(estimate):
     changes = ("estimate.duration=0.3", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8")
     upstream = {stage: estimate(DIAMETER, *changes, stage=stage) for stage in ("simulate", "estimate")}

@@ -10,15 +10,19 @@ import pytest
 
 from strainsight.errors import ConfigError
 from strainsight.pages.bench.data import BenchEstimate, BenchRun
-from strainsight.stages.pages import suite
-from strainsight.stages.pages.suite import statements_of
+from strainsight.stages import suite
+from strainsight.stages.suite import statements_of
 
 CLAIM = {
     "key": "claims.0", "stage": "estimate", "times": 1.0, "against": None, "against_number": None, "above": None, "below": None,
     "equals": None, "unit": "",
 }  # fmt: skip
 RUNS = [
-    BenchRun("h0", "h0", numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-3, "same.d": True}, "simulate": {"off": 2e-16}}),
+    BenchRun(
+        "h0",
+        "h0",
+        numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-3, "same.d": True}, "simulate": {"off": 2e-16}},
+    ),
     BenchRun("h1", "h1", numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-2, "same.d": True}}),
     BenchRun("lost", "lost", numbers={"estimate": {"lost": 1}}),
 ]

@@ -11,7 +11,7 @@ from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import linear_models
 from strainsight.experiment.structure.nuisances import nuisances_of
 from strainsight.experiment.structure.problem import filter_model, sample_std
-from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.start import loading_of
 from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.experiment.structure.trial import sample_noise

@@ -19,7 +19,7 @@ from strainsight.errors import ConfigError, UserError
 from strainsight.experiment.layout.gauge_list import deck_frame, gauge_lines
 from strainsight.experiment.layout.workshop import Wiring, Workshop, catman_table, elements_of, labview_table
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges, read_bonded
-from strainsight.experiment.structure.placed import placement_output
+from strainsight.experiment.structure.placement import placement_output
 from strainsight.runner.artefact import Artefact
 from strainsight.sensors.edges import no_edges
 from strainsight_cli.main import app
@@ -255,6 +255,7 @@ def by_pattern(beam):
     return {pattern: placed(beam, {"gauges.bridge": pattern}) for pattern in (None, "half-bending", "full-bending")}
 
 
+@pytest.mark.slow
 def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_helps_where_they_cancel(beam, by_pattern):
     """Noise is that of the amplifier: σ falls as the arms, 2 and 4. By gains of 1 % under a slow load it falls as their root."""
     sigma = [found.expected.std["E"] for found in by_pattern.values()]
@@ -337,7 +338,9 @@ def only_row(table):
     return row
 
 
-@pytest.mark.parametrize(("pattern", "wired", "arms"), [("half-bending", "half, arms 1 and 2", 2), ("full-bending", "full", 4)])
+@pytest.mark.parametrize(
+    ("pattern", "wired", "arms"), [("half-bending", "half, arms 1 and 2", 2), ("full-bending", "full", 4)]
+)
 def test_exports_have_the_wiring_the_slope_and_the_elements_of_a_bridge(by_pattern, pattern, wired, arms):
     """n arms of ±ε give r = n GF ε/4, and ε_B = n ε."""
     listed = by_pattern[pattern].listed

@@ -8,7 +8,7 @@ import rainflow
 
 from strainsight import api
 from strainsight.config.estimate import DamageSettings, SNCurve
-from strainsight.estimation.error_paths import Paths
+from strainsight.estimation.bank_smoother import Paths
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.damage import Asked, Places, Recorded, damage_in_test
 from strainsight.experiment.structure.damage_drawn import DECISIVE, walking, walks
@@ -183,7 +183,9 @@ def records():
 
 def found_of(records):
     settings = DamageSettings(curve=SNCurve(slope=SLOPE, stress=STRESS, cycles=CYCLES), draws=COUNT, repetitions=3.0)
-    place = Places(np.zeros((1, 3)), np.array([1]), AffineOperator(ROWS[None, None], {}), AffineOperator(np.array([MODULUS]), {}))
+    place = Places(
+        np.zeros((1, 3)), np.array([1]), AffineOperator(ROWS[None, None], {}), AffineOperator(np.array([MODULUS]), {})
+    )
     each = [Recorded(loaded_chain(), smoothed, np.arange(2), parts) for smoothed, parts, _ in records]
     return damage_in_test(settings, Asked(None, place), each, lambda share: None)
 

@@ -13,8 +13,7 @@ from strainsight import api
 from strainsight.experiment.layout.gauge_list import deck_frame
 from strainsight.experiment.layout.output import gauge_csv
 from strainsight.experiment.structure.bonded_gauges import read_bonded
-from strainsight.experiment.structure.clearance import HAND, IN_PLACE, OVER_GRID, _steep, notes_at_gauges
-from strainsight.experiment.structure.hot_spots import at_guess
+from strainsight.experiment.structure.clearance import HAND, IN_PLACE, OVER_GRID, _steep, at_guess, notes_at_gauges
 from strainsight.mesh.facets import exterior_facets
 from strainsight.records.placed import AtGauges
 from strainsight.sensors.candidates import candidates
@@ -125,7 +124,9 @@ def test_a_channel_that_reads_nothing_but_rounding_hides_no_other(bar):
     basis = np.hstack([reduced.basis * b, across.reshape(-1, 1)])
     moment = np.outer([*motion, 1.0], [*motion, 1.0])
     facets = exterior_facets(mesh)
-    part = candidates(mesh, facets, (1, 0, 0), (0.0, 90.0), include=[NormalCone((0, 0, 1), 5.0)], rosette=True, length=LENGTH)
+    part = candidates(
+        mesh, facets, (1, 0, 0), (0.0, 90.0), include=[NormalCone((0, 0, 1), 5.0)], rosette=True, length=LENGTH
+    )
     training, skin = SimpleNamespace(moment=moment), skin_of(mesh.position, facets)
     _, over_grid = _steep(mesh, SimpleNamespace(basis=basis), training, part, SIGMA, skin)
     np.testing.assert_allclose(over_grid, LENGTH / (part.position[part.first, 1] + 0.02), rtol=1e-6)
@@ -154,7 +155,9 @@ def test_each_note_has_its_number_and_its_limit():
     for number in ("8.1 % over σ of its place (limit 5 %)", "25 % over its grid (limit 20 %)"):
         assert number in steep_one
     assert tight_one == "check access: 12 mm of room over it (limit 60 mm)"
-    assert sensor == "check access: 60 mm of room over it (limit 60 mm), and the face about (0, 0, 0) m is held by 4 bores"
+    assert (
+        sensor == "check access: 60 mm of room over it (limit 60 mm), and the face about (0, 0, 0) m is held by 4 bores"
+    )
     assert notes_at_gauges(replace(NOTED, room=np.full(4, np.inf)), 4)[2] == ""
 
 

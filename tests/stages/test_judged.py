@@ -12,7 +12,7 @@ from strainsight.config.estimate import Estimate
 from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.decision import claims_of
-from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.reduced import draw_truth
 from strainsight.experiment.structure import filtered_test
 from strainsight.experiment.structure.diagnosed import judgement_of
 from strainsight.experiment.structure.filtered_test import Filtering, filtered_by_verdict
@@ -157,7 +157,9 @@ def test_sigma_is_held_against_repeats_the_draws_of_the_test_and_the_smoothed_er
         ((), ("x",), ("E", "zeta"), "E, zeta rests on", ""),
     ],
 )
-def test_parameters_rest_on_loads_where_none_is_known_or_beside_a_damping_factor(known, inputs, parameters, alone, together):
+def test_parameters_rest_on_loads_where_none_is_known_or_beside_a_damping_factor(
+    known, inputs, parameters, alone, together
+):
     unknowns = SimpleNamespace(inputs=inputs, parameters=parameters)
     model = SimpleNamespace(damping=SimpleNamespace(parameter="zeta"))
     own = SimpleNamespace(known=known, unknowns=unknowns, model=model)

@@ -20,6 +20,7 @@ from ..shared import slowly
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
+
 def sine(frequency, amplitude):
     return {"type": "sine", "frequency": frequency, "amplitude": amplitude}
 

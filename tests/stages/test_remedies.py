@@ -12,7 +12,7 @@ import yaml
 
 from strainsight.config.estimate import Estimate
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.draws import draw_truth
+from strainsight.estimation.reduced import draw_truth
 from strainsight.experiment.recorded import _calibration
 from strainsight.experiment.structure.diagnosed import judgement_of
 from strainsight.experiment.structure.measured import records_of

@@ -13,8 +13,7 @@ from strainsight.config.load import load_config
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import StrainsightError
 from strainsight.experiment.structure.results import model_of_results
-from strainsight.foreign.results.frd import frd_responses
-from strainsight.foreign.results.reader import READERS
+from strainsight.foreign.results.reader import READERS, frd_responses
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced

@@ -15,9 +15,8 @@ from strainsight.pages.suite.data import PlacementRun, Suite
 from strainsight.runner.plan import Job
 from strainsight.runner.runner import run
 from strainsight.stages import suite as suite_stage
-from strainsight.stages.pages.suite import numbers_of, suite_tables
 from strainsight.stages.pages.suite_entries import suite_config
-from strainsight.stages.suite import SUITE
+from strainsight.stages.suite import SUITE, numbers_of, suite_tables
 
 DOC = Path(__file__).parents[2] / "docs" / "artefacts.md"
 

@@ -226,6 +226,7 @@ def test_figures_of_a_placement_are_those_of_its_page(artefacts, job):
     np.testing.assert_allclose(drawn, artefacts["place"]["/elimination/trace"], rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_figures_of_a_bench_have_the_loads_of_its_artefact(bench, bench_config):
     job = job_of(bench_config, bench["simulate"].path.parents[1], "simulate.duration=0.3")
     files = figures_of(job.model, bench_stages(job.config)[-1:], job.folder, "own.yaml").files

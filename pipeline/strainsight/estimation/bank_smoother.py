@@ -19,15 +19,15 @@ from strainsight.estimation.conditional import (
     theta_at,
     tuned,
 )
-from strainsight.estimation.consider_smoother import consider_smoothed, smoothed_pieces
+from strainsight.estimation.consider_smoother import consider_errors, consider_smoothed, smoothed_pieces
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.linear import LinearModels
-from strainsight.estimation.mixture import removed_of
+from strainsight.estimation.mixture import KERNEL, removed_of
 from strainsight.estimation.model import FilterModel, StepModel
+from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.estimation.reduced import Biased, Driven, Settled, beginning
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Keeping, Smoothed, Wanted, smooth
-from strainsight.estimation.update import standard_deviation
+from strainsight.estimation.smoother import Keeping, Smoothed, Wanted, smooth, smoother_errors
+from strainsight.estimation.update import covariance_factor, standard_deviation
 from strainsight.loads.histories import instant_values
 
 
@@ -371,3 +371,128 @@ def beyond_of(model: FilterModel, known: np.ndarray, nuisances: Nuisances, offse
     ahead = len(nuisances.sources(model.model.size)) - len(nuisances.source)
     rows, fed = on_loads(model, np.eye(len(model.model.inputs))[named])
     return Beyond(ahead + np.arange(f), np.pad(rows, [(0, 0), (0, offsets)]), instant_values(known) @ fed.T)
+
+
+AT_ONCE = 20_000_000
+"""Numbers of the histories that are drawn at a time."""
+
+
+@dataclass(frozen=True)
+class Paths:
+    """N draws: parameter (N, k) p = ln(θ/guess), which is constant; state (N, T + 1, n + f) of what was asked for, behind it z of
+    `Beyond`."""
+
+    parameter: np.ndarray
+    state: np.ndarray
+
+
+def bank_paths(
+    model: FilterModel,
+    mean: np.ndarray,
+    covariance: np.ndarray,
+    known: np.ndarray,
+    measurement: np.ndarray,
+    nuisances: Nuisances,
+    bank: BankRun,
+    count: int,
+    seed: int,
+    biased: np.ndarray | None = None,
+    settled: Settled | None = None,
+    states: slice = slice(None),
+    record: int = 0,
+) -> Iterator[Paths]:
+    """`count` draws in parts; arguments as of `smooth_bank`; states: which of [q, q̇, ζ, offsets].
+
+    record: number of the record among those of `bank`: draws of one seed have the constants of all records in common, and the
+    rest of each record for itself.
+
+        x = x̂ˢ(p) − w − V(ν − ν̂),     x̂ˢ(p) = x̂ˢ(p̄) + Σᵢ zᵢ sᵢ + ½ zᵢ² cᵢ,     p = p̄ + L z,   L Lᵀ the covariance of p
+
+    p and ν are drawn together from the points of the bank with normal kernels (`marginal`), w with the gains at each of the 2k
+    points θⱼ of `smooth_bank` in turn (`consider_errors`, `smoother_errors`). First and second differences s and c over
+    x̂ˢ(θⱼ) carry the mean to p. So mean and covariance of the draws are those that `smooth_bank` claims at every instant, but for
+    products of curvatures c, which its rule of degree three does not see; and instants belong together as the smoother's errors
+    do. A part depends on seed, its number and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
+    """
+    found = points_of(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
+    x, V = smoothed_at_points(found, mean, covariance, known, biased, settled)
+    rng = np.random.default_rng(seed)
+    p, nu = _constants(found, bank, count, rng)
+    rng = np.random.default_rng((seed, record)) if record else rng
+    beyond = found.beyond
+    steps, sizes = len(known), found.models.H.shape[-1] + len(beyond.own)
+    points, k = len(found.points), len(found.centre)
+    part = max(points, AT_ONCE // ((steps + 1) * sizes) // points * points)
+    z = np.linalg.solve(np.linalg.cholesky(found.spread), (p - found.centre).T).T
+    middle, slope, bend = _carried(x, k)
+    load, nu_of_loads = beyond.load(x[:points].mean(axis=0)), (nu + found.corrected)[:, beyond.own]
+    for start in range(0, count, part):
+        own = slice(start, min(start + part, count))
+        each = -(-(own.stop - own.start) // points)
+        error = _errors(found, known, biased, each, rng, states)[: own.stop - own.start]
+        error += middle[None, :, states]
+        for i in range(k):
+            here = z[own, i, None, None]
+            error += here * slope[i, :, states] + 0.5 * (here**2 - 1) * bend[i, :, states]
+        error -= np.einsum("nd,tda->nta", nu[own], V[:, :, states], optimize=True)
+        yield Paths(p[own], np.concatenate([error, nu_of_loads[own, None] * load], axis=2))
+
+
+def _constants(found: AtPoints, bank: BankRun, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+    """p (N, k) and ν − ν̂ (N, d), together."""
+    k, d = len(found.centre), len(found.nu)
+    joint = np.hstack([bank.point, bank.nu])
+    centre = np.concatenate([found.centre, bank.weight @ bank.nu])
+    off = joint - centre
+    covariance = (off * bank.weight[:, None]).T @ off
+    std = np.sqrt(np.diag(covariance)[:k])
+    # one share of the covariance is the kernels', the rest that of their centres drawn together
+    share = float(np.minimum(1.0, (KERNEL * bank.step / std) ** 2).max(initial=0.0)) if k else 0.0
+    # one draw in every N-th part of the weight
+    place = (rng.permutation(count) + rng.random(count)) / count
+    which = np.minimum(np.searchsorted(np.cumsum(bank.weight), place), len(bank.weight) - 1)
+    factor = covariance_factor(covariance)
+    kernel = rng.standard_normal((count, factor.shape[1])) @ factor.T
+    drawn = np.sqrt(1 - share) * off[which] + np.sqrt(share) * kernel
+    left = covariance_factor(found.left - covariance[k:, k:]) if d else np.zeros((0, 0))
+    return found.centre + drawn[:, :k], drawn[:, k:] + rng.standard_normal((count, left.shape[1])) @ left.T
+
+
+def _carried(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Of x̂ˢ (2k + 1, T + 1, n) at the points and the centre: mean (T + 1, n) over the points, first and second derivatives
+    (k, T + 1, n) in z."""
+    if k == 0:
+        nothing = np.zeros((0, *x.shape[1:]))
+        return x[0], nothing, nothing
+    ahead, behind, centre = x[:k], x[k : 2 * k], x[-1]
+    return x[:-1].mean(axis=0), (ahead - behind) / (2 * np.sqrt(k)), (ahead + behind - 2 * centre) / k
+
+
+def _errors(
+    found: AtPoints,
+    known: np.ndarray,
+    biased: np.ndarray | None,
+    each: int,
+    rng: np.random.Generator,
+    states: slice,
+) -> np.ndarray:
+    """−w (each · points, T + 1, n), the points one after the other."""
+    points = len(found.points)
+    if found.considered:
+        error = consider_errors(
+            found.models.of(slice(points)),
+            (found.start[0][:points], found.start[1], found.start[2][:points]),
+            *found.record,
+            each,
+            rng,
+        )[..., states]
+    else:
+        offsets = np.zeros(0, dtype=int) if biased is None else biased
+        parts = []
+        for point, x0 in zip(found.points, found.start[0], strict=False):
+            core, run = kept_at(
+                found.model, point, x0, found.start[1], known, found.samples[:, None], offsets, found.nuisances
+            )
+            parts.append(smoother_errors(core, run, each, rng, states))
+        error = np.stack(parts)
+    return np.swapaxes(error, 0, 1).reshape(each * points, *error.shape[2:])

@@ -10,8 +10,7 @@ from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 
 from strainsight.estimation.conditional import Nuisances, considers, discrepancy, known_ends, linear_models
 from strainsight.estimation.judge import with_free_loads
-from strainsight.estimation.model import FilterModel, theta_of
-from strainsight.estimation.motion import augmented_jacobian, measured_jacobian
+from strainsight.estimation.model import FilterModel, augmented_jacobian, measured_jacobian, theta_of
 from strainsight.estimation.reduced import Settled, start_errors
 from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
 from strainsight.rom.modal_step import acceleration_map, modal_step

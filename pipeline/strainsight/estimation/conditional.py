@@ -7,8 +7,8 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from strainsight.estimation.linear import LinearModels, Motion
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import LinearModels, Motion
 from strainsight.rom.modal_step import HOLD, ModalMap, acceleration_map, modal_step, scheme_step
 from strainsight.rom.model import first_of_equal, modal_basis
 

@@ -7,8 +7,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.estimation.linear import LinearModels, agree
-from strainsight.estimation.parallel_filters import KEPT, Filters, States, advance, filters_of, one_passage
+from strainsight.estimation.parallel_filters import (
+    KEPT,
+    Filters,
+    LinearModels,
+    States,
+    advance,
+    agree,
+    filters_of,
+    one_passage,
+)
 from strainsight.estimation.update import covariance_factor, symmetric, transposed
 
 SAID = 1e-8

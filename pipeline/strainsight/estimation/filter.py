@@ -11,7 +11,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.model import FilterModel, StepModel
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun, Keep, Record
-from strainsight.estimation.update import Form, apply, belief_of, output_std, predict, transposed, update, whiten
+from strainsight.estimation.update import Form, apply, belief_of, transposed, whiten
 
 HALVINGS = 12
 """How often an increment that fails or raises the cost is halved before it is given up."""
@@ -150,17 +150,6 @@ def _chosen(better: np.ndarray, new: np.ndarray, old: np.ndarray) -> np.ndarray:
         return new if better.any() else old
     return np.where(better.reshape(-1, *(1,) * (new.ndim - 1)), new, old)
 
-
-__all__ = [
-    "FilterRun",
-    "all_lost",
-    "apply",
-    "filter_runs",
-    "output_std",
-    "predict",
-    "run_filter",
-    "update",
-]
 
 UNMOVED, CALM = 2e-15, 20
 """A shared covariance is steady after CALM steps in which no entry moved by more than UNMOVED of its standard deviations."""

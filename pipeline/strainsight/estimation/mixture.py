@@ -10,9 +10,8 @@ import numpy as np
 from strainsight.columns import Column
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import conditional_states
-from strainsight.estimation.linear import LinearModels
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import Passage, States
+from strainsight.estimation.parallel_filters import LinearModels, Passage, States
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.update import standard_deviation
 

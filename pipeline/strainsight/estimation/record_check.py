@@ -15,17 +15,22 @@ from strainsight.estimation.fault_search import Finding, checked_by_others, exam
 from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, chosen
 from strainsight.estimation.load_faults import ResidualPattern, residual_pattern
 from strainsight.estimation.peak import known_at
-from strainsight.estimation.stretches import (
+from strainsight.estimation.suspect import (
     LONGEST,
+    Suspect,
     at_rest,
+    explained,
     loudest_channel,
     loudest_stretches,
+    missed_of,
     moving_part_of,
     part_of,
+    ratio_of,
     stretch_at,
+    suspected,
+    too_large,
     with_intensity,
 )
-from strainsight.estimation.suspect import Suspect, explained, missed_of, ratio_of, suspected, too_large
 
 INTENSITIES = (1.0, 1e-2, 1e-4, 1e-6, 1e-8, 0.0)
 """Factors on the intensity of unknown loads, the most likely of which a stretch at rest is checked with."""

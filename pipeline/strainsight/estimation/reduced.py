@@ -1,17 +1,17 @@
-"""The reduced parametric model under known loads, as the filter wants a model."""
+"""The reduced parametric model under known loads as a `StepModel`: its start, its offsets, and simulated truth."""
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
 from strainsight.estimation.conditional import DIFFERENCE, Nuisances, linear_models
-from strainsight.estimation.linear import LinearModels
-from strainsight.estimation.model import FilterModel, StepModel
-from strainsight.estimation.motion import constant_acceleration, constant_step, measure, step
-from strainsight.estimation.update import apply
+from strainsight.estimation.model import FilterModel, StepModel, constant_acceleration, constant_step, measure, step
+from strainsight.estimation.parallel_filters import LinearModels
+from strainsight.estimation.update import apply, covariance_factor
 
 LOST = 10.0
 """A run diverges when a parameter has left its guess by a factor of exp(LOST)."""
@@ -259,3 +259,30 @@ def _about(covariance: np.ndarray, settled: Settled) -> np.ndarray:
     P[moving], P[:, moving] = 0.0, 0.0
     P[moving, moving] = settled.std**2
     return P
+
+
+def draw_truth(
+    model: FilterModel, mean: np.ndarray, covariance: np.ndarray, known: np.ndarray, seeds: Sequence[int]
+) -> tuple[np.ndarray, np.ndarray]:
+    """One run of the filter's own model a seed:
+
+        x*₀ ~ N(mean, P₀),   x*ₖ₊₁ = f(x*ₖ, u) + wₖ,   yₖ = h(x*ₖ) + vₖ,   wₖ ~ N(0, Q_h),   vₖ ~ N(0, R)
+
+    mean (n*,) and covariance P₀ (n*, n*) as the filter is given them (P₀, Q may be singular); known (T, HOLD, n_known)
+    hold coefficients [N]; the H and r of the model may be one set a run, its Q may not.
+    A run depends on its own seed alone. Returns truth x* (T + 1, B, n*) and measurement (T/every, B, m).
+    """
+    steps, size = len(known), model.size
+    first, walk = covariance_factor(covariance), covariance_factor(model.process)
+    generators = [np.random.default_rng(seed) for seed in seeds]
+    x = mean + np.stack([first @ rng.standard_normal(first.shape[1]) for rng in generators])
+    disturbance = np.stack([rng.standard_normal((steps, walk.shape[1])) @ walk.T for rng in generators], axis=1)
+    noise = np.stack([rng.standard_normal((steps, model.H.shape[-2])) for rng in generators], axis=1)
+    noise *= np.sqrt(model.noise)
+    driven = Driven(model, known)
+    truth, measurement = np.empty((steps + 1, len(seeds), size)), np.empty_like(noise)
+    truth[0] = x
+    for k in range(steps):
+        truth[k + 1] = driven.step(truth[k], k)[0] + disturbance[k]
+        measurement[k] = driven.measure(truth[k + 1], k)[0] + noise[k]
+    return truth, measurement[model.every - 1 :: model.every]

@@ -1,4 +1,4 @@
-"""The fixed-interval smoother: what all strains, also the later ones, say about every instant."""
+"""The fixed-interval smoother: mean and covariance of the states at every instant given all samples, and draws of its errors."""
 
 from __future__ import annotations
 
@@ -7,9 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from strainsight.estimation.filter import FilterRun
 from strainsight.estimation.model import FilterModel, StepModel
 from strainsight.estimation.reduced import Driven
+from strainsight.estimation.run import FilterRun
 from strainsight.estimation.update import (
     apply,
     covariance_factor,
@@ -61,30 +61,27 @@ class Smoothed:
         """σ (T + 1, r) of rows (r, n*) or (T + 1, r, n*) of x* in the first run. Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return output_std(rows, self.covariance[:, 0])
-        own = self._kept()
-        if own.wanted.rows.ndim > 2:
-            if not np.array_equal(rows, own.wanted.rows):
-                raise ValueError("the smoother has not kept the variance of these rows")
-            return own.std
-        at = [np.flatnonzero((own.wanted.rows == row).all(axis=1)) for row in rows]
-        if not all(len(found) for found in at):
-            raise ValueError("the smoother has not kept the variance of this row")
-        return own.std[:, [found[0] for found in at]]
+        kept = self._kept()
+        if kept.wanted.rows.ndim == 2:
+            return kept.std[:, _places(rows, kept.wanted.rows)]
+        if not np.array_equal(rows, kept.wanted.rows):
+            raise ValueError("the smoother has not kept the variance of these rows")
+        return kept.std
 
     def covariance_of(self, states: np.ndarray) -> np.ndarray:
         """Of some states (k,) in the first run: (T + 1, k, k). Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return self.covariance[:, 0][:, states[:, None], states]
-        own = self._kept()
-        at = _places(states, own.wanted.states)
-        return own.covariance[:, at[:, None], at]
+        kept = self._kept()
+        at = _places(states, kept.wanted.states)
+        return kept.covariance[:, at[:, None], at]
 
     def covariance_at(self, k: int) -> np.ndarray:
         """Of x* (n*, n*) at instant k in the first run. Raises ValueError where it was not kept."""
         if self.covariance is not None:
             return np.asarray(self.covariance[k, 0])
-        own = self._kept()
-        return np.asarray(own.then[_places(np.array([k]), own.wanted.instants)[0]])
+        kept = self._kept()
+        return np.asarray(kept.then[_places(np.array([k]), kept.wanted.instants)[0]])
 
     def without_sigma(self) -> Smoothed:
         """NaN for σ and covariance, so that whatever is computed from them is NaN too."""
@@ -100,11 +97,12 @@ class Smoothed:
         return self.kept
 
 
-def _places(wanted: np.ndarray, there: np.ndarray) -> np.ndarray:
-    at = [np.flatnonzero(there == one) for one in wanted]
-    if not all(len(found) for found in at):
+def _places(wanted: np.ndarray, available: np.ndarray) -> np.ndarray:
+    """Numbers (k,) of wanted entries (k, ...) among those that are available. Raises ValueError where one is not."""
+    at = [np.flatnonzero((available == one).reshape(len(available), -1).all(axis=1)) for one in wanted]
+    if not all(map(len, at)):
         raise ValueError("the smoother has not kept this covariance")
-    return np.array([found[0] for found in at], dtype=int)
+    return np.array([each[0] for each in at], dtype=int)
 
 
 class Keeping:
@@ -121,13 +119,12 @@ class Keeping:
         """covariance (L, n*, n*) of a piece."""
         if self.covariance is not None:
             self.covariance[at, 0] = covariance
-        if (own := self.kept) is not None:
-            states, instants = own.wanted.states, own.wanted.instants
-            rows = own.wanted.rows
-            own.std[at] = output_std(rows[at] if rows.ndim > 2 else rows, covariance)
-            own.covariance[at] = covariance[:, states[:, None], states]
+        if (kept := self.kept) is not None:
+            rows, states, instants = kept.wanted.rows, kept.wanted.states, kept.wanted.instants
+            kept.std[at] = output_std(rows[at] if rows.ndim > 2 else rows, covariance)
+            kept.covariance[at] = covariance[:, states[:, None], states]
             here = np.flatnonzero((at.start <= instants) & (instants < at.stop))
-            own.then[here] = covariance[instants[here] - at.start]
+            kept.then[here] = covariance[instants[here] - at.start]
 
 
 def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = False) -> Smoothed:
@@ -144,32 +141,31 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
     Raises ValueError where the run was not kept, or the first one alone of several.
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
-    if run.covariance is None or run.jacobian is None or run.rows is None or run.adjusted is None:
-        raise ValueError("the smoother needs a run kept with keep='all'")
-    if run.covariance.shape[1] != run.unknown_covariance.shape[1]:
+    covariances, jacobian, all_rows, adjusted = map(_kept, (run.covariance, run.jacobian, run.rows, run.adjusted))
+    if covariances.shape[1] != run.unknown_covariance.shape[1]:
         raise ValueError("only the first run was kept")
     core = Driven(model, np.zeros((0, HOLD, 0))) if isinstance(model, FilterModel) else model
     steps, runs, channels = run.innovation.shape
-    b, size = run.covariance.shape[1:3]
-    missing = np.isnan(run.adjusted) if b > 1 else np.isnan(run.adjusted).all(axis=1, keepdims=True)
-    whitened = np.nan_to_num(run.adjusted)
+    b, size = covariances.shape[1:3]
+    missing = np.isnan(adjusted) if b > 1 else np.isnan(adjusted).all(axis=1, keepdims=True)
+    whitened = np.nan_to_num(adjusted)
     adjoint, information = np.zeros((runs, size)), np.zeros((b, size, size))
     mean, std = np.empty_like(run.mean), np.empty((steps + 1, b, size))
-    kept = np.empty_like(run.covariance) if covariance else None
+    smoothed = np.empty_like(covariances) if covariance else None
     for k in range(steps, -1, -1):
-        P = run.covariance[k]
+        P = covariances[k]
         PInformation = P @ information
         mean[k] = run.mean[k] - apply(P, adjoint)
         std[k] = np.sqrt(np.maximum(standard_deviation(P) ** 2 - np.sum(PInformation * P, axis=-1), 0.0))
-        if kept is not None:
-            kept[k] = symmetric(P - PInformation @ P)
+        if smoothed is not None:
+            smoothed[k] = symmetric(P - PInformation @ P)
         if k == 0:
             break
-        A = run.jacobian[k - 1]
+        A = jacobian[k - 1]
         if not missing[k - 1].all():
-            H, before = run.rows[k - 1], core.before(k - 1)
+            H, before = all_rows[k - 1], core.before(k - 1)
             H = np.where(missing[k - 1][..., None], 0.0, H) if missing[k - 1].any() else H
-            P = run.covariance[k - 1] if before is None else run.covariance[k - 1] + before
+            P = covariances[k - 1] if before is None else covariances[k - 1] + before
             R = np.broadcast_to(core.noise(k - 1), (b, channels)) if run.noise is None else run.noise[k - 1]
             process = core.process(k - 1) if run.process is None else run.process[k - 1]
             K, L = gain(predict(P, A, process), H, R, instant=run.time[k])
@@ -179,7 +175,7 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
             information = transposed(left) @ information @ left + transposed(whitened_rows) @ whitened_rows
         adjoint = apply(transposed(A), adjoint)
         information = symmetric(transposed(A) @ information @ A)
-    return Smoothed(run.time, mean, np.broadcast_to(std, mean.shape), kept)
+    return Smoothed(run.time, mean, np.broadcast_to(std, mean.shape), smoothed)
 
 
 def smooth_first(model: StepModel, run: FilterRun) -> Smoothed:
@@ -198,13 +194,11 @@ def smooth_first(model: StepModel, run: FilterRun) -> Smoothed:
     Jacobians that its filter used. Raises ValueError where the run was not kept.
     Source: Bierman, Factorization methods for discrete sequential estimation (1977), chapter X.
     """
-    if run.covariance is None or run.jacobian is None or run.rows is None or run.adjusted is None:
-        raise ValueError("the smoother needs a run kept with keep='first' or 'all'")
-    steps, n = len(run.jacobian), run.mean.shape[2]
+    steps, n = len(_kept(run.jacobian)), run.mean.shape[2]
     M, z = np.zeros((0, n)), np.zeros(0)
     mean, std = np.empty((steps + 1, 1, n)), np.empty((steps + 1, 1, n))
     for k in range(steps, -1, -1):
-        F = covariance_factor(run.covariance[k, 0])
+        F = covariance_factor(_kept(run.covariance)[k, 0])
         if k < steps:
             M, z = _back(model, run, k, F, M, z)
         e, unit = _eliminated(np.vstack([M @ F, np.eye(F.shape[1])]), np.concatenate([z, np.zeros(F.shape[1])]))
@@ -217,22 +211,17 @@ def _back(
     model: StepModel, run: FilterRun, k: int, F: np.ndarray, M: np.ndarray, z: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """M, z at the start of step k from those at its end, F (n, r) the factor of P at its start."""
-    assert run.jacobian is not None
-    assert run.rows is not None
-    assert run.adjusted is not None
-    A, H = run.jacobian[k, 0], run.rows[k, 0]
-    there = np.isfinite(run.adjusted[k, 0])
-    H, whitened = np.where(there[:, None], H, 0.0), np.nan_to_num(run.adjusted[k, 0])
-    before = model.before(k)
-    drawn = np.zeros((len(A), 0)) if before is None else covariance_factor(_one(before))
-    added = covariance_factor(_one(model.process(k)) if run.process is None else run.process[k, 0])
-    R = np.broadcast_to(_one(model.noise(k), 1), len(H)) if run.noise is None else np.diag(run.noise[k, 0])
-    prior = predict_factor(np.hstack([F, drawn])[None], A, added[None])
+    A, H, before, process, R = _first_of(model, run, k)
+    measured, whitened = np.isfinite(_kept(run.adjusted)[k, 0]), np.nan_to_num(_kept(run.adjusted)[k, 0])
+    H, R = np.where(measured[:, None], H, 0.0), np.diag(R)
+    disturbance = np.zeros((len(A), 0)) if before is None else covariance_factor(before)
+    added = covariance_factor(process)
+    prior = predict_factor(np.hstack([F, disturbance])[None], A, added[None])
     _, G, L = update_factor(prior, H, R[None], float(run.time[k + 1]))
     moved = G[0] @ whitened
     N = np.vstack([M, H / np.sqrt(R)[:, None]])
     s = np.concatenate([z, np.sqrt(R) * solve_triangular(L[0], whitened, lower=True, trans="T")]) + N @ moved
-    noise = np.hstack([A @ drawn, added])
+    noise = np.hstack([A @ disturbance, added])
     r = noise.shape[1]
     # large rows first: what orthogonal steps lose is small beside the first ones
     rows = np.vstack([np.hstack([N @ noise, N @ A]), np.eye(r, r + len(A))])
@@ -246,6 +235,92 @@ def _eliminated(rows: np.ndarray, right: np.ndarray) -> tuple[np.ndarray, np.nda
     return triangle[:, -1], triangle[:, :-1]
 
 
-def _one(X: np.ndarray, dimensions: int = 2) -> np.ndarray:
-    """Of the first run."""
-    return X if X.ndim == dimensions else X[0]
+def _kept(array: np.ndarray | None) -> np.ndarray:
+    """An array of a run that the filter keeps for a smoother. Raises ValueError where it has not."""
+    if array is None:
+        raise ValueError("the smoother needs a run kept with keep='all', or 'first' for the first run alone")
+    return array
+
+
+def _first_of(
+    model: StepModel, run: FilterRun, k: int
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | None, np.ndarray, np.ndarray]:
+    """A (n, n), H (m, n), `before` (n, n), `process` (n, n) and R (m, m) of step k in the first run."""
+
+    def one(X: np.ndarray, dimensions: int = 2) -> np.ndarray:
+        return X if X.ndim == dimensions else X[0]
+
+    before = model.before(k)
+    process = one(model.process(k) if run.process is None else run.process[k])
+    H, R = _kept(run.rows)[k, 0], np.diag(one(model.noise(k), 1)) if run.noise is None else run.noise[k, 0]
+    return _kept(run.jacobian)[k, 0], H, None if before is None else one(before), process, R
+
+
+def smoother_errors(
+    model: StepModel, run: FilterRun, count: int, rng: np.random.Generator, states: slice = slice(None)
+) -> np.ndarray:
+    """Draws (count, T + 1, n) of x − x̂ˢ for `smooth` of a kept run: of mean zero, of its covariance at every instant, and of the
+    covariance between instants that it has.
+
+    Start, process and noise are drawn; the innovations ν of the filter are then, and the smoother makes of them:
+
+        e⁻ = A e + w,   ν = H e⁻ + v,   e = e⁻ − K ν;      λ⁻ = (I − KH)ᵀλ − HᵀS⁻¹ν,   λ ← Aᵀλ⁻;      x − x̂ˢ = e + P λ
+
+    It is the simulation smoother by mean correction, whose samples cancel: an error of a linear smoother does not depend on them.
+    Added to x̂ˢ it is a draw of the posterior of a linear model with normal noises. A nonlinear model is as linear as `smooth`
+    takes it for. run: of one run, kept with keep="all"; states: which are wanted. Raises ValueError otherwise.
+    Source: Durbin and Koopman, Biometrika 89 (2002).
+    """
+    adjusted, covariance = _kept(run.adjusted), _kept(run.covariance)
+    if adjusted.shape[1] != 1:
+        raise ValueError(f"errors of the smoother are of one run, not of {adjusted.shape[1]}")
+    steps, _, m = adjusted.shape
+    n = covariance.shape[-1]
+    factors, measured = _Factors(), np.isfinite(adjusted[:, 0])
+    e, white = np.empty((steps + 1, count, n)), np.zeros((steps, count, m))
+
+    def drawn(factor: np.ndarray) -> np.ndarray:
+        return np.asarray(rng.standard_normal((count, factor.shape[1])) @ factor.T)
+
+    e[0] = drawn(covariance_factor(covariance[0, 0]))
+    back: list[tuple[np.ndarray, np.ndarray] | None] = []
+    for k in range(steps):
+        A, H, before, process, R = _first_of(model, run, k)
+        start = e[k] if before is None else e[k] + drawn(factors.of("before", before))
+        ahead = start @ A.T + drawn(factors.of("process", process))
+        channels = measured[k]
+        if not channels.any():
+            e[k + 1] = ahead
+            back.append(None)
+            continue
+        H, R = H[channels], R[np.ix_(channels, channels)]
+        P = covariance[k] if before is None else covariance[k] + before
+        K, L = gain(predict(P, A, process), H, R[None], instant=run.time[k + 1])
+        innovation = ahead @ H.T + drawn(factors.of("noise", R))
+        e[k + 1] = ahead - apply(K, innovation)
+        back.append((np.eye(n) - K[0] @ H, np.linalg.solve(L[0], H)))
+        white[k][:, channels] = np.linalg.solve(L[0], innovation.T).T
+    adjoint = np.zeros((count, n))
+    error = np.empty((count, steps + 1, len(range(n)[states])))
+    for k in range(steps, -1, -1):
+        error[:, k] = (e[k] + adjoint @ covariance[k, 0])[:, states]
+        if k == 0:
+            break
+        if (update := back[k - 1]) is not None:
+            left, rows = update
+            adjoint = adjoint @ left - white[k - 1][:, measured[k - 1]] @ rows
+        adjoint = adjoint @ _kept(run.jacobian)[k - 1, 0]
+    return error
+
+
+class _Factors:
+    """Factors of covariances, computed anew only where they change."""
+
+    def __init__(self) -> None:
+        self._last: dict[str, tuple[np.ndarray, np.ndarray]] = {}
+
+    def of(self, name: str, covariance: np.ndarray) -> np.ndarray:
+        last = self._last.get(name)
+        if last is None or last[0].shape != covariance.shape or not np.array_equal(last[0], covariance):
+            last = self._last[name] = (covariance.copy(), covariance_factor(covariance))
+        return last[1]

@@ -22,8 +22,7 @@ from strainsight.measurements.csv_file import read_csv
 from strainsight.measurements.csv_layout import TextFormat
 from strainsight.measurements.csv_rows import check_marks
 from strainsight.measurements.reader import read_recording
-from strainsight.measurements.records import Recording
-from strainsight.measurements.units import meant_by, required_unit
+from strainsight.measurements.records import Recording, meant_by, required_unit
 from strainsight.rom.model import Damping
 
 LOADS = ("force", "moment", "pressure", "acceleration", "ratio", "angular velocity squared")

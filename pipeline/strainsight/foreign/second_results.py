@@ -29,10 +29,10 @@ from strainsight.fem.assembly import assemble_stiffness
 from strainsight.fem.constraints import Constraint, describe_row
 from strainsight.fem.mass import has_mass, mass_product
 from strainsight.fem.model import FiniteElementModel, FullModel
-from strainsight.foreign.given_motion import GivenMotion
 from strainsight.foreign.of_results import (
     DIGITS,
     Forces,
+    GivenMotion,
     Results,
     as_operator,
     as_sparse,

@@ -10,8 +10,7 @@ import numpy as np
 from strainsight.errors import UserError, did_you_mean
 from strainsight.measurements.clock import NO_DELAY, Delay
 from strainsight.measurements.csv_rows import check_marks
-from strainsight.measurements.records import Recording
-from strainsight.measurements.units import SI, known_unit, required_unit, spelling
+from strainsight.measurements.records import SI, Recording, known_unit, required_unit, spelling
 
 ARRANGEMENTS: Mapping[str, Callable[[float], tuple[float, float, float, float]]] = {
     "quarter": lambda nu: (1.0, 0.0, 0.0, 0.0),

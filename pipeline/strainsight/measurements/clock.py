@@ -11,8 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.records import Recording
-from strainsight.measurements.units import RATES, spelling, time_factor
+from strainsight.measurements.records import RATES, Recording, spelling, time_factor
 
 JITTER = 0.05
 """Share of a step by which a time stamp may lie off the uniform clock."""

@@ -13,8 +13,7 @@ from strainsight.errors import UserError
 from strainsight.measurements.clock import ClockTimes, check_no_counter
 from strainsight.measurements.csv_layout import Layout, TextFormat, header, is_comment, stated_delimiter, with_units
 from strainsight.measurements.csv_rows import Rows, plain_rows, rows_by_line
-from strainsight.measurements.records import Recording, decoded, opened, plain
-from strainsight.measurements.units import time_factor
+from strainsight.measurements.records import Recording, decoded, opened, plain, time_factor
 
 BLOCK = 1 << 22
 """[bytes] read at a time."""

@@ -9,8 +9,7 @@ from dataclasses import dataclass, replace
 
 from strainsight.csv_cells import plain_cell
 from strainsight.errors import UserError, did_you_mean
-from strainsight.measurements.records import decoded, plain
-from strainsight.measurements.units import known_unit, seconds_in, spelling
+from strainsight.measurements.records import decoded, known_unit, plain, seconds_in, spelling
 
 DELIMITERS = (",", ";", "\t")
 _QUOTED = re.compile(r'"[^"]*"')

@@ -1,15 +1,17 @@
-"""What a file of test data holds, as it stands there."""
+"""What a file of test data holds, as it stands there, and the units of its channels."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+import unicodedata
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from strainsight.errors import UserError
+from strainsight.errors import UserError, did_you_mean
 
 
 @dataclass(frozen=True)
@@ -79,3 +81,172 @@ def opened(path: Path) -> BinaryIO:
         raise UserError(
             f"cannot be read: {error}", where=str(path), remedy="check that it is a readable file"
         ) from None
+
+
+STANDARD_GRAVITY = 9.80665
+"""[m/s²]."""
+_POUND = 0.45359237 * STANDARD_GRAVITY
+
+
+class Unit(NamedTuple):
+    """quantity: strain, bridge (output over excitation [V/V]), acceleration …; factor: SI in one of it."""
+
+    quantity: str
+    factor: float
+
+
+_TABLE: Mapping[str, Mapping[str, float]] = {
+    "strain": {
+        **dict.fromkeys(("strain", "m/m", "mm/mm", "in/in", "inch/inch", "ε"), 1.0),
+        **dict.fromkeys(
+            ("um/m", "uin/in", "ppm", "microstrain", "ustrain", "uε", "ue", "microepsilon", "uepsilon"), 1e-6
+        ),
+        **dict.fromkeys(("mm/m", "um/mm", "millistrain", "mstrain", "mε", "‰"), 1e-3),
+        **dict.fromkeys(("nm/m", "nanostrain", "nstrain", "nε"), 1e-9),
+        "%": 1e-2,
+    },
+    "bridge": {"V/V": 1.0, "mV/V": 1e-3, "uV/V": 1e-6},
+    "acceleration": {
+        "m/s2": 1.0,
+        "mm/s2": 1e-3,
+        "cm/s2": 1e-2,
+        "g": STANDARD_GRAVITY,
+        "mg": 1e-3 * STANDARD_GRAVITY,
+        "in/s2": 0.0254,
+        "ft/s2": 0.3048,
+    },
+    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254, "ft": 0.3048},
+    "force": {
+        **dict.fromkeys(("N", "newton", "newtons"), 1.0),
+        "mN": 1e-3,
+        "daN": 10.0,
+        "kN": 1e3,
+        "MN": 1e6,
+        **dict.fromkeys(("lbf", "lb", "lbs", "pound", "pounds", "pound-force"), _POUND),
+        "kip": 1e3 * _POUND,
+        "kgf": STANDARD_GRAVITY,
+    },
+    "moment": {"Nm": 1.0, "Nmm": 1e-3, "kNm": 1e3, "MNm": 1e6, "lbfft": _POUND * 0.3048, "lbfin": _POUND * 0.0254},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3, "km/h": 1 / 3.6, "in/s": 0.0254, "ft/s": 0.3048},
+    "angle": {"rad": 1.0, "mrad": 1e-3, "urad": 1e-6, "deg": math.pi / 180, "°": math.pi / 180},
+    "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180, "°/s": math.pi / 180, "rpm": math.pi / 30},
+    "ratio": {"1": 1.0},
+    "angular velocity squared": {"rad2/s2": 1.0, "1/s2": 1.0},
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5, "mbar": 1e2, "psi": _POUND / 0.0254**2},
+}
+UNITS: Mapping[str, Unit] = {
+    spelt: Unit(quantity, factor) for quantity, row in _TABLE.items() for spelt, factor in row.items()
+}
+"""Every unit in the spelling of `spelling`."""
+SIGN = 4
+"""Letters of a unit's sign at most: what is longer is a word."""
+SI: Mapping[str, str] = {
+    "strain": "m/m",
+    "bridge": "m/m",
+    "acceleration": "m/s²",
+    "displacement": "m",
+    "force": "N",
+    "moment": "N m",
+    "velocity": "m/s",
+    "angle": "rad",
+    "ratio": "1",
+    "angular velocity squared": "rad²/s²",
+    "pressure": "Pa",
+}
+"""Quantity → unit of the calibrated channel; a bridge output becomes a strain."""
+TIME: Mapping[str, float] = {
+    **dict.fromkeys(("s", "sec", "sec.", "second", "seconds", "sek", "sek.", "sekunde", "sekunden"), 1.0),
+    "ms": 1e-3,
+    "us": 1e-6,
+    "ns": 1e-9,
+    "min": 60.0,
+    "h": 3600.0,
+    **dict.fromkeys(("d", "day", "days"), 86400.0),
+}
+"""[s]."""
+
+
+RATES: Mapping[str, float] = {"Hz": 1.0, "kHz": 1e3, "1/s": 1.0}
+"""[1/s]."""
+
+OTHER_NAMES: Mapping[str, str] = {
+    **dict.fromkeys(("knewton", "knewtons", "kilonewton", "kilonewtons"), "kN"),
+    **dict.fromkeys(("kp", "kilopond", "kg", "kgforce"), "kgf"),
+    **dict.fromkeys(("mp", "tf", "tonf", "t", "ton"), "kN (1 tf is 9.80665 kN)"),
+    **dict.fromkeys(("klbf", "klb", "kips"), "kip"),
+    **dict.fromkeys(("newtonmeter", "newtonmetre", "newton-metre", "newton-meter", "n-m"), "N m"),
+    **dict.fromkeys(("lb-ft", "ft-lb", "lbft", "ftlb", "ftlbf"), "lbf ft"),
+    **dict.fromkeys(("lb-in", "in-lb", "lbin", "inlb", "inlbf"), "lbf in"),
+    **dict.fromkeys(("n/mm2", "n/mm²", "mpascal"), "MPa"),
+    "n/m2": "Pa",
+}
+"""Names in small letters that a unit has elsewhere → how it is written here: asked about and not taken, as t may be a mass."""
+
+
+def spelling(unit: str) -> str:
+    """One spelling: µm/m, μm/m → um/m; m/s², m/s^2, m/s**2 → m/s2; N·m, N*m, N m → Nm; brackets around it dropped."""
+    text = unicodedata.normalize("NFKC", unit).replace("μ", "u").replace("ɛ", "ε").replace("^", "").replace("**", "")
+    text = "".join(sign for sign in text if sign not in "*·⋅" and not sign.isspace())
+    return text[1:-1] if len(text) > 2 and text[0] + text[-1] in ("[]", "()") else text
+
+
+def known_unit(unit: str | None) -> Unit | None:
+    """The unit, or None where it is not known. Strains and whole words are known in any case: uStrain, Pounds."""
+    spelt = spelling(unit or "")
+    small = UNITS.get(spelt.lower())
+    word = small is not None and (small.quantity == "strain" or (len(spelt) > SIGN and spelt.isalpha()))
+    return UNITS.get(spelt, small if word else None)
+
+
+def required_unit(unit: str, of: Collection[str] = ()) -> Unit:
+    """The unit; UserError where it is not known, with what it may mean or the units of the quantities in `of`; none: of all."""
+    if (found := known_unit(unit)) is None:
+        known = [name for name, own in UNITS.items() if not of or own.quantity in of]
+        remedy = f"known units: {', '.join(known)}"
+        if meant := meant_by(unit):
+            remedy = f"did you mean {meant}?"
+        elif len(unit) > SIGN and unit.isalpha():  # no sign of a similar spelling: mm/m is a thousandth of mm/mm
+            remedy = did_you_mean(unit, [name for name in known if len(name) > SIGN and name.isalpha()], remedy)
+        raise UserError(f"unknown unit {unit!r}", remedy=remedy)
+    return found
+
+
+def meant_by(unit: str) -> str | None:
+    """How a unit is to be written that is spelt in other letters, or has another name; None where nothing says so."""
+    spelt = spelling(unit)
+    alike = [name for name in UNITS if name.lower() == spelt.lower()]
+    return OTHER_NAMES.get(spelt.lower()) or (" or ".join(alike) or None)
+
+
+def seconds_in(unit: str) -> float | None:
+    """Seconds in one unit of time, or None; whole words in any case."""
+    spelt = spelling(unit)
+    return TIME.get(spelt, TIME.get(spelt.lower()) if len(spelt) > 2 else None)
+
+
+def time_factor(stated: str | None, found: str | None, where: str) -> float:
+    """Seconds in one unit of the time column: stated by the user, found in the file at `where`.
+
+    Raises UserError where neither says it, both say different things, or it is not known.
+    """
+    for unit, said in ((stated, "the unit of time asked for"), (found, "the unit of time of the file")):
+        if unit is not None and seconds_in(unit) is None:
+            raise UserError(
+                f"{said}, {unit!r}, is unknown",
+                where=where if unit is found else None,
+                remedy=did_you_mean(spelling(unit), TIME, f"known units of time: {', '.join(TIME)}"),
+            )
+    if stated is None and found is None:
+        raise UserError(
+            "the file does not say the unit of its time",
+            where=where,
+            remedy="state the unit of time, or write it into the file, as in 'time [s]'",
+        )
+    factors = [factor for unit in (stated, found) if unit is not None and (factor := seconds_in(unit)) is not None]
+    if factors[0] != factors[-1]:
+        raise UserError(
+            f"the time is stated in {stated}, the file has it in {found}",
+            where=where,
+            remedy=f"correct the one that is wrong, in the config as in `time: {{unit: {found}}}`",
+        )
+    return factors[0]

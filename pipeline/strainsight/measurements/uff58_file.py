@@ -13,8 +13,7 @@ from typing import BinaryIO
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
-from strainsight.measurements.records import Recording, decoded, opened, plain
-from strainsight.measurements.units import time_factor
+from strainsight.measurements.records import Recording, decoded, opened, plain, time_factor
 
 DAMAGED = "export the file again: it was cut short or altered"
 HEADER = 11

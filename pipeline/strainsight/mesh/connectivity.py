@@ -1,13 +1,19 @@
-"""What of a mesh is not joined though it looks so, in sentences for a warning."""
+"""Nodes and elements of a mesh that lie in one place: warnings where nothing joins them, and nodes merged (mesh.merge)."""
 
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy import sparse
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
-from strainsight.errors import DeckError
-from strainsight.mesh.model import FloatArray, Mesh
+from strainsight.errors import DeckError, UserError
+from strainsight.mesh.joins import AveragingElement, NodalForces, RigidElement
+from strainsight.mesh.model import FloatArray, IntArray, Mesh
 from strainsight.mesh.projection import Met, hanging, inside, patches
 from strainsight.mesh.unjoined import Coincident, Doubled, Joints, doubled
 
@@ -98,3 +104,138 @@ def _overlaps(mesh: Mesh, found: Met) -> list[str]:
 
 def _at(mesh: Mesh, node: int) -> str:
     return "({:.4g}, {:.4g}, {:.4g}) m".format(*(mesh.position[node] + 0.0))
+
+
+def merged(mesh: Mesh, distance: float) -> Mesh:
+    """A mesh of which nodes of elements within a distance [m] of each other are one, that of the lowest id, and a note on it.
+
+    What names the others names that one. Nodes that a tie, relation or spring joins to one in their place stay two, as they were
+    meant to be, and so do nodes that are both clamped. For a mesh without nodes on faces of shells or sides of beams yet.
+    Raises UserError where an element would lose a node, and DeckError for nodes whose displacement systems differ.
+    """
+    nodes = mesh.nodes_of_elements
+    pairs = np.zeros((0, 2), dtype=np.int64)
+    if len(nodes):
+        pairs = nodes[cKDTree(mesh.position[nodes]).query_pairs(distance, output_type="ndarray")]
+    meant = Joints(mesh).between(*pairs.T)
+    joined = np.zeros(len(mesh.position), dtype=bool)
+    joined[pairs[meant]] = True
+    pairs = pairs[~joined[pairs].any(axis=1)]
+    into = _lowest(mesh, pairs)
+    gone = into != np.arange(len(into))
+    if not gone.any():
+        more = f"; {np.count_nonzero(joined)} are joined otherwise" * bool(joined.any())
+        return replace(mesh, notes=(*mesh.notes, f"mesh.merge: no two nodes lie within {distance:g} m{more}"))
+    _check_elements(mesh, into, distance)
+    _check_axes(mesh, into, gone)
+    first = int(np.flatnonzero(gone)[np.argmin(mesh.node_ids[gone])])
+    count = int(np.count_nonzero(gone))
+    words = f"{count} nodes became others" if count > 1 else "a node became another"
+    note = f"mesh.merge: {words} within {distance:g} m, as {mesh.node_ids[first]} which is {mesh.node_ids[into[first]]} now"
+    if joined.any():
+        note += f"; {np.count_nonzero(joined)} that a tie or spring joins in their place stayed"
+    renumbered = np.cumsum(~gone) - 1
+    return replace(_renamed(mesh, renumbered[into], gone), notes=(*mesh.notes, note))
+
+
+def _lowest(mesh: Mesh, pairs: IntArray) -> IntArray:
+    """(n,) for every node that of the lowest id in its place, itself where it is alone."""
+    n = len(mesh.position)
+    graph = sparse.csr_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
+    group = connected_components(graph, directed=False)[1]
+    order = np.lexsort((mesh.node_ids, group))
+    first = order[np.unique(group[order], return_index=True)[1]]
+    return np.asarray(first[group], dtype=np.int64)
+
+
+def _check_elements(mesh: Mesh, into: IntArray, distance: float) -> None:
+    for block in mesh.elements:
+        twice = (np.diff(np.sort(into[block.nodes], axis=1), axis=1) == 0).any(axis=1)
+        if twice.any():
+            i = int(np.argmax(twice))
+            x = mesh.position[block.nodes[i]]
+            side = np.linalg.norm(x[:, None] - x[None], axis=2)[np.triu_indices(len(x), 1)].min()
+            raise UserError(
+                f"element {block.ids[i]} would lose a node: two of its own are {side:.4g} m apart",
+                key="mesh.merge",
+                remedy=f"give less than that; this was {distance:g} m",
+            )
+
+
+def _check_axes(mesh: Mesh, into: IntArray, gone: NDArray[np.bool_]) -> None:
+    for node in np.flatnonzero(gone).tolist():
+        own, other = (mesh.axes.get(i, np.eye(3)) for i in (node, int(into[node])))
+        if not np.allclose(own, other, atol=1e-9):
+            number = int(mesh.node_ids[node])
+            raise DeckError(
+                f"nodes {mesh.node_ids[into[node]]} and {number} lie in one place and have different displacement systems",
+                remedy="give both the same (CD, *TRANSFORM) so that mesh.merge can make them one",
+                entity=("node", number),
+            )
+
+
+def _renamed(mesh: Mesh, index: IntArray, gone: NDArray[np.bool_]) -> Mesh:
+    """The mesh without the nodes that are gone; index (n,): the new one of every node."""
+    new_ids = mesh.node_ids[~gone][index]
+    order = np.argsort(mesh.node_ids)
+
+    def in_set(own: IntArray) -> IntArray:
+        at = order[np.minimum(np.searchsorted(mesh.node_ids, own, sorter=order), len(order) - 1)]
+        return np.unique(np.where(mesh.node_ids[at] == own, new_ids[at], own))
+
+    return replace(
+        mesh,
+        node_ids=mesh.node_ids[~gone],
+        position=mesh.position[~gone],
+        blocks=tuple(replace(block, nodes=index[block.nodes]) for block in mesh.blocks),
+        shells=tuple(replace(block, nodes=index[block.nodes]) for block in mesh.shells),
+        beams=tuple(replace(block, nodes=index[block.nodes]) for block in mesh.beams),
+        fixed=np.unique(np.column_stack([index[mesh.fixed[:, 0]], mesh.fixed[:, 1]]), axis=0),
+        rigid=tuple(own for tie in mesh.rigid if len((own := _rigid(tie, index)).nodes)),
+        averaging=tuple(_averaging(tie, index) for tie in mesh.averaging),
+        relations=tuple(replace(own, node=index[own.node]) for own in mesh.relations),
+        point_masses=tuple(replace(own, node=int(index[own.node])) for own in mesh.point_masses),
+        springs=tuple(replace(own, node=index[own.node]) for own in mesh.springs),
+        axes={int(index[node]): own for node, own in mesh.axes.items() if not gone[node]},
+        node_sets={name: in_set(own) for name, own in mesh.node_sets.items()},
+        loads={name: _load(own, index) for name, own in mesh.loads.items()},
+    )
+
+
+def _rigid(tie: RigidElement, index: IntArray) -> RigidElement:
+    nodes, reference = np.unique(index[tie.nodes]), int(index[tie.reference])
+    return replace(tie, reference=reference, nodes=nodes[nodes != reference])
+
+
+def _averaging(tie: AveragingElement, index: IntArray) -> AveragingElement:
+    """Of nodes that became one the weights add up."""
+    dependent = tie.dependent
+    if dependent is not None:
+        dependent = np.column_stack([index[dependent[:, 0]], dependent[:, 1]])
+    reference, one = int(index[tie.reference]), index[tie.nodes]
+    counts = [own.astype(int) for own in (tie.directions, tie.rotations) if own is not None]
+    key = np.column_stack([one, *counts])
+    _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
+    if len(np.unique(one)) < len(first):
+        raise DeckError(
+            f"{tie}: nodes in one place count in different directions there",
+            remedy="let both count in the same, so that mesh.merge can make them one",
+            entity=("tie", tie.id),
+        )
+    return replace(
+        tie,
+        reference=reference,
+        nodes=one[first],
+        weight=np.bincount(of.ravel(), tie.weight).astype(float),
+        directions=None if tie.directions is None else tie.directions[first],
+        rotations=None if tie.rotations is None else tie.rotations[first],
+        dependent=dependent,
+    )
+
+
+def _load(load: NodalForces, index: IntArray) -> NodalForces:
+    """Of nodes that became one the forces add up."""
+    nodes, of = np.unique(index[load.nodes], return_inverse=True)
+    sums = sparse.csr_array((np.ones(len(of)), (of, np.arange(len(of)))), shape=(len(nodes), len(of)))
+    moment = None if load.moment is None else np.asarray(sums @ load.moment)
+    return replace(load, nodes=nodes, force=np.asarray(sums @ load.force), moment=moment)

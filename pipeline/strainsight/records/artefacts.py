@@ -7,13 +7,14 @@ from typing import Any
 from strainsight.records.bench import (
     AtRest,
     BearingsAlone,
+    BenchEstimated,
+    BenchPlaced,
     BenchTruths,
     Coupled,
     ReducedBodies,
     Simulated,
     SurfaceInTime,
 )
-from strainsight.records.bench_estimated import BenchEstimated, BenchPlaced
 from strainsight.records.estimated import CampaignRecord, Estimated
 from strainsight.records.mesh import Imported
 from strainsight.records.placed import Observed, Placed

@@ -20,9 +20,8 @@ from strainsight.errors import ArtefactError, StrainsightError, UserError
 from strainsight.file_lock import lock_byte, lock_file
 from strainsight.parallel.sweep import Sweep, serial
 from strainsight.runner.artefact import Artefact, Header, digest_or_none, file_digest, header_of
-from strainsight.runner.code import code_of
 from strainsight.runner.output import warnings_table
-from strainsight.runner.plan import UP_TO_DATE, Inputs, Job, inputs_of, judge, other_code
+from strainsight.runner.plan import UP_TO_DATE, Inputs, Job, code_of, inputs_of, judge, other_code
 from strainsight.runner.slices import Slice, declared
 from strainsight.runner.stage import Context, Stage
 from strainsight.runner.store import former, named_together, remove_unfinished, write_artefact

@@ -11,7 +11,7 @@ from strainsight.experiment.structure.campaign_text import (
     campaign_record,
     campaign_tables,
 )
-from strainsight.experiment.structure.full_model import FILES, READS
+from strainsight.experiment.structure.reduction import FILES, READS
 from strainsight.records.estimated import record_group
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import below, written

@@ -76,7 +76,7 @@ def _missing(page: Stage, folder: Path) -> list[str]:
 def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
     from strainsight.pages.placement.figures import placement_figures
     from strainsight.stages.pages.page import placement_report
-    from strainsight.stages.pages.workshop import workshop_of_run
+    from strainsight.stages.report import workshop_of_run
 
     mesh = inputs.mesh(context)
     return list(placement_figures(placement_report(context, mesh, workshop_of_run(context, mesh))))
@@ -87,7 +87,7 @@ def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
     unknown, too."""
     from strainsight.pages.tested.campaign import campaign_figures
     from strainsight.pages.tested.figures import figures_of_test
-    from strainsight.stages.pages.tested import pages_of
+    from strainsight.stages.tested import pages_of
 
     found, drawings = pages_of(context), []
     if found.campaign is not None:

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.placed import placement_output
-from strainsight.experiment.structure.placement import placement_of
-from strainsight.experiment.structure.settings import KINDS_OF_LOAD, WHAT_IS_FREE
+from strainsight.experiment.structure.placement import placement_of, placement_output
+from strainsight.experiment.structure.references import KINDS_OF_LOAD, WHAT_IS_FREE
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs

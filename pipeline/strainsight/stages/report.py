@@ -1,19 +1,167 @@
-"""report: one page that people decide from; everything on it is read from the artefacts."""
+"""report: the page of a placement, and the files for the workshop and for other programs: positions, drawing sheets, channels."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+
 from strainsight.config.placement import PlacementConfig
+from strainsight.errors import ConfigError
+from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
+from strainsight.experiment.layout.workshop import (
+    Wiring,
+    Workshop,
+    abaqus_sets,
+    catman_table,
+    elements_of,
+    foil_at,
+    labview_table,
+    nastran_sets,
+    workshop_csv,
+    workshop_of,
+    workshop_unv,
+)
+from strainsight.experiment.structure.observation import LinearModel, linear_model, mat_file
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.pages.chart.files import file_name
 from strainsight.pages.picture.scene import drawn_or_why, render
 from strainsight.pages.placement.figures import placement_figures
 from strainsight.pages.placement.page import placement_page
+from strainsight.pages.sheets.sheet import sheet_svg
+from strainsight.pages.sheets.views import Projection, Sheet, paper_axes
 from strainsight.pages.space.model import Shape
+from strainsight.records.placed import Placed
+from strainsight.records.record import read
+from strainsight.records.reduced import Reduced
 from strainsight.runner.output import Dataset, Output, Scalar, warnings_table
 from strainsight.runner.stage import Context, Stage
+from strainsight.sensors.export import edge_lines, seen_from
 from strainsight.stages import inputs
 from strainsight.stages.pages.page import placement_report
-from strainsight.stages.pages.workshop import exported, sheet_files, sheets_of, workshop_files, workshop_of_run
+from strainsight.stages.pages.page_layout import listed_gauges
 from strainsight.stages.view.surface import strain_shapes, strains_of
 from strainsight.stages.view.views import placement_view
+
+
+def workshop_of_run(context: Context[PlacementConfig], mesh: Mesh) -> Workshop:
+    """The layout of place.h5 in the axes that the config states."""
+    frame = frame_of(context.config.mesh.length_unit, context.config.report.datum)
+    return workshop_of(listed_gauges(context.upstream), mesh, frame)
+
+
+def workshop_files(shop: Workshop) -> dict[str, bytes]:
+    """File name → content."""
+    return {"workshop.csv": workshop_csv(shop), "workshop.unv": workshop_unv(shop)}
+
+
+def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, bytes]:
+    """File name → content of every export that the config asks for.
+
+    Raises ConfigError where element sets are asked for and no gauge lies on an element.
+    """
+    config, wanted = context.config, context.config.report.exports
+    wiring = Wiring(config.report.gauge_factor, config.report.resistance)
+    elements = elements_of(shop)
+    if not elements and (sets := [name for name in wanted if name in ("nastran", "abaqus")]):
+        raise ConfigError(
+            "the gauges of this layout lie on no element: their strain rows were given",
+            key="report.exports",
+            remedy=f"leave out {' and '.join(sets)}",
+        )
+    files = {
+        "nastran": ("gauges-nastran.inc", lambda: nastran_sets(elements, config.name)),
+        "abaqus": ("gauges-abaqus.inp", lambda: abaqus_sets(elements, config.name)),
+        "catman": ("channels-catman.txt", lambda: catman_table(shop.listed, wiring)),
+        "labview": ("channels-labview.txt", lambda: labview_table(shop.listed, wiring)),
+        "mat": ("model.mat", lambda: mat_file(_model(context, shop))),
+    }
+    return {name: content() for name, content in (files[export] for export in wanted)}
+
+
+def _model(context: Context[PlacementConfig], shop: Workshop) -> LinearModel:
+    placed, model = read(Placed, context.upstream["place"]), read(Reduced, context.upstream["rom"]).model
+    listed = shop.listed
+    units = [unit for unit, own in zip(listed.unit, listed.directions, strict=True) for _ in own]
+    of_loads = {name: load.unit for name, load in context.config.loads.items()}
+    return linear_model(placed, model, channel_labels(listed), units, of_loads)
+
+
+def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> list[Sheet]:
+    """A sheet for every gauge, of a bridge for every arm; none of what lies on no facet."""
+    config, frame, edges = context.config, shop.frame, shop.edges
+    if not any(line.facet for line in shop.lines):
+        return []
+    lines = edge_lines(mesh.position, exterior_facets(mesh))
+
+    @cache
+    def views(normal: tuple[float, ...]) -> tuple[Projection, Projection]:
+        n = np.array(normal)
+        right, up = paper_axes(n)
+        front, side = (
+            Projection(a, b, *map(frame.place, seen_from(lines, toward @ frame.axes)))
+            for a, b, toward in ((right, up, n), (right, n, -up))
+        )
+        return front, side
+
+    sheets = []
+    for name, i, directions in _places(shop):
+        line, normal = shop.lines[i], frame.turn(shop.lines[i].normal)
+        strain, bonded = shop.listed.unit[line.gauge] == "strain", bool(shop.listed.bonded[line.gauge])
+        foil = foil_at(config.gauges, shop, i)
+        front, side = views(tuple((np.round(normal, 9) + 0.0).tolist()))
+        sheets.append(
+            Sheet(
+                name=name,
+                kind=shop.listed.kind[line.gauge] + ", bonded already" * bonded,
+                run=config.name,
+                deck=Path(config.mesh.file).name,
+                layout=context.upstream["place"].digest[:12],
+                frame=frame,
+                position=frame.place(line.position),
+                normal=normal,
+                directions=frame.turn(directions),
+                strain=strain,
+                grid=float(frame.length(line.length)),
+                grid_width=0.0 if foil.type is None else float(frame.length(foil.type.grid_width)),
+                carrier=(float(frame.length(foil.length)), float(frame.length(foil.width))),
+                carrier_of="assumed" if foil.type is None else str(config.gauges.type),
+                distance=frame.length(edges.distance[i]),
+                angle=edges.angle[i],
+                foot=frame.place(edges.foot[i]),
+                along=frame.turn(edges.along[i]),
+                element=int(line.element),
+                facet=int(line.facet),
+                front=front,
+                side=side,
+            )
+        )
+    return sheets
+
+
+def sheet_files(sheets: list[Sheet]) -> dict[str, bytes]:
+    """File name → content."""
+    files: dict[str, bytes] = {}
+    for sheet in sheets:
+        name = file_name(f"sheet-{sheet.name}", {Path(other).stem.lower() for other in files})
+        files[f"{name}.svg"] = sheet_svg(sheet).encode()
+    return files
+
+
+def _places(shop: Workshop) -> Iterator[tuple[str, int, np.ndarray]]:
+    """Name, first line and directions (c, 3) of every place on a facet."""
+    for gauge, label in enumerate(shop.listed.labels):
+        own, arms = shop.lines_of(gauge), shop.listed.arms[gauge]
+        if arms is not None:
+            places = [(name, i, [i]) for name, i in zip(arms.labels(label), own, strict=True)]
+        else:
+            places = [(label, own[0], own)]
+        for name, i, grids in places:
+            if shop.lines[i].facet:
+                yield name, i, np.array([shop.lines[k].direction for k in grids])
 
 
 def run(context: Context[PlacementConfig]) -> Output:

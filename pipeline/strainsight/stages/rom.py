@@ -5,9 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.full_model import FILES, READS
-from strainsight.experiment.structure.reduction import reduced_of
-from strainsight.experiment.structure.settings import WHAT_IS_FREE, WHERE_LOADS_ACT
+from strainsight.experiment.structure.reduction import FILES, READS, reduced_of
+from strainsight.experiment.structure.references import WHAT_IS_FREE, WHERE_LOADS_ACT
 from strainsight.experiment.structure.training import hertz
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.mesh import vtkhdf_datasets

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.full_model import FILES, READS
-from strainsight.experiment.structure.reduction import spectrum_of
-from strainsight.experiment.structure.settings import WHAT_IS_FREE
+from strainsight.experiment.structure.reduction import FILES, READS, spectrum_of
+from strainsight.experiment.structure.references import WHAT_IS_FREE
 from strainsight.experiment.structure.training import hertz
 from strainsight.records.record import written
 from strainsight.runner.output import Output

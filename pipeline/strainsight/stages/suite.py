@@ -1,20 +1,368 @@
-"""suite: one page and one table about several runs; everything in them is read from the runs' artefacts."""
+"""suite: the page, tables and numbers of several runs, gathered from their artefacts."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+from typing import Any
 
+import numpy as np
+
+from strainsight import __version__
+from strainsight.config.suite_runs import all_of
+from strainsight.errors import ConfigError, did_you_mean
 from strainsight.estimation.decision import FAULTS
+from strainsight.pages.bench.data import BenchRun
 from strainsight.pages.picture.scene import drawn_or_why, look, render_all
-from strainsight.pages.suite.data import CONFIRMED, CONTRADICTED, HOLDS, Suite
+from strainsight.pages.placement.data import Unknown
+from strainsight.pages.suite.data import (
+    CONFIRMED,
+    CONTRADICTED,
+    HOLDS,
+    Comparison,
+    PlacementRun,
+    Statement,
+    Study,
+    Suite,
+    SuiteRun,
+    measured,
+    metric_name,
+    metrics_of,
+    side,
+    target,
+)
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
-from strainsight.pages.suite.summary import counts, is_estimated, without_benefit
-from strainsight.records.record import written
-from strainsight.runner.output import Output
+from strainsight.pages.suite.summary import Result, counts, results_of, without_benefit
+from strainsight.records.bench import BenchEstimated
+from strainsight.records.mesh import mesh_from
+from strainsight.records.placed import Placed
+from strainsight.records.record import read, written
+from strainsight.records.reduced import Reduced
+from strainsight.records.suite import (
+    CaseRows,
+    ComparisonRows,
+    NumberRows,
+    RunRows,
+    StatementRows,
+    SuiteNumbers,
+    UnknownRows,
+    columns,
+)
+from strainsight.records.training import Training
+from strainsight.runner.artefact import Artefact
+from strainsight.runner.output import Output, Table
 from strainsight.runner.slices import Slice
 from strainsight.runner.stage import Context, Stage
-from strainsight.stages.pages.suite import numbers_of, suite_of, suite_tables
+from strainsight.stages.bench.report import run_of
+from strainsight.stages.pages.page import cases_of, history_of, trend_of, unknown_of, warnings_of
+from strainsight.stages.pages.page_layout import layout_of_page, placed_scale
+
+PAGE = "report"
+"""The stage of a run that writes its own page, report.html."""
+OF_SEEDS = "estimate"
+"""The stage that has numbers once a seed."""
+
+
+def suite_of(context: Context[Slice]) -> Suite:
+    """The page's content, run by run. Raises ConfigError for every number that a claim or a study names and no run has."""
+    runs: list[SuiteRun] = []
+    provenance = {"strainsight": __version__}
+    for i, entry in enumerate(context.config.runs):
+        context.progress(f"reading {entry.name}", 0.5 * i / len(context.config.runs))
+        up = _artefacts(context.files, i)
+        runs.append(_placement(entry, up) if "loads" in entry else _bench(entry, up))
+        # The digest and not the key, which changes with inputs that made no difference.
+        provenance |= {f"{entry.name}, {stage}": up[stage].digest[:16] for stage in (*up,)[-1:]}
+    studies = _studies(context.config.studies, runs)
+    statements = statements_of(context.config.claims, runs)
+    comparisons = comparisons_of(context.config.comparisons, runs)
+    name, title = str(context.config.name), str(context.config.title)
+    return Suite(name, title, tuple(runs), studies, statements, comparisons, provenance)
+
+
+def _artefacts(files: Mapping[str, Path], i: int) -> dict[str, Artefact]:
+    start = f"runs.{i}.artefacts."
+    return {key.removeprefix(start): Artefact(path) for key, path in files.items() if key.startswith(start)}
+
+
+def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
+    """What the page shows of any run beside its artefacts."""
+    page = f"../{entry.name}/report.html" if PAGE in up else None
+    return {key: entry[key] for key in ("name", "label", "note", "study", "group", "at", "reached")} | {"page": page}
+
+
+def _bench(entry: Any, up: Mapping[str, Artefact]) -> BenchRun:
+    seeds = read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {}
+    return BenchRun(**_stated(entry, up), **run_of(up), seeds=seeds)
+
+
+def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
+    names = list(entry.unknowns)
+    mesh = mesh_from(up["import"])
+    validate, place = up.get("validate"), up.get("place")
+    return PlacementRun(
+        **_stated(entry, up),
+        numbers={stage: artefact.summary for stage, artefact in up.items()},
+        unknowns=tuple(_unknown(name, entry.unknowns[name], up) for name in names),
+        pool=int(place.summary["pool"]) if place else None,
+        trend=trend_of(place) if place else None,
+        layout=layout_of_page(mesh, up, entry.loads) if place else None,
+        histories=tuple(history_of(name, validate) for name in names) if validate else (),
+        cases=cases_of(up["observe"]) if "observe" in up else (),
+        frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()) if "rom" in up else (),
+        truth_description=str(validate.summary["description"]) if validate else "",
+        warnings=warnings_of(up, names, mesh, entry.loads),
+    )
+
+
+def _unknown(name: str, entry: Any, up: Mapping[str, Artefact]) -> Unknown:
+    if "validate" in up:
+        return unknown_of(name, entry.kind, up)
+    guess, expected = _guess(name, entry, up), None
+    if "place" in up:
+        guess = placed_scale(name, up["place"])
+        expected = read(Placed, up["place"]).expected_std[name] / guess
+    return Unknown(name=name, unit=entry.unit, kind=entry.kind, guess=guess, expected_std=expected)
+
+
+def _guess(name: str, entry: Any, up: Mapping[str, Artefact]) -> float:
+    """Before anything is placed: a parameter's reference, an input's largest training load; NaN before that is known."""
+    if entry.kind == "parameter":
+        return read(Reduced, up["rom"]).model.reference.get(name, float("nan")) if "rom" in up else float("nan")
+    if "train" not in up:
+        return float("nan")
+    loads = read(Reduced, up["rom"]).model.inputs
+    return float(np.abs(read(Training, up["train"]).load[:, loads.index(name)]).max())
+
+
+def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Study, ...]:
+    """The studies in the order in which the runs name them, with what the suite says more of each."""
+    more = {study.name: (i, study) for i, study in enumerate(described)}
+    found = []
+    for name in dict.fromkeys(run.study for run in runs if run.study):
+        places = tuple(i for i, run in enumerate(runs) if run.study == name)
+        if name not in more:
+            found.append(Study(name, "", None, (), places))
+            continue
+        i, study = more[name]
+        known = list(dict.fromkeys(key for j in places for key in runs[j].summary if runs[j].number(key) is not None))
+        for number in study.numbers:
+            if number not in known:
+                raise ConfigError(
+                    f"no run of the study '{name}' has a number '{number}'",
+                    key=f"studies.{i}.numbers",
+                    remedy=did_you_mean(number, known, f"they have {', '.join(known) or 'none'}"),
+                )
+        found.append(Study(name, study.note, study.over, tuple(study.numbers), places))
+    return tuple(found)
+
+
+def statements_of(claims: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Statement, ...]:
+    """Raises ConfigError for every claim about a number that its run does not have."""
+    return tuple(all_of(claims, lambda claim: _statement(claim.measure, claim.text, claim.why, runs)))
+
+
+def comparisons_of(rows: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Comparison, ...]:
+    """Raises ConfigError for every row about a number that its run does not have."""
+    return tuple(all_of(rows, lambda row: _comparison(row, runs)))
+
+
+def _comparison(row: Any, runs: Sequence[SuiteRun]) -> Comparison:
+    as_printed, ours = (
+        None if own is None else _statement(own, row.says, "", runs) for own in (row.as_printed, row.ours)
+    )
+    return Comparison(row.source, row.says, row.printed, as_printed, ours, row.why)
+
+
+def _statement(measure: Any, text: str, why: str, runs: Sequence[SuiteRun]) -> Statement:
+    values = []
+    for place in measure.runs:
+        for name in measure.number:
+            found = measure.times * _numbers(measure, runs[place], name, "number")
+            if measure.against is not None:
+                key = "number" if measure.against_number is None else "against_number"
+                divisor = _numbers(measure, runs[measure.against], measure.against_number or name, key)
+                # seed by seed, where both have as many
+                divisor = divisor if len(divisor) == len(found) else divisor[:1]
+                found = np.divide(found, divisor, out=np.full(len(found), np.nan), where=divisor != 0)
+            values += [(int(place), str(name), float(value)) for value in found]
+    compared = ""
+    if measure.against is not None:
+        compared = f"{runs[measure.against].label}" + (f", {measure.against_number}" if measure.against_number else "")
+    return Statement(text, tuple(values), measure.above, measure.below, measure.equals, measure.unit, compared, why)
+
+
+def _numbers(measure: Any, run: SuiteRun, name: str, key: str) -> np.ndarray:
+    """A number of the estimate once a seed, where it has several, else that of the run's summary (1,)."""
+    if measure.stage == OF_SEEDS and name in run.seeds:
+        return np.asarray(run.seeds[name], dtype=float)
+    return np.array([_number(measure, run, name, key)])
+
+
+def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
+    """A number of the run's summary; NaN for one that is not there because a filter diverged."""
+    numbers = run.numbers[measure.stage]
+    value = numbers.get(name)
+    if isinstance(value, bool | int | float):
+        if isinstance(value, bool) != (measure.equals is not None):
+            what = f"'{name}' is {'true or false' if isinstance(value, bool) else 'a number'} in '{run.name}'"
+            remedy = "give equals: true or false" if isinstance(value, bool) else "give above or below"
+            raise ConfigError(what, key=measure.key, remedy=remedy)
+        return float(value)
+    if value is None and numbers.get("lost"):
+        return float("nan")
+    known = [own for own, there in numbers.items() if not isinstance(there, str)]
+    what = f"no number '{name}' in the stage '{measure.stage}' of '{run.name}'"
+    raise ConfigError(what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"it has {', '.join(known)}"))
+
+
+OF_A_LOAD = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")
+"""Numbers of a bench's unknown that the file keeps."""
+SAID = ("source", "printed", "as_printed", "ours", "verdict")
+OF_PLACEMENTS = ("error", "smoothed", "claimed σ", "expected σ", "repeats", "verdict")
+OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "verdict")
+
+
+def numbers_of(suite: Suite) -> SuiteNumbers:
+    """What suite.h5 keeps."""
+    statements, runs = suite.statements, list(enumerate(suite.runs))
+    return SuiteNumbers(
+        runs=columns(RunRows, [_run(run) for run in suite.runs]),
+        unknowns=columns(UnknownRows, [{"run": i} | row for i, run in runs for row in _unknowns(run)]),
+        cases=columns(
+            CaseRows,
+            [
+                vars(case) | {"run": i - 1, "unknowns": ", ".join(case.unknowns), "condition_raw": case.raw}
+                for i, run in suite.placements
+                for case in run.cases
+            ],
+        ),
+        statements=columns(StatementRows, [vars(own) | {"verdict": own.verdict} for own in statements]),
+        numbers=columns(
+            NumberRows,
+            [
+                {"claim": i, "run": run, "name": name, "seed": seed, "value": value}
+                for i, own in enumerate(statements)
+                for (run, name), values in own.seeds.items()
+                for seed, value in enumerate(values)
+            ],
+        ),
+        comparisons=columns(ComparisonRows, [_comparison_cells(row) for row in suite.comparisons]),
+    )
+
+
+def _comparison_cells(row: Comparison) -> Mapping[str, str]:
+    return {
+        **{key: getattr(row, key) for key in ("source", "says", "printed", "verdict", "why")},
+        "as_printed": side(row.as_printed),
+        "ours": side(row.ours),
+    }
+
+
+def _run(run: SuiteRun) -> Mapping[str, Any]:
+    if isinstance(run, BenchRun):
+        return vars(run) | {"nis": run.number("nis")}
+    if (trend := run.trend) is None:
+        return vars(run) | {"gauges": run.gauges}
+    metric = {"metric": trend.metric.symbol, "metric_initial": trend.value[0], "metric_final": trend.final}
+    return vars(run) | metric | {"gauges": run.gauges, "gap": trend.gap}
+
+
+def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
+    if isinstance(run, BenchRun):
+        for own in run.unknowns:
+            numbers = {key: run.number(f"{key}.{own.name}") for key in OF_A_LOAD}
+            yield {"name": own.name, "unit": own.history.unit, "verdict": _verdict(run, own.name)} | numbers
+        return
+    for result in results_of(run):
+        unknown = result.unknown
+        yield vars(unknown) | {
+            "smoothed": unknown.smoothed_error,
+            "expected": unknown.expected_std,
+            "repeats_rms": result.rms,
+            "repeats_worst": result.worst,
+            "verdict": result.verdict,
+        }
+
+
+def suite_tables(suite: Suite) -> tuple[Table, ...]:
+    """Comparisons, statements, and a row an unknown of a run."""
+    tables = []
+    if suite.comparisons:
+        said = tuple(tuple(_comparison_cells(row)[key] for key in SAID) for row in suite.comparisons)
+        tables.append(Table("said and measured", ("source", "printed", "as printed, here", "ours", ""), said))
+    if suite.statements:
+        lines = tuple((own.text, target(own), measured(own), own.verdict) for own in suite.statements)
+        tables.append(Table("statements", ("statement", "target", "measured", ""), lines))
+    if suite.placements:
+        metrics = metrics_of(run for _, run in suite.placements)
+        head = ("run", "unknown", "gauges", metric_name(metrics), "gap", *OF_PLACEMENTS)
+        rows = tuple(row for _, run in suite.placements for row in _of_placement(run, len(metrics) > 1))
+        tables.append(Table(suite.title, head, rows))
+    if suite.benches:
+        rows = tuple(row for _, run in suite.benches for row in _of_bench(run))
+        tables.append(Table(suite.title, ("run", "unknown", *OF_BENCHES), rows))
+    return tuple(tables)
+
+
+def _of_bench(run: BenchRun) -> Iterator[tuple[str, ...]]:
+    if not run.unknowns:
+        yield run.label, "", f"not estimated ({run.reached})", "", "", "", ""
+    for i, unknown in enumerate(run.unknowns):
+        error, std, slope, ratio = (
+            run.number(f"{key}.{unknown.name}") for key in ("error", "std", "slope", "ratio_slope")
+        )
+        fits = ("" if value is None else f"{value:.5g}" for value in (slope, ratio))
+        yield (
+            run.label if i == 0 else "",
+            unknown.name,
+            _percent(error),
+            _percent(std),
+            *fits,
+            _verdict(run, unknown.name),
+        )
+
+
+def _verdict(run: BenchRun, name: str) -> str:
+    """What is wrong with it, else whether its σ holds; empty where that was not judged."""
+    return ", ".join(run.faults(name)) or str(run.summary.get(f"claim.{name}", ""))
+
+
+def _of_placement(run: PlacementRun, mixed: bool) -> Iterator[tuple[str, ...]]:
+    for i, result in enumerate(results_of(run)):
+        unknown = result.unknown
+        values = (unknown.error, unknown.smoothed_error, unknown.std, unknown.expected_std)
+        yield (
+            run.label if i == 0 else "",
+            unknown.name,
+            *(_layout_cells(run, mixed) if i == 0 else ("", "", "")),
+            *map(_percent, values),
+            *(
+                (_repeats(result), result.verdict)
+                if result.error is not None
+                else ("", f"not estimated ({run.reached})")
+            ),
+        )
+
+
+def _layout_cells(run: PlacementRun, mixed: bool) -> tuple[str, str, str]:
+    if (trend := run.trend) is None:
+        return ("", "", "")
+    metric = f"{trend.metric.symbol}: " * mixed + f"{trend.value[0]:.3g} → {trend.final:.3g}"
+    return f"{run.gauges} of {run.pool}", metric, _percent(trend.gap)
+
+
+def _repeats(result: Result) -> str:
+    if result.rms is None:
+        return ""
+    lost = f"{result.lost} of {result.repeats} diverged" if result.lost else f"worst {_percent(result.worst)}"
+    return f"RMS {_percent(result.rms)}, {lost}"
+
+
+def _percent(value: float | None) -> str:
+    return "" if value is None else f"{100 * value:.2g} %"
 
 
 def run(context: Context[Slice]) -> Output:
@@ -27,7 +375,7 @@ def run(context: Context[Slice]) -> Output:
         scenes, problem = waiting.result()
     page = suite_page(suite, drawings, scenes).encode()
     verdicts = [statement.verdict for statement in suite.statements]
-    many, estimated, confirmed = len(suite.runs), sum(map(is_estimated, suite.runs)), verdicts.count(CONFIRMED)
+    many, estimated, confirmed = len(suite.runs), sum(run.is_estimated for run in suite.runs), verdicts.count(CONFIRMED)
     wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in FAULTS)
     none = without_benefit(suite)
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"

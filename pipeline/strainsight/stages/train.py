@@ -11,7 +11,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.experiment.structure.candidates import OnSurface, training_units
 from strainsight.experiment.structure.expectation import unresolved_candidates
 from strainsight.experiment.structure.reduction import inertia_problems
-from strainsight.experiment.structure.settings import KINDS_OF_LOAD, load_units
+from strainsight.experiment.structure.references import KINDS_OF_LOAD, load_units
 from strainsight.experiment.structure.training import trained
 from strainsight.measurements.calibration import LARGE_STRAIN
 from strainsight.records.record import written

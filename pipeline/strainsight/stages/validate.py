@@ -9,7 +9,7 @@ from strainsight.estimation.decision import WITHHELD, claims_of
 from strainsight.experiment.filters_compared import comparison_table
 from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.layout.gauge_list import layout_labels
-from strainsight.experiment.structure.full_model import FILES, READS
+from strainsight.experiment.structure.reduction import FILES, READS
 from strainsight.experiment.structure.studies import sweep_table
 from strainsight.experiment.structure.validation import (
     measured_csv,

@@ -10,7 +10,7 @@ import meshio
 import numpy as np
 import pytest
 
-from strainsight.decks.other import sandbox
+from strainsight.decks.other import load as loading
 from strainsight.decks.other.load import load
 from strainsight.decks.other.mesh import read_meshio
 from strainsight.errors import DeckError
@@ -56,8 +56,8 @@ def test_entities_of_xml_are_neither_multiplied_nor_fetched(tmp_path, name):
 @pytest.mark.parametrize("does", ["import os; os.abort()", "import time; time.sleep(60)"])
 def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path, monkeypatch, does):
     MESH.write(tmp_path / "part.vtu")
-    monkeypatch.setattr(sandbox, "COMMAND", [sys.executable, "-c", does])
-    monkeypatch.setattr(sandbox, "START_LIMIT", 0.5)
+    monkeypatch.setattr(loading, "COMMAND", [sys.executable, "-c", does])
+    monkeypatch.setattr(loading, "START_LIMIT", 0.5)
     with pytest.raises(DeckError, match="crashed, or did not come to an end"):
         read_meshio(tmp_path / "part.vtu")
 

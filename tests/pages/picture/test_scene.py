@@ -13,7 +13,7 @@ from strainsight.pages.chart.drawing import gauge_colour
 from strainsight.pages.picture import scene
 from strainsight.pages.picture.geometry import arrow, free_end, seen_from, triangles, views
 from strainsight.pages.picture.layout import Layout, Load
-from strainsight.pages.picture.picture import LINES, spread_labels
+from strainsight.pages.picture.scene import LINES, spread_labels
 
 from ..conftest import layout, mixed_layout
 
@@ -37,6 +37,7 @@ def pictures():
     return {name: (shown[name], png) for name, png in zip(shown, scene.render_all(list(shown.values())), strict=True)}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "more"), [("beam", ()), ("sensors", ()), ("no facets", (LINES,))])
 def test_every_gauge_is_pictured_in_its_colour(pictures, name, more):
     shown, png = pictures[name]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from strainsight.pages.datum import Frame
+from strainsight.pages.picture.layout import Frame
 from strainsight.pages.sheets.sheet import sheet_svg, sheets_section
 from strainsight.pages.sheets.views import Projection, Sheet, paper_axes
 

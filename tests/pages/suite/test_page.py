@@ -22,10 +22,10 @@ from strainsight.pages.suite.data import (
     Statement,
     Study,
     Suite,
+    comparisons_answer,
 )
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
-from strainsight.pages.suite.statements import comparisons_answer
 from strainsight.pages.suite.summary import counts, groups_of, results_of, series_of
 
 from ...models import compute_once
@@ -53,7 +53,9 @@ def first_screen(text):
 
 def test_placements_have_studies_and_statements_too(suite):
     runs = tuple(
-        replace(run, study="Step", at=float(i), numbers={"validate": {"error.E": 0.01 * i, "std.E": 0.02}}, histories=())
+        replace(
+            run, study="Step", at=float(i), numbers={"validate": {"error.E": 0.01 * i, "std.E": 0.02}}, histories=()
+        )
         for i, run in enumerate(suite().runs[:3], start=1)
     )
     own = suite(
@@ -66,8 +68,15 @@ def test_placements_have_studies_and_statements_too(suite):
     assert "error of E: 1 0.01, 2 0.02, 3 0.03" in sweep.alt
     text = page(own, drawings=drawings)
     assert len(Outline(text).ids) == len(set(Outline(text).ids))
-    assert "1 consistent (run 1 ); run 2 both. 1 statement : 1 confirmed; from 3 runs, 3 with an estimate." in words(text)
-    assert text.index("E is known.") < text.index('data-table="runs"') < text.index("What it costs.") < text.index(sweep.caption)
+    assert "1 consistent (run 1 ); run 2 both. 1 statement : 1 confirmed; from 3 runs, 3 with an estimate." in words(
+        text
+    )
+    assert (
+        text.index("E is known.")
+        < text.index('data-table="runs"')
+        < text.index("What it costs.")
+        < text.index(sweep.caption)
+    )
 
 
 def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(suite):

@@ -10,21 +10,19 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.abaqus.assembly import assemble
 from strainsight.decks.abaqus.contact import Contact, with_contact
-from strainsight.decks.abaqus.cyclic import with_whole_ring
 from strainsight.decks.abaqus.history import state_of
 from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import by_temperature
 from strainsight.decks.abaqus.parts import SOLIDS, THIN, USUAL
 from strainsight.decks.abaqus.preload import LARGE, STRESSED, preloads, stressed
-from strainsight.decks.abaqus.scopes import Assembly, Scope
+from strainsight.decks.abaqus.scopes import Assembly, Scope, assemble
 from strainsight.decks.abaqus.sections import beam_blocks, read_sections, shell_blocks
 from strainsight.decks.abaqus.supports import NODES as SPRINGS
 from strainsight.decks.abaqus.supports import equations, nodal_axes, point_masses, springs
 from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords, split
-from strainsight.decks.abaqus.ties import Ties, ties, with_tied_surfaces
+from strainsight.decks.abaqus.ties import Ties, ties, with_tied_surfaces, with_whole_ring
 from strainsight.decks.faults import ENFORCED, HELD, check_elements, effects, notes_and_doubts, spelt, turning_nodes
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FAMILIES

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.faults import IdTable, Where, check_elements, check_nodes, plural
-from strainsight.decks.gmsh.elements import KINDS, TYPES, remedy
-from strainsight.decks.gmsh.records import Chunk, NodeRows
+from strainsight.decks.gmsh.records import KINDS, TYPES, Chunk, NodeRows, remedy
 from strainsight.decks.gmsh.rows import Doubled, indices, kept_ids, merged, note_doubled
 from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
 from strainsight.decks.gmsh.thin import Thin, thin_cells

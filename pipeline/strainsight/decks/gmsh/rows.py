@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.decks.faults import IdTable, Where, plural
-from strainsight.decks.gmsh.elements import TYPES
-from strainsight.decks.gmsh.records import Chunk
+from strainsight.decks.gmsh.records import TYPES, Chunk
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray
 

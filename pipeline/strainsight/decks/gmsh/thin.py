@@ -8,8 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.decks.faults import IdTable, Where
-from strainsight.decks.gmsh.elements import TYPES
-from strainsight.decks.gmsh.records import Chunk
+from strainsight.decks.gmsh.records import TYPES, Chunk
 from strainsight.decks.gmsh.rows import Doubled, indices, merged
 from strainsight.decks.gmsh.sections import GmshFile
 from strainsight.decks.thin import Chosen, regions_with_sections

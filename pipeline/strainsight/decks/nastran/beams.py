@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.decks.faults import folded
 from strainsight.decks.nastran.cards import Card
 from strainsight.decks.nastran.grids import Grids
-from strainsight.decks.nastran.supports import components
+from strainsight.decks.nastran.springs import components
 from strainsight.decks.text import parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import beam_axes

@@ -4,32 +4,88 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from strainsight.decks.faults import ENFORCED, HELD, MISSING_END, effects, notes_and_doubts, spelt, turning_nodes
-from strainsight.decks.nastran.cards import Deck, origin, read_deck, together, unique_ids
+from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, together, unique_ids
 from strainsight.decks.nastran.case_control import count_parameters, lumped, mass_scale, sets
 from strainsight.decks.nastran.grids import BY_NODES, BY_POINTS, read_grids
 from strainsight.decks.nastran.loads import LOADS, PLATES, preloads, static_loads
 from strainsight.decks.nastran.materials import ANISOTROPIC
 from strainsight.decks.nastran.properties import properties
+from strainsight.decks.nastran.shells import SHELLS
 from strainsight.decks.nastran.solids import SOLIDS, read_solids, straight_sides, with_middles
-from strainsight.decks.nastran.springs import MASSES, SPRINGS, point_masses, springs
-from strainsight.decks.nastran.supports import fixed_components
+from strainsight.decks.nastran.springs import MASSES, SPRINGS, fixed_components, point_masses, springs
 from strainsight.decks.nastran.thin import TAKEN as THIN
 from strainsight.decks.nastran.thin import read_thin
 from strainsight.decks.nastran.ties import NAMES as RIGID_BARS
 from strainsight.decks.nastran.ties import averaging_elements, rigid_bars, rigid_elements, selected_cards, terms
-from strainsight.decks.nastran.unused import structural_lines, unused_systems
+from strainsight.decks.text import parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import Relation
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin import nodes_that_turn, scaled
+
+STRUCTURE = (
+    "K2GG",
+    "M2GG",
+    "K2PP",
+    "M2PP",
+    "A2GG",
+    "SUPORT1",
+    "BCONTACT",
+    "BCSET",
+    "BGSET",
+    "NSM",
+    "DEFORM",
+)
+"""Matrices beside the elements, supports of a free structure, contact, more mass."""
+_LINE = re.compile(rf"\s*({'|'.join(STRUCTURE)})\b\s*(\(.*?\))?\s*=", re.IGNORECASE)
+SYSTEM_FIELDS: Mapping[str, Sequence[int]] = {
+    "GRID": (1, 5),
+    "GRDSET": (1, 5),
+    "PSOLID": (2,),
+    "PCOMPS": (1,),
+    "CONM1": (2,),
+    "CONM2": (2,),
+    **{name: (layout.theta,) for name, layout in SHELLS.items()},
+    "CBUSH": (7, 9),
+    **dict.fromkeys(("FORCE", "MOMENT", "RFORCE"), (2,)),
+    "GRAV": (1,),
+    "PLOAD4": (8,),
+    **dict.fromkeys(BY_POINTS, (1,)),
+}
+"""Card → fields that name a coordinate system; of a shell a whole number is one, a real number an angle."""
+
+
+def structural_lines(deck: Deck) -> list[str]:
+    """Names of lines of the case control that make the structure another one: "STATSUB of the case control"."""
+    found = (_LINE.match(line.text) for line in deck.case_control)
+    return [f"{match[1].upper()} of the case control" for match in found if match]
+
+
+def unused_systems(cards: Mapping[str, Sequence[Card]]) -> dict[str, int]:
+    """CORD1 and CORD2 that no card refers to, "CORD2R that no card refers to" → how many."""
+    used = {
+        parse_integer(card.text(i))
+        for name, fields in SYSTEM_FIELDS.items()
+        for card in cards.get(name, [])
+        for i in fields
+    }
+    found: dict[str, int] = {}
+    for name in (*BY_POINTS, *BY_NODES):
+        # a CORD1 may define two
+        of_card = (0, 4) if name in BY_NODES else (0,)
+        ids = [parse_integer(card.text(i)) for card in cards.get(name, []) for i in of_card if card.text(i)]
+        if count := sum(own not in used for own in ids):
+            found[f"{name} that no card refers to"] = count
+    return found
+
 
 TAKEN = {
     *(

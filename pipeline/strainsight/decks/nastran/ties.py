@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.decks.nastran.cards import Card, Deck
 from strainsight.decks.nastran.case_control import expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
-from strainsight.decks.nastran.supports import combined_sets, components, selections
+from strainsight.decks.nastran.springs import combined_sets, components, selections
 from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement

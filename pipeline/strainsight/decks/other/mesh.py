@@ -10,8 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
-from strainsight.decks.other.load import Loaded, load
-from strainsight.decks.other.sandbox import load_sandboxed
+from strainsight.decks.other.load import Loaded, load, load_sandboxed
 from strainsight.decks.thin import SHELLS, Chosen, Groups, regions_with_sections, sections_by_region
 from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import LINE, LINE3, GivenSection, with_given

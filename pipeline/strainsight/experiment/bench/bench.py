@@ -37,8 +37,7 @@ from strainsight.multibody.laws.kinds import LAWS
 from strainsight.multibody.relations import cosine, relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.system import System, assemble
-from strainsight.records.bench import ReducedBody
-from strainsight.records.bench_estimated import BenchPlaced
+from strainsight.records.bench import BenchPlaced, ReducedBody
 
 Between = stated.Joint | stated.Law
 """What stands between two frames."""

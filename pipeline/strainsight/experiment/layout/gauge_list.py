@@ -13,7 +13,7 @@ from strainsight.config.placement import Datum
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
-from strainsight.pages.datum import Frame
+from strainsight.pages.picture.layout import Frame
 from strainsight.runner.output import Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, UNITS, Candidates
 from strainsight.sensors.edges import EdgeDimensions, edge_dimensions, facet_keys, no_edges

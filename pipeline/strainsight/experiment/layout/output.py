@@ -24,7 +24,7 @@ from strainsight.experiment.layout.gauge_list import (
 )
 from strainsight.experiment.layout.placement import Placed
 from strainsight.mesh.model import Mesh
-from strainsight.pages.datum import Frame
+from strainsight.pages.picture.layout import Frame
 from strainsight.placement.score import worth_keeping
 from strainsight.records.mesh import gauge_grid
 from strainsight.records.placed import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key

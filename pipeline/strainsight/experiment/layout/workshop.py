@@ -20,7 +20,7 @@ from strainsight.experiment.layout.gauge_list import (
     measured_columns,
 )
 from strainsight.mesh.model import Mesh
-from strainsight.pages.datum import Frame
+from strainsight.pages.picture.layout import Frame
 from strainsight.sensors.edges import EdgeDimensions, carrier
 from strainsight.sensors.export import uff_text
 

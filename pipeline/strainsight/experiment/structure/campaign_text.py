@@ -23,8 +23,7 @@ from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.structure.campaign import Campaign
 from strainsight.experiment.structure.estimation import Estimation
 from strainsight.experiment.structure.filtering import posterior_doubts, posterior_numbers
-from strainsight.records.damage import DamageAt, Damaged
-from strainsight.records.estimated import CampaignRecord, Estimated
+from strainsight.records.estimated import CampaignRecord, DamageAt, Damaged, Estimated
 from strainsight.runner.output import Scalar, Table, warnings_table
 
 

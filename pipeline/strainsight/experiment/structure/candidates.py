@@ -14,7 +14,7 @@ from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, zone_of
 from strainsight.experiment.recorded import named_regions
 from strainsight.experiment.structure.bonded_gauges import STRAIN_KINDS, BondedPlace, read_bonded
-from strainsight.experiment.structure.settings import families
+from strainsight.experiment.structure.references import families
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter
 from strainsight.fem.by_region import interpolated
 from strainsight.loads.linearisation import Sensed

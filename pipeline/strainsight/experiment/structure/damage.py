@@ -12,14 +12,14 @@ from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.damage.loops import FKM, GOODMAN, NONE
 from strainsight.damage.sums import Curve, Interval, MeanStress, damage_of, equivalent_range, interval_of, one_number
 from strainsight.errors import UserError
-from strainsight.estimation.error_paths import Paths
+from strainsight.estimation.bank_smoother import Paths
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.surface import Skin, virtual_pool
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.stress import SurfaceModel
-from strainsight.records.damage import DamageAt, Damaged
+from strainsight.records.estimated import DamageAt, Damaged
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.surface import facet_centres
 

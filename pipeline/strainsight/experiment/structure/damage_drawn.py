@@ -12,8 +12,9 @@ from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun
-from strainsight.estimation.error_paths import AT_ONCE, Paths, bank_paths, smoother_errors
+from strainsight.estimation.bank_smoother import AT_ONCE, Paths, bank_paths
 from strainsight.estimation.reduced import driven_with_offsets
+from strainsight.estimation.smoother import smoother_errors
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.damage import (
     SHOWN,
@@ -25,7 +26,7 @@ from strainsight.experiment.structure.damage import (
 )
 from strainsight.experiment.structure.filtered_test import Filtered, Filtering, banks_of
 from strainsight.experiment.structure.surface import Skin
-from strainsight.records.damage import Damaged
+from strainsight.records.estimated import Damaged
 
 OTHER = {"random_walk": "integrated_random_walk", "integrated_random_walk": "random_walk"}
 DECISIVE = 10.0

@@ -20,7 +20,7 @@ from strainsight.experiment.recorded import delay_in_seconds
 from strainsight.experiment.structure.filtered_test import Filtering
 from strainsight.experiment.structure.measured import Measured, RecordSettings
 from strainsight.experiment.structure.problem import Problem
-from strainsight.measurements.units import required_unit
+from strainsight.measurements.records import required_unit
 from strainsight.records.estimated import ChannelsChecked
 from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import STRAIN, UNITS

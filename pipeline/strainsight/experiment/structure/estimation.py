@@ -13,8 +13,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
 from strainsight.estimation.consistency import Tuning, Verdict, verdict
 from strainsight.estimation.decision import Decision
-from strainsight.estimation.model import physical
-from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.model import physical, surface_reading
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.structure.candidates import units_in_words
@@ -31,13 +30,12 @@ from strainsight.experiment.structure.filtering import posteriors_of
 from strainsight.experiment.structure.measured import RecordSettings
 from strainsight.experiment.structure.nuisances import exact_frequencies_in_words
 from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
-from strainsight.experiment.structure.settings import unknown_units
+from strainsight.experiment.structure.references import unknown_units
 from strainsight.experiment.structure.surface import Skin, Virtual, grid_of, moment_of, resultants_of, virtual_labels
 from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import Unknowns
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.records.damage import Damaged
-from strainsight.records.estimated import Channels, Estimated, HoldOut, Offsets, Source
+from strainsight.records.estimated import Channels, Damaged, Estimated, HoldOut, Offsets, Source
 from strainsight.records.placed import budget_of_shares
 from strainsight.sensors.candidates import UNITS
 

@@ -19,7 +19,7 @@ from strainsight.loads.histories import fill_gaps, interpolate, join_by_lines, q
 from strainsight.measurements.assemble import Signals
 from strainsight.measurements.calibration import SUM
 from strainsight.measurements.reader import format_of
-from strainsight.measurements.units import SI
+from strainsight.measurements.records import SI
 from strainsight.records.estimated import Source
 from strainsight.runner.artefact import sha256_of
 

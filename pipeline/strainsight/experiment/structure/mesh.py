@@ -39,12 +39,11 @@ from strainsight.mesh.additions import (
     with_support,
 )
 from strainsight.mesh.anisotropic import Orientation, constants_fault, orthotropic
-from strainsight.mesh.connectivity import check_doubled, connectivity_warnings
+from strainsight.mesh.connectivity import check_doubled, connectivity_warnings, merged
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem
 from strainsight.mesh.facets import Facets, exterior_facets, facet_key
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.joins import Springs
-from strainsight.mesh.merging import merged
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import leading_warnings, sanity_warnings, without_loose_masses
 from strainsight.mesh.surface_ties import with_surface_tie, without_held

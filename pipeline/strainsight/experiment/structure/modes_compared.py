@@ -15,9 +15,8 @@ from strainsight.errors import ConfigError, DeckError, UserError, blame
 from strainsight.experiment.structure.results import on_nodes
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes as lowest_modes
-from strainsight.foreign.results.printed import printed_modes
 from strainsight.foreign.results.reader import READERS, read_responses
-from strainsight.foreign.results.response import Response
+from strainsight.foreign.results.response import Response, printed_modes
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import ignored_structure, lost
 

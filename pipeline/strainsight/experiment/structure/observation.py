@@ -17,7 +17,7 @@ from strainsight.experiment.recorded import signal_of
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.candidates import channels_of, largest_of_quantity, readings
 from strainsight.experiment.structure.problem import Problem
-from strainsight.experiment.structure.settings import characteristic
+from strainsight.experiment.structure.references import characteristic
 from strainsight.experiment.structure.start import loading_of, motion_of
 from strainsight.fem.affine import DAMPING, of_stiffness
 from strainsight.loads.histories import Sine, instant_values

@@ -1,4 +1,5 @@
-"""The placement on a structure: the training run linearised, its gauges as a pool, and what the layout is to know (5.3)."""
+"""The placement on a structure: the training run linearised, its gauges as a pool, what the layout is to know, and what is
+written of it (5.3)."""
 
 from __future__ import annotations
 
@@ -10,27 +11,40 @@ import numpy as np
 
 from strainsight.config.placement import Place, PlacementConfig, Symmetry
 from strainsight.errors import ConfigError, InfeasibleError, blame
-from strainsight.experiment.layout.advice import Expectation
-from strainsight.experiment.layout.load_cases import LoadCases
+from strainsight.experiment.layout.advice import Expectation, budget_table
+from strainsight.experiment.layout.output import layout_output, layout_record
 from strainsight.experiment.layout.placement import Placed, placed
-from strainsight.experiment.layout.task import PoolRows, Readings, Task, Unknowns, layout_limits
+from strainsight.experiment.layout.task import LoadCases, PoolRows, Readings, Task, Unknowns, layout_limits
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.candidates import Channels, largest_of_quantity, listed_gauges
-from strainsight.experiment.structure.clearance import advice_at_gauges, at_gauges, notes_at_gauges
+from strainsight.experiment.structure.candidates import Channels, largest_of_quantity, listed_gauges, units_in_words
+from strainsight.experiment.structure.clearance import (
+    advice_at_gauges,
+    at_gauges,
+    hot_spot_advice,
+    hot_spot_table,
+    notes_at_gauges,
+    tested_hot_spots,
+)
 from strainsight.experiment.structure.cost import of_pool_in_words
 from strainsight.experiment.structure.expectation import (
     alike_gauges,
+    case_table,
     cases_in_words,
     cases_of,
     expectation,
     unresolved_gauges,
     worst_case,
 )
-from strainsight.experiment.structure.hot_spots import hot_spot_advice, tested_hot_spots
 from strainsight.experiment.structure.nuisances import not_held_in_words, tolerated
-from strainsight.experiment.structure.problem import Problem, placed_instants, problem_in, scenarios_of
+from strainsight.experiment.structure.problem import (
+    Problem,
+    placed_instants,
+    problem_in,
+    rests_on_loads_in_words,
+    scenarios_of,
+)
+from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
-from strainsight.experiment.structure.settings import families
 from strainsight.experiment.structure.start import ringing_in_words
 from strainsight.experiment.structure.training import Run, run_as_stated, runs_of
 from strainsight.loads.histories import instant_values
@@ -38,10 +52,13 @@ from strainsight.loads.linearisation import linearise, measurement_rows
 from strainsight.loads.observability import Observability, observability
 from strainsight.mesh.model import Mesh
 from strainsight.placement.scenario import Scenario, solve_pool, solved
-from strainsight.records.placed import AtGauges, ByCase, HotSpots
+from strainsight.records.placed import AtGauges, ByCase, HotSpots, PbhNumbers, budget_of_shares
+from strainsight.records.placed import Placed as PlacedRecord
+from strainsight.records.record import record_from
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
+from strainsight.runner.output import Output, Scalar, Table
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.symmetry import mirror_partners
 
@@ -332,3 +349,37 @@ def _left_aligned(channels: np.ndarray) -> np.ndarray:
     order = np.argsort(channels < 0, axis=1, kind="stable")
     moved = np.take_along_axis(channels, order, axis=1)
     return moved[:, (moved >= 0).any(axis=0)]
+
+
+def placement_output(found: Placement, mesh: Mesh, length_unit: str) -> Output:
+    """Datasets, numbers, tables and files; length_unit of the deck."""
+    condition, lost, unknowns = found.condition, found.condition.null_direction, found.task.unknowns
+    scale = dict(zip(unknowns.names, unknowns.scale.tolist(), strict=True))
+    by_case = found.by_case
+    if by_case is not None:
+        scale = {name: float(by_case.scale[name][by_case.name.index(by_case.worst[name])]) for name in unknowns.names}
+    budget = found.expected.budget
+    record = PlacedRecord(
+        **vars(layout_record(found)),
+        expected_std={name: std * scale[name] for name, std in found.expected.std.items()},
+        without=found.expected.without,
+        budget=budget_of_shares(budget),
+        observability=record_from(PbhNumbers, condition),
+        hot_spots=found.hot_spots,
+        at_gauges=found.at_gauges,
+        by_case=by_case,
+    )
+    numbers: dict[str, Scalar] = {"condition": condition.condition} | ({"null_direction": lost} if lost else {})
+    rests = rests_on_loads_in_words(found.problem)
+    numbers |= {"rests_on_loads": rests} if rests else {}
+    hot = found.hot_spots
+    cases = () if by_case is None else (case_table(by_case, found.task.criterion.symbol),)
+    tables: tuple[Table, ...] = (*cases, budget_table(budget))
+    if hot is not None:
+        numbers |= {"hot_spots": int(hot.hot.sum())}
+        tables += (hot_spot_table(hot, found.listed.labels),)
+    attributes = {f"/expected_std/{name}": {"scale": size} for name, size in scale.items()}
+    unit = units_in_words(found.problem.channels.quantity)
+    output = layout_output(found, record, mesh, length_unit, numbers, attributes, tables, unit)
+    message = f"{output.message}, hardly observable: {lost}" if lost else output.message
+    return replace(output, message=f"{message}; {rests}" if rests else message)

@@ -17,7 +17,7 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import Settled
 from strainsight.estimation.update import Form
 from strainsight.experiment.structure.candidates import Channels, channels_of
-from strainsight.experiment.structure.settings import unknowns_of
+from strainsight.experiment.structure.references import unknowns_of
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.training import Run, run_as_stated, typical_of
 from strainsight.loads.histories import Signal, instant_values

@@ -1,35 +1,321 @@
-"""What a config refers to is in its mesh: asked at `import`, before anything that takes time."""
+"""What a config means in the terms of the kernels, and the check at `import` that all it refers to is in the mesh."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.loads import Load
-from strainsight.config.placement import GuessFrom, PlacementConfig
-from strainsight.errors import InfeasibleError, UserError, blame
+from strainsight.config.gauges import Gauges, MotionSensors
+from strainsight.config.loads import InputNoise, Load
+from strainsight.config.mesh import Matrices, MeshFile
+from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
+from strainsight.errors import ArtefactError, ConfigError, InfeasibleError, UserError, blame
 from strainsight.experiment.layout.gauge_list import zone_of
 from strainsight.experiment.recorded import named_regions
-from strainsight.experiment.structure.settings import (
-    WHAT_IS_FREE,
-    WHERE_LOADS_ACT,
-    parameters_of,
-    places_of,
-    point_loads,
-)
-from strainsight.fem.affine import DAMPING
-from strainsight.fem.loads import loaded_nodes, nodal_forces
+from strainsight.fem.affine import DAMPING, Parameter
+from strainsight.fem.by_region import regions_of
+from strainsight.fem.loads import PointLoad, input_shape, loaded_nodes, nodal_forces
+from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.springs import spring_owners
-from strainsight.mesh.additions import region_ids
+from strainsight.loads.histories import MultiSine, Signal, Sine, Sweep, evaluate
+from strainsight.loads.input_models import InputModel, Unknowns, input_model
+from strainsight.mesh.additions import region_ids, spring_names
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import NodalForces
 from strainsight.mesh.model import CellBlock, Mesh
-from strainsight.mesh.properties import OF_MASS, value_of
+from strainsight.mesh.properties import OF_MASS, PLY_MODULI, SECTION_FACTORS, THICKNESS, value_of, with_value
 from strainsight.mesh.sanity import attached
 from strainsight.mesh.thin import BeamBlock, ShellBlock
+from strainsight.runner.artefact import Artefact
 from strainsight.sensors.zones import admissible
+
+KINDS_OF_LOAD = (
+    "loads.*.moment",
+    "loads.*.bearing",
+    "loads.*.pressure",
+    "loads.*.factor",
+    "loads.*.gravity",
+    "loads.*.rotation",
+)
+"""Keys that say of what kind a load is, and so its unit."""
+WHERE_LOADS_ACT = ("loads.*.node", "loads.*.set", "loads.*.deck_load", "loads.*.direction", *KINDS_OF_LOAD)
+"""Keys that `point_loads` reads."""
+WHAT_IS_FREE = (
+    "parameters.*.property",
+    "parameters.*.region",
+    "parameters.*.springs",
+    "parameters.*.material",
+    "parameters.*.range",
+)
+"""Keys that `parameters_of` reads, but for the guess."""
+PARAMETER_UNITS = {
+    "youngs_modulus": "Pa",
+    "density": "kg/m^3",
+    "stiffness_factor": "1",
+    DAMPING: "1",
+    **dict.fromkeys(PLY_MODULI, "Pa"),
+    **dict.fromkeys(SECTION_FACTORS, "1"),
+    THICKNESS: "m",
+}
+
+
+def parameters_of(
+    config: Mapping[str, MaterialParameter], mesh: Mesh, files: Mapping[str, Path], section: MeshFile | None = None
+) -> tuple[Parameter, ...]:
+    """The free material properties, each with the regions or springs it belongs to and its reference value [SI].
+
+    section: the config's `mesh`: terms of ready matrices say what belongs to a parameter, which has no regions then; with results
+    it is of all regions.
+    Raises ConfigError where a region or spring does not exist, a guess is far from the file's value or cannot be taken from
+    another run.
+    """
+    found = []
+    for name, entry in config.items():
+        value, (low, high) = reference_value(name, entry.guess, files), entry.range
+        if not low <= value <= high:
+            raise ConfigError(
+                f"the guess of {name}, {value:.6g}, lies outside its range {low:g} to {high:g}",
+                key=f"parameters.{name}.range",
+                remedy="widen the range, or take the guess from another run",
+            )
+        if entry.property == DAMPING:
+            continue
+        if section is not None and section.matrices is not None:
+            _check_against_terms(name, value, section.matrices)
+            found.append(Parameter(name, entry.property, (), value, range=entry.range))
+            continue
+        regions, springs = places_of(name, entry, mesh, section)
+        of_deck: dict[str, float] = {}
+        if section is not None and section.results is not None and name in section.results.at:
+            of_deck["the results"] = section.results.at[name]
+        for region in regions if not of_deck else ():
+            if section is not None and section.results is not None and mesh.density_of(region) is None:
+                continue
+            with blame(f"parameters.{name}.{'property' if entry.material is None else 'material'}"):
+                of_deck[f"region {region}"] = value_of(mesh, region, entry.property, entry.material)
+        for place, deck in {**of_deck, **dict.fromkeys(springs, 1.0)}.items():
+            if not 0.1 <= value / deck <= 10:
+                in_mpa = PARAMETER_UNITS[entry.property] == "Pa" and 0.1 <= 1e6 * value / deck <= 10
+                in_mm = PARAMETER_UNITS[entry.property] == "m" and 0.1 <= 1e-3 * value / deck <= 10
+                meant = f"{value:g} MPa are {1e6 * value:.4g} Pa: give that, if it is meant"
+                if in_mm:
+                    meant = f"{value:g} mm are {1e-3 * value:.4g} m: give that, if it is meant"
+                units = "check mesh.length_unit and mesh.mass_unit, or the guess"
+                factor = "it multiplies what the deck has: 1.0 is that of the deck"
+                raise ConfigError(
+                    f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in {place} (SI units)",
+                    key=f"parameters.{name}.guess",
+                    remedy=meant if in_mpa or in_mm else factor if PARAMETER_UNITS[entry.property] == "1" else units,
+                )
+        if entry.property == THICKNESS:
+            _require_alike(name, of_deck)
+        found.append(Parameter(name, entry.property, regions, value, springs, entry.range, entry.material))
+    return tuple(found)
+
+
+def damping_parameter(config: Mapping[str, MaterialParameter], files: Mapping[str, Path]) -> tuple[str, float] | None:
+    """Name and reference value [-] of the parameter that multiplies the damping; None where it is known."""
+    for name, entry in config.items():
+        if entry.property == DAMPING:
+            return name, reference_value(name, entry.guess, files)
+    return None
+
+
+def _require_alike(name: str, of_deck: Mapping[str, float]) -> None:
+    """Raises ConfigError for regions of different thicknesses [m]: the parameter would make them one."""
+    if max(of_deck.values()) > (1 + 1e-6) * min(of_deck.values()):
+        raise ConfigError(
+            "the regions have different thicknesses: "
+            + ", ".join(f"{place} {1e3 * value:.4g} mm" for place, value in of_deck.items()),
+            key=f"parameters.{name}.region",
+            remedy="give each thickness a parameter of its own",
+        )
+
+
+def places_of(
+    name: str, entry: MaterialParameter, mesh: Mesh, section: MeshFile | None = None
+) -> tuple[tuple[int, ...], tuple[str, ...]]:
+    """Ids of the regions and names of the springs that a parameter belongs to; without either, with results, all regions that
+    have elements. Raises UserError for what is not there."""
+    if section is not None and section.results is not None and entry.region is None:
+        return tuple(regions_of(mesh.elements)), ()
+    with blame(f"parameters.{name}.region"):
+        regions = region_ids(mesh, named_regions(entry.region))
+    with blame(f"parameters.{name}.springs"):
+        return regions, spring_names(mesh, entry.springs or ())
+
+
+def _check_against_terms(name: str, value: float, matrices: Matrices) -> None:
+    terms = [
+        (f"mesh.matrices.{kind}.{i}", term)
+        for kind, own in (("stiffness", matrices.stiffness), ("mass", matrices.mass))
+        for i, term in enumerate(own)
+        if term.parameter == name
+    ]
+    for key, term in terms:
+        if term.at is not None and not 0.1 <= value / term.at <= 10:
+            raise ConfigError(
+                f"the guess of {name} is {value:.4g}, the matrix was made at {term.at:.4g} (SI units)",
+                key=f"{key}.at",
+                remedy="give both in SI units",
+            )
+
+
+def reference_value(name: str, guess: float | GuessFrom, files: Mapping[str, Path]) -> float:
+    """A guess [SI]: a number, or what another run estimated for the parameter of the same name (thesis 6.1.3)."""
+    if not isinstance(guess, GuessFrom):
+        return float(guess)
+    key = f"parameters.{name}.guess.from"
+    with blame(key):
+        summary = Artefact(files[key]).summary
+    if f"estimate.{name}" not in summary:
+        raise ArtefactError(
+            f"{files[key].name} of run '{files[key].parent.name}' estimates no parameter '{name}'",
+            key=key,
+            remedy="name a run that has it under place.estimate",
+        )
+    return float(summary[f"estimate.{name}"])
+
+
+def unknown_units(config: PlacementConfig) -> dict[str, str]:
+    """The unit of every unknown, by its name."""
+    parameters = config.parameters
+    return {
+        name: config.loads[name].unit if name in config.loads else PARAMETER_UNITS[parameters[name].property]
+        for name in config.place.estimate
+    }
+
+
+def load_units(loads: Mapping[str, Load]) -> str:
+    """The unit of an array over these loads, or several."""
+    return " or ".join(sorted({load.unit for load in loads.values()}))
+
+
+def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.ndarray:
+    """Input shape S (n_free, n_u) [-] of every load, in the order of the config."""
+    columns = []
+    for name, load in point_loads(config).items():
+        with blame(f"loads.{name}"):
+            columns.append(input_shape(model, (load,)))
+    return np.hstack(columns)
+
+
+def load_slopes(
+    model: FiniteElementModel, config: Mapping[str, Load], parameters: Sequence[Parameter]
+) -> dict[str, np.ndarray]:
+    """∂S/∂θᵢ (n_free, n_u) [1 per unit of θ] of every density, thickness and factor of a section that a load on mass goes with: S
+    is affine in them, so that a difference is exact; but for the moment of a laminate whose mass lies off its middle, which is
+    quadratic in the thickness: there it is the slope at the reference, to 5e-4. The mesh of the model has the values at which
+    its loads act.
+
+    Raises UserError where the density and a section of one region are free: S would be their product."""
+    on_mass = [i for i, load in enumerate(point_loads(config).values()) if load.of_mass]
+    found = {}
+    for own in parameters if on_mass else ():
+        if own.property in OF_MASS:
+            _require_affine(own, parameters)
+            step = 1e-3 if own.property == THICKNESS else 1.0
+            # a factor is one of what the mesh of the model has
+            value = (1 + step) * (own.reference if own.property in ("density", THICKNESS) else 1.0)
+            more = replace(model, mesh=with_value(model.mesh, own.property, own.regions, value))
+            names = [list(config)[i] for i in on_mass]
+            change = [load_shapes(each, {name: config[name] for name in names}) for each in (more, model)]
+            slope = np.zeros((model.size, len(config)))
+            slope[:, on_mass] = (change[0] - change[1]) / (step * own.reference)
+            found[own.name] = slope
+    return found
+
+
+def _require_affine(own: Parameter, parameters: Sequence[Parameter]) -> None:
+    """Raises UserError where the density and a thickness or factor of the section of one region are free."""
+    for other in parameters:
+        both = {own.property, other.property} & {"density"}
+        if (
+            both
+            and other.property in OF_MASS
+            and own.property != other.property
+            and set(own.regions) & {*other.regions}
+        ):
+            raise UserError(
+                f"{own.name} and {other.name} multiply each other in loads on mass (gravity, rotation)",
+                key=f"parameters.{other.name}",
+                remedy="keep one of them, or give the load as forces",
+            )
+
+
+def point_loads(config: Mapping[str, Load]) -> dict[str, PointLoad]:
+    """The loads of the config, in its order."""
+    return {
+        name: PointLoad(
+            name,
+            entry.direction,
+            entry.node,
+            entry.set,
+            entry.deck_load,
+            entry.moment,
+            entry.bearing,
+            bool(entry.pressure),
+            bool(entry.factor),
+            entry.gravity,
+            None if entry.rotation is None else (entry.rotation.axis, entry.rotation.point),
+        )
+        for name, entry in config.items()
+    }
+
+
+def families(config: PlacementConfig) -> dict[str, Gauges | MotionSensors]:
+    """Config key → kinds of sensors in the order of `Candidates.array`: the strain gauges, the motion sensors by name.
+
+    By name, because the order in a config is none: two configs that differ only by it are the same.
+    """
+    others = {f"motion_sensors.{name}": config.motion_sensors[name] for name in sorted(config.motion_sensors)}
+    return {"gauges": config.gauges, **others}
+
+
+def characteristic(entry: Load, signal: Signal, duration: float) -> tuple[float, float]:
+    """Frequency [Hz] and amplitude that set an unknown input's process noise (5.16): as stated, else as the signal has them."""
+    noise = entry.process_noise
+    match signal:
+        case Sine():
+            own = (signal.frequency, signal.amplitude)
+        case Sweep():
+            own = (max(signal.start, signal.stop), signal.amplitude)
+        case MultiSine():
+            own = (signal.highest, signal.amplitude)
+        case _:
+            t = np.linspace(0, duration, 2001)
+            own = (float("nan"), float(np.abs(evaluate(signal, t)).max()))
+    frequency = noise.frequency if noise.frequency is not None else own[0]
+    amplitude = noise.amplitude if noise.amplitude is not None else own[1]
+    return float(frequency), float(amplitude)
+
+
+def unknowns_of(
+    estimate: Sequence[str],
+    loads: Mapping[str, Load],
+    typical: Mapping[str, tuple[float, float]],
+    reference: Mapping[str, float],
+) -> Unknowns:
+    """The inputs and parameters to estimate, with the scale of each: an amplitude, a guess; typical: frequency [Hz] and amplitude
+    of every input."""
+    inputs = tuple(name for name in estimate if name in loads)
+    return Unknowns(
+        inputs=inputs,
+        parameters=tuple(name for name in estimate if name not in loads),
+        amplitude={name: amplitude for name, (_, amplitude) in typical.items()},
+        guess={name: reference[name] for name in estimate if name not in loads},
+        models={name: _input_model(loads[name].process_noise, typical[name][0]) for name in inputs},
+        frequency={name: frequency for name, (frequency, _) in typical.items()},
+    )
+
+
+def _input_model(noise: InputNoise, frequency: float) -> InputModel:
+    return input_model(noise.model, frequency, noise.kappa, noise.smoothness, noise.damping)
+
 
 READS = (
     *WHAT_IS_FREE,

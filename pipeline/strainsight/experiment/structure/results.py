@@ -13,12 +13,11 @@ from strainsight.config.mesh import MeshFile, ModesOfResults, ResponseOfLoad, St
 from strainsight.config.mesh import Results as Stated
 from strainsight.decks.faults import IdTable
 from strainsight.errors import DeckError, UserError, blame
-from strainsight.experiment.structure.settings import load_shapes
+from strainsight.experiment.structure.references import load_shapes
 from strainsight.fem.affine import Parameter, of_stiffness
 from strainsight.fem.by_region import density_of, modulus_of, regions_of
 from strainsight.fem.model import FullModel
-from strainsight.foreign.given_motion import GivenMotion, given_motion
-from strainsight.foreign.of_results import Results, check_positions, results_model
+from strainsight.foreign.of_results import GivenMotion, Results, check_positions, given_motion, results_model
 from strainsight.foreign.results.reader import read_responses
 from strainsight.foreign.results.response import Response
 from strainsight.foreign.second_results import KEY as SECOND

@@ -13,7 +13,7 @@ from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.structure.candidates import thickness_of_guess
 from strainsight.experiment.structure.clearance import bent_gauges, clearance_of
-from strainsight.experiment.structure.settings import families
+from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.training import Run, refuse_noise, run_as_stated, runs_of
 from strainsight.experiment.structure.truth import installation_std

@@ -13,14 +13,13 @@ from strainsight.config.gauges import Gauges, NamedGauge
 from strainsight.config.loads import Load
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, DeckError
-from strainsight.estimation.model import FilterModel, theta_of
-from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.model import FilterModel, surface_reading, theta_of
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, Wanted
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.filtered_test import Filtering
 from strainsight.experiment.structure.nuisances import Tolerated
-from strainsight.experiment.structure.settings import parameters_of
+from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.recovery import facet_strain, strain_matrix
@@ -29,8 +28,7 @@ from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
-from strainsight.records.damage import DamageAt
-from strainsight.records.estimated import Moment, Resultant, VirtualStrain
+from strainsight.records.estimated import DamageAt, Moment, Resultant, VirtualStrain
 from strainsight.records.reduced import Reduced
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import STRAIN, Candidates

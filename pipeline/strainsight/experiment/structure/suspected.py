@@ -20,7 +20,7 @@ from strainsight.estimation.suspect import Suspect
 from strainsight.experiment.structure.filtered_test import Filtered, Filtering, banks_of
 from strainsight.experiment.structure.nuisances import nuisances_of, on_average, tolerated
 from strainsight.experiment.structure.problem import Problem
-from strainsight.experiment.structure.settings import unknown_units
+from strainsight.experiment.structure.references import unknown_units
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import Thickness

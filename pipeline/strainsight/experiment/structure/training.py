@@ -24,7 +24,7 @@ from strainsight.experiment.structure.candidates import (
     rows_along,
     thickness_of_guess,
 )
-from strainsight.experiment.structure.settings import characteristic
+from strainsight.experiment.structure.references import characteristic
 from strainsight.experiment.structure.start import Loading, loading_of, motion_of
 from strainsight.fem.affine import NO_CHANGE
 from strainsight.foreign.matrices.files import read_numbering

@@ -21,7 +21,7 @@ from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.experiment.structure.filtering import by_moments, together
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, on_average
 from strainsight.experiment.structure.problem import Problem, initial_covariance, sample_std, settled_under
-from strainsight.experiment.structure.settings import unknown_units
+from strainsight.experiment.structure.references import unknown_units
 from strainsight.experiment.structure.start import Loading, loading_of
 from strainsight.experiment.structure.truth import ReadMotion, SimulatedMotion, SimulatedTruth
 from strainsight.loads.histories import instant_values

@@ -12,8 +12,7 @@ from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.consistency import after_start, nees, nis, settling_time, verdict, whiteness
 from strainsight.estimation.decision import Benefit, Claim, Decision, band_of, benefit_of, samples_alike, without_sigma
-from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.motion import surface_reading
+from strainsight.estimation.model import FilterModel, physical, surface_reading
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std

@@ -1,16 +1,22 @@
-"""One result of another program: a mode shape, or the response to a static load."""
+"""One result of another program: a mode shape, or the response to a static load; and natural frequencies in printed output.
+
+Source: Nastran Quick Reference Guide, "R E A L   E I G E N V A L U E S" and "R E A L   E I G E N V E C T O R   N O ."; CalculiX
+manual, *FREQUENCY, "E I G E N V A L U E   O U T P U T".
+"""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import dataclass
+import re
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Literal, TypeVar
 
 import numpy as np
 
 from strainsight.decks.faults import repeated
-from strainsight.decks.text import parse_integer, parse_real
+from strainsight.decks.text import opened, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.thin import FloatArray, IntArray
 
@@ -120,4 +126,119 @@ def _checked(parse: Callable[[str], T | None], word: bytes, place: Callable[[int
     if value is None:
         said = " ".join(word.decode("latin-1").split())
         raise DeckError(f"{said!r} is no finite number", where=place(row), remedy=AGAIN)
+    return value
+
+
+ROUNDING = 5e-7
+"""Of a number with seven digits."""
+_LONGEST = 4096
+"""[bytes] read as one line."""
+_VECTOR = re.compile(r"R E A L\s+E I G E N V E C T O R\s+N O ?\.\s*(\d+)")
+_TABLE = re.compile(r"R E A L\s+E I G E N V A L U E S")
+_SUBCASE = re.compile(r"\bSUBCASE\s+(\d+)")
+_OTHER = {
+    "complex eigenvalues": re.compile(r"C O M P L E X\s+E I G E N V"),
+    "buckling loads": re.compile(r"B U C K L I N G\s|^[\s0]*SOL\s+(105|SEBUCKL)\s*$"),
+}
+"""Titles of tables have spaces between their letters, unlike the same words in a title of the user or in a comment; the line of
+the executive control tells of buckling where its table is titled as one of vibration."""
+
+
+@dataclass
+class _Step:
+    """Mode → eigenvalue [1/s²] with its line; mode → ids and rows of motion."""
+
+    number: int
+    eigenvalue: dict[int, tuple[float, int]] = field(default_factory=dict)
+    motion: dict[int, dict[int, list[float]]] = field(default_factory=dict)
+
+
+def printed_modes(path: Path) -> Iterator[Response]:
+    """Every mode of the file, step by step; without shapes it has no nodes.
+
+    The step is the subcase of Nastran, or counts the frequency steps of CalculiX. Shapes of an .f06 are along the axes of each
+    node (CD); scalar points are left out. Raises DeckError with the line for what cannot be read, and for a file without modes.
+    """
+    is_f06 = ".f06" in (ending.lower() for ending in path.suffixes)
+    steps = _of_nastran(path) if is_f06 else _of_calculix(path)
+    found = [step for step in steps if step.eigenvalue]
+    if not found:
+        what = "R E A L   E I G E N V A L U E S" if is_f06 else "E I G E N V A L U E   O U T P U T"
+        raise DeckError(
+            f"the file has no table {what}",
+            where=str(path),
+            remedy="give the .f06 of a SOL 103 run, or the .dat of a *FREQUENCY step of CalculiX",
+        )
+    for step in found:
+        for mode, (eigenvalue, line) in sorted(step.eigenvalue.items()):
+            rows = step.motion.get(mode, {})
+            ids = np.array(list(rows), dtype=np.int64)
+            motion = np.array(list(rows.values())).reshape(-1, 6)
+            where = f"{path}:{line}, step {step.number}, mode {mode}"
+            check_motion(ids, motion, where)
+            frequency = natural_frequency(eigenvalue)
+            kept = {"along_node_axes": is_f06, "rounding": ROUNDING, "where": where}
+            yield Response("mode", step.number, mode, ids, motion, frequency, **kept)  # type: ignore[arg-type]
+
+
+def _lines(path: Path) -> Iterator[tuple[int, str]]:
+    """Number and text of every line."""
+    with opened(path) as file:
+        number = 0
+        while line := file.readline(_LONGEST):
+            number += 1
+            if b"\0" in line or len(line) == _LONGEST:
+                raise DeckError("no line of printed output", where=f"{path}:{number}", remedy="give the text file")
+            yield number, line.decode("latin-1")
+
+
+def _of_nastran(path: Path) -> list[_Step]:
+    """Tables go on over pages, each with its title again; a title of other kind ends one."""
+    steps: dict[int, _Step] = {}
+    step, vector, table = _Step(1), 0, False
+    for number, text in _lines(path):
+        if match := _SUBCASE.search(text):
+            step = steps.setdefault(int(match[1]), _Step(int(match[1])))
+        if text.startswith("1"):  # a new page, with the title that the user gave
+            vector, table = 0, False
+        elif "$" in text:  # a comment of the deck, in its echo
+            continue
+        elif match := _VECTOR.search(text):
+            vector, table = int(match[1]), False
+        elif _TABLE.search(text):
+            vector, table = 0, True
+        elif other := next((what for what, title in _OTHER.items() if title.search(text)), None):
+            raise unsupported(other, f"{path}:{number}")
+        words = text.split()
+        if table and len(words) == 7 and words[0].isdigit() and words[1].isdigit():
+            own = steps.setdefault(step.number, step)
+            own.eigenvalue.setdefault(int(words[0]), (_real(words[2], path, number), number))
+        elif vector and len(words) == 8 and words[0].isdigit() and words[1] == "G":
+            own = steps.setdefault(step.number, step)
+            own.motion.setdefault(vector, {})[int(words[0])] = [_real(word, path, number) for word in words[2:]]
+    return list(steps.values())
+
+
+def _of_calculix(path: Path) -> list[_Step]:
+    steps: list[_Step] = []
+    table = False
+    for number, text in _lines(path):
+        packed = "".join(text.split()).upper()
+        if "EIGENVALUEOUTPUT" in packed:
+            steps.append(_Step(len(steps) + 1))
+            table = True
+        elif packed.startswith(("PARTICIPATION", "EFFECTIVE", "TOTAL", "EIGENVALUENUMBER")):
+            table = False  # what *NODE PRINT and *EL PRINT print of a mode has its number as title
+        words = text.split()
+        if table and len(words) == 5 and words[0].isdigit():
+            if _real(words[4], path, number) != 0 and _real(words[1], path, number) >= 0:
+                raise unsupported("complex frequencies", f"{path}:{number}")
+            steps[-1].eigenvalue[int(words[0])] = (_real(words[1], path, number), number)
+    return steps
+
+
+def _real(word: str, path: Path, line: int) -> float:
+    value = parse_real(word)
+    if value is None:
+        raise DeckError(f"{word!r} is no finite number", where=f"{path}:{line}", remedy=AGAIN)
     return value

@@ -1,15 +1,11 @@
-"""The kinds of elements and facets: a record of each, a file a family. A new element is a file and an entry in `ELEMENTS`."""
+"""The kinds of elements and facets: a record of each. A new element is a record in `solids` and an entry in `ELEMENTS`."""
 
 from __future__ import annotations
 
 from strainsight.errors import DeckError
-from strainsight.mesh.kinds.hexahedra import HEX8, HEX20
+from strainsight.mesh.kinds.faces import QUAD4, QUAD8, SHELL6, SHELL8, TRI3, TRI6
 from strainsight.mesh.kinds.kind import ElementKind, Kind
-from strainsight.mesh.kinds.pyramids import PYRA5
-from strainsight.mesh.kinds.quadrangles import QUAD4, QUAD8, SHELL8
-from strainsight.mesh.kinds.tetrahedra import TET4, TET10
-from strainsight.mesh.kinds.triangles import SHELL6, TRI3, TRI6
-from strainsight.mesh.kinds.wedges import WEDGE6, WEDGE15
+from strainsight.mesh.kinds.solids import HEX8, HEX20, PYRA5, TET4, TET10, WEDGE6, WEDGE15
 
 FACETS = (TRI3, TRI6, QUAD4, QUAD8, SHELL6, SHELL8)
 """The codes of facets in artefacts are places in this tuple."""

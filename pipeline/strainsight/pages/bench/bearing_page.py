@@ -16,8 +16,7 @@ from strainsight.pages.page.markup import figure as card
 from strainsight.pages.page.markup import figures, measure, table
 from strainsight.pages.page.sections import document, section
 from strainsight.pages.text import number, quantity
-from strainsight.records.bench import BearingCase, Displaced
-from strainsight.records.bench_estimated import BallsThen, RingEstimate
+from strainsight.records.bench import BallsThen, BearingCase, Displaced, RingEstimate
 
 CONTACTS = ("inner left", "inner right", "outer left", "outer right")
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE)

@@ -14,8 +14,7 @@ import numpy as np
 from strainsight.estimation.decision import BEYOND, CONTRADICTED, DIVERGED, LOST, OVERCONFIDENT, WITHHELD, Claim, judged
 from strainsight.pages.arrays import FloatArray, History, Reading
 from strainsight.pages.placement.data import Criteria, Metric, Trend
-from strainsight.records.bench import DriveMotion, RingMotion
-from strainsight.records.bench_estimated import BenchPlaced, RingEstimate
+from strainsight.records.bench import BenchPlaced, DriveMotion, RingEstimate, RingMotion
 from strainsight.runner.output import Scalar
 
 
@@ -155,6 +154,11 @@ class BenchRun(Run):
     def summary(self) -> Mapping[str, Scalar]:
         """The numbers of the estimate, none where there is none."""
         return self.numbers.get("estimate", {})
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether a filter has run."""
+        return self.estimate is not None
 
     @property
     def unknowns(self) -> tuple[BenchUnknown, ...]:

@@ -13,7 +13,7 @@ import numpy as np
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart import drawing
 from strainsight.pages.chart.drawing import Drawing
-from strainsight.pages.datum import METRES, Frame
+from strainsight.pages.picture.layout import METRES, Frame
 from strainsight.pages.text import number, percent, quantity
 
 AXES = METRES.heads

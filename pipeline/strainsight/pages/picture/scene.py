@@ -7,11 +7,13 @@ stdout, both pickled: no file is left behind where either process is interrupted
 
 from __future__ import annotations
 
+import io
 import os
 import pickle
 import re
 import subprocess
 import sys
+import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -22,7 +24,21 @@ import numpy as np
 from strainsight.errors import StrainsightError
 from strainsight.imports import FOLDER
 from strainsight.pages.arrays import FloatArray
+from strainsight.pages.chart.drawing import VERMILION, gauge_colour, ink_on, styled
+from strainsight.pages.picture.geometry import (
+    EMPTY,
+    arrow_mesh,
+    free_end,
+    line_mesh,
+    marker,
+    mesh_lines,
+    seen_from,
+    surface_mesh,
+    triangles,
+    views,
+)
 from strainsight.pages.picture.layout import Layout
+from strainsight.pages.text import short
 from strainsight.processes import end_with_parent, inherited, python
 
 Pictures = TypeVar("Pictures")
@@ -138,10 +154,250 @@ def look(layout: Layout) -> str:
 
 def drawn(layouts: Sequence[Layout]) -> list[bytes]:
     """In the child process: a picture of every layout of `render_all`."""
-    from strainsight.pages.picture.picture import draw
 
     return [draw(layout, WIDTH, HEIGHT) for layout in layouts]
 
 
 if __name__ == "__main__":
     answer(drawn)
+
+
+STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"
+POOL, CLAMP = "#33475c", "#8a4fb5"
+FINER = 2
+"""Pixels of the picture for one of the page, so that it stays sharp on fine screens and on paper."""
+DRAWN_FACETS = 20_000
+"""More outlines than these would turn the surface black."""
+CAPTION = "#7b8794"
+FONT = 10.0
+"""Size of a name [pt], 100 pixels of the page an inch."""
+WIDE, HIGH, MARGIN = 4.6, 12.5, 7.5
+"""Half the width of a name is MARGIN + WIDE a letter, half its height HIGH [px]."""
+
+
+def draw(layout: Layout, width: int, height: int) -> bytes:
+    """PNG bytes, for width × height pixels of the page: the layout from one corner or, where that hides a gauge, from two."""
+    triangle = triangles(layout.faces)
+    position, normal = layout.places
+    corners = views(layout.points, triangle, position, normal)
+    extent = np.sort(np.ptp(layout.points, axis=0))
+    slender = extent[2] > 1.6 * extent[1]
+    rows, columns = (len(corners), 1) if slender else (1, len(corners))
+    size = width // columns, height // rows
+    # An arrow is named in the views that show its free end, and where none does, in the first.
+    ends = np.array([free_end(load, layout) for load in layout.loads]).reshape(-1, 3)
+    facing = np.array([seen_from(layout.points, triangle, ends, np.tile(eye, (len(ends), 1)), eye) for eye in corners])
+    facing[0] |= facing.sum(axis=0) == 0
+    panels = []
+    for corner, named in zip(corners, facing.astype(bool), strict=True):
+        seen = seen_from(layout.points, triangle, position, normal, corner).astype(bool)
+        panels.append((*_geometry(layout, triangle, corner, size), seen, named, corner))
+    return labelled(layout, panels, rows, columns, size, FINER)
+
+
+def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int]) -> tuple[Any, Any]:  # type: ignore[no-untyped-def]
+    """RGBA image of one view, FINER times as fine as the page, and the function points (k, 3) → pixels of the page (k, 2)."""
+    import pyvista as pv
+
+    diagonal = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
+    plotter = pv.Plotter(off_screen=True, window_size=[FINER * length for length in size], lighting="none")
+    for direction, strength in (((0.3, 0.5, 1.0), 0.75), ((-0.6, 0.1, 0.5), 0.3), ((0.2, -0.9, 0.2), 0.2)):
+        light = pv.Light(light_type="camera light", intensity=strength)
+        light.position = direction
+        plotter.add_light(light)
+    # Lines lie in the surface: lift them towards the eye by less than a pixel's worth, so that they do not flicker.
+    lift = 4e-4 * diagonal * corner
+    if len(triangle):
+        _add_surface(plotter, layout, triangle, lift)
+    if len(layout.bars):
+        plotter.add_mesh(line_mesh(layout.points, layout.bars), color=CREASES, line_width=4.0, lighting=False)
+    if len(layout.loose):
+        plotter.add_mesh(pv.PolyData(layout.loose + lift), color=LINES, point_size=13, lighting=False)
+    if len(layout.pool):
+        plotter.add_mesh(
+            pv.PolyData(layout.pool + 2 * lift), color=POOL, point_size=5, render_points_as_spheres=True, lighting=False
+        )
+    if len(layout.fixed):
+        plotter.add_mesh(pv.PolyData(layout.fixed + 2 * lift), color=CLAMP, point_size=9, lighting=False)
+    for i, gauge in enumerate(layout.gauges):
+        for mesh in marker(gauge, 0.034 * diagonal):
+            plotter.add_mesh(mesh, color=EMPTY if gauge.bonded else gauge_colour(i), ambient=0.5)
+            edges = mesh.extract_feature_edges(30.0) if gauge.bonded else mesh
+            if gauge.bonded and edges.n_points:
+                plotter.add_mesh(edges.translate(lift), color=gauge_colour(i), line_width=3.5, lighting=False)
+    for load in layout.loads:
+        plotter.add_mesh(arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
+    _aim(plotter, corner, size)
+    plotter.enable_anti_aliasing("ssaa")
+    image = np.asarray(plotter.screenshot(None, transparent_background=True, return_img=True))
+    matrix = pv.array_from_vtkmatrix(plotter.camera.GetCompositeProjectionTransformMatrix(size[0] / size[1], -1, 1))
+    plotter.close()
+
+    def pixels(points: FloatArray) -> FloatArray:
+        clip = np.column_stack([points, np.ones(len(points))]) @ matrix.T
+        clip = clip[:, :2] / clip[:, 3:]
+        return (clip * [1, -1] + 1) / 2 * size
+
+    return image, pixels
+
+
+def _add_surface(plotter: Any, layout: Layout, triangle, lift: FloatArray) -> None:  # type: ignore[no-untyped-def]
+    """Shaded facets with their outlines and the sharp edges of the body."""
+    surface = surface_mesh(layout.points, triangle)
+    shaded = surface.compute_normals(
+        split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
+    )
+    plotter.add_mesh(shaded, color=STEEL, smooth_shading=True, ambient=0.32, diffuse=0.8, specular=0.05)
+    if len(layout.faces) <= DRAWN_FACETS:
+        wires = line_mesh(layout.points + lift, mesh_lines(layout.faces))
+        plotter.add_mesh(wires, color=LINES, line_width=1.0, lighting=False)
+    creases = surface.clean().extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
+    if creases.n_points:
+        plotter.add_mesh(creases.translate(lift), color=CREASES, line_width=1.6, lighting=False)
+
+
+def _aim(plotter: Any, corner: FloatArray, size: tuple[int, int]) -> None:
+    """Parallel view from a corner, z up, everything inside with room for labels."""
+    bounds = np.array(plotter.bounds).reshape(3, 2)
+    box = np.array([[x, y, z] for x in bounds[0] for y in bounds[1] for z in bounds[2]])
+    axes = across(corner)
+    spread = np.ptp(box @ axes, axis=0)
+    scale = 0.5 * max(spread[1] * 1.28, spread[0] * 1.1 * size[1] / size[0])
+    aim(plotter, box.mean(axis=0), corner, float(np.linalg.norm(np.ptp(box, axis=0))), scale)
+
+
+def across(corner: FloatArray) -> FloatArray:
+    """Unit vectors to the right and up (3, 2) as one sees them from a corner, z up."""
+    right = np.cross([0.0, 0.0, 1.0], corner)
+    right /= np.linalg.norm(right)
+    return np.column_stack([right, np.cross(corner, right)])
+
+
+def aim(plotter: Any, middle: FloatArray, corner: FloatArray, reach: float, scale: float) -> None:
+    """Parallel view from a corner at the middle of what reaches that far [m]; scale: half the height of the view [m]."""
+    camera = plotter.camera
+    camera.parallel_projection = True
+    camera.focal_point = middle
+    camera.position = middle + 2 * reach * corner
+    camera.up = across(corner)[:, 1]
+    camera.parallel_scale = scale
+    plotter.reset_camera_clipping_range()
+
+
+@styled({})
+def labelled(layout: Layout, panels: list[Any], rows: int, columns: int, size: tuple[int, int], finer: int) -> bytes:
+    """The views side by side or one above the other, with names, axes and a word on where one looks from."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    width, height = size[0] * columns, size[1] * rows
+    figure = Figure(figsize=(width / 100, height / 100), dpi=100)
+    FigureCanvasAgg(figure)
+    figure.patch.set_alpha(0)
+    middle = layout.points.mean(axis=0)
+    diagonal = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
+    for place, (image, pixels, seen, named, corner) in enumerate(panels):
+        row, column = divmod(place, columns)
+        axes = figure.add_axes((column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows))
+        axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none", aspect="auto")
+        axes.set_axis_off()
+        centre = pixels(middle[None])[0]
+        anchors, names, colours, hollow, away = [], [], [], [], []
+        for i, gauge in enumerate(layout.gauges):
+            if seen[i]:
+                anchors.append(pixels(gauge.position[None])[0])
+                names.append(short(gauge.label))
+                colours.append(gauge_colour(i))
+                hollow.append(gauge.bonded)
+                away.append(np.array([0.0, -1.0 if anchors[-1][1] <= centre[1] else 1.0]))
+        for load, shown in zip(layout.loads, named, strict=True):
+            if not shown:
+                continue
+            fixed, free = pixels(np.array([load.point, free_end(load, layout)]))
+            anchors.append(free)
+            away.append((free - fixed) / max(float(np.linalg.norm(free - fixed)), 1.0))
+            names.append(short(load.name))
+            colours.append(VERMILION)
+            hollow.append(False)
+        places = spread_labels(np.array(anchors).reshape(-1, 2), np.array(away).reshape(-1, 2), names, size)
+        for anchor, spot, name, colour, empty in zip(anchors, places, names, colours, hollow, strict=True):
+            ground = EMPTY if empty else colour
+            axes.annotate(
+                name,
+                xy=anchor,
+                xytext=spot,
+                ha="center",
+                va="center",
+                fontsize=FONT,
+                fontweight="bold",
+                color=ink_on(ground),
+                parse_math=False,
+                bbox={
+                    "boxstyle": "round,pad=0.32",
+                    "fc": ground,
+                    "ec": colour if empty else "white",
+                    "lw": 2.2 if empty else 0.8,
+                },
+                arrowprops={"arrowstyle": "-", "color": colour, "lw": 1.4, "shrinkA": 0, "shrinkB": 2},
+            )
+        _triad(axes, pixels, middle, diagonal, size)
+        side = "above" if corner[2] > 0 else "below"
+        axes.text(8, 13, f"seen from {side}", color=CAPTION, fontsize=FONT, va="center")
+    buffer = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        figure.savefig(buffer, format="png", dpi=100 * finer, transparent=True, metadata={"Software": None})
+    return buffer.getvalue()
+
+
+def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size: tuple[int, int]) -> FloatArray:
+    """Where labels go: off their anchors, inside the picture, and none on another.
+
+    anchors (k, 2) [pixel], away (k, 2) the direction each would go by itself; returns (k, 2). Labels are taken in turn;
+    each tries rings of growing distance, turning from its own direction, and takes the first place that is free.
+    """
+    half = np.array([[MARGIN + WIDE * len(name), HIGH] for name in names]).reshape(-1, 2)
+    places: list[FloatArray] = []
+    for i, (anchor, ahead) in enumerate(zip(anchors, away, strict=True)):
+        aside = np.array([-ahead[1], ahead[0]])
+        options = [
+            np.clip(
+                anchor + radius * (np.cos(turn) * ahead + np.sin(turn) * aside),
+                half[i] + 4,
+                np.array(size) - half[i] - 4,
+            )
+            for radius in (28, 38, 50, 64, 82, 104, 130)
+            for turn in np.radians([0, 25, -25, 50, -50, 75, -75, 105, -105, 130, -130, 180])
+        ]
+        free = (option for option in options if _is_free(option, half[i], places, half, anchors, i))
+        places.append(next(free, options[0]))
+    return np.array(places).reshape(-1, 2)
+
+
+def _is_free(
+    option: FloatArray, half: FloatArray, places: list[FloatArray], halves: FloatArray, anchors: FloatArray, own: int
+) -> bool:
+    for other, place in enumerate(places):
+        if np.all(np.abs(option - place) < half + halves[other] + 4):
+            return False
+    others = np.delete(anchors, own, axis=0)
+    return not np.any(np.all(np.abs(others - option) < half + 7, axis=1))
+
+
+def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tuple[int, int]) -> None:
+    """The global axes in the lower left corner."""
+    base = np.array([40.0, size[1] - 38.0])
+    step = 1e-3 * diagonal
+    shift = pixels(middle + step * np.eye(3)) - pixels(middle[None])
+    shift *= 26 / np.linalg.norm(shift, axis=1).max()
+    for name, arrow in zip("xyz", shift, strict=True):
+        axes.annotate(
+            "",
+            base + arrow,
+            base,
+            arrowprops={"arrowstyle": "-|>", "color": CAPTION, "lw": 1.3, "shrinkA": 0, "shrinkB": 0},
+        )
+        reach = float(np.linalg.norm(arrow))
+        axes.text(
+            *(base + arrow * (1 + 9 / max(reach, 6.0))), name, color=CAPTION, fontsize=FONT, ha="center", va="center"
+        )

@@ -24,9 +24,9 @@ from strainsight.pages.page.markup import (
     table,
     tile,
 )
-from strainsight.pages.picture import picture
 from strainsight.pages.picture.geometry import shape
 from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.picture.scene import CLAMP, LINES, POOL
 from strainsight.pages.placement.data import Case, PlacementReport, Unknown
 from strainsight.pages.placement.gauge_table import SINGLE, expected_with_all, names_without
 from strainsight.pages.text import listed
@@ -310,14 +310,14 @@ def pictured(layout: Layout, scene: bytes | None, problem: str = "") -> str:
         )
         alt = f"The structure from one or two sides with its {len(layout.gauges)} gauges: {where}."
         key = [("var(--muted)", name, text) for name, text in _kinds(layout.gauges)]
-        key.append((picture.POOL, "dot", f"{count(len(layout.pool))} candidates in the pool"))
+        key.append((POOL, "dot", f"{count(len(layout.pool))} candidates in the pool"))
         if layout.loads:
             loads = [f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads]
             key.append((VERMILION, "", f"load {', '.join(loads)}"))
         if len(layout.fixed):
-            key.append((picture.CLAMP, "", "clamped nodes"))
+            key.append((CLAMP, "", "clamped nodes"))
         if len(layout.loose):
-            key.append((picture.LINES, "", "nodes outside the solids"))
+            key.append((LINES, "", "nodes outside the solids"))
         items = "".join(_key(*entry) for entry in key)
         shown = f'{markup.scene(scene, alt, "picture of the gauges")}<ul class="key">{items}</ul>'
     return f'<figure class="card"><h2>Where the gauges go</h2>{shown}</figure>' if shown else ""

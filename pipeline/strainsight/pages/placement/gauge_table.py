@@ -9,9 +9,8 @@ from html import escape
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.datum import Frame
 from strainsight.pages.page.markup import axes, badge, data, decimals, measure, plain, share, table
-from strainsight.pages.picture.layout import Gauge
+from strainsight.pages.picture.layout import Frame, Gauge
 from strainsight.pages.placement.data import Case, Criteria, Metric, PlacementReport, Trend
 from strainsight.pages.text import number, percent, reading_unit
 

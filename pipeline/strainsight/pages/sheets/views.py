@@ -12,7 +12,7 @@ from html import escape
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.datum import Frame
+from strainsight.pages.picture.layout import Frame
 
 Point = tuple[float, float]
 WIDTH, HEIGHT = 297.0, 210.0

@@ -25,8 +25,7 @@ from strainsight.pages.picture.geometry import (
     views,
 )
 from strainsight.pages.picture.layout import Gauge, Layout
-from strainsight.pages.picture.picture import CLAMP, CREASES, LINES, POOL, STEEL
-from strainsight.pages.picture.scene import thinned
+from strainsight.pages.picture.scene import CLAMP, CREASES, LINES, POOL, STEEL, thinned
 
 LENGTH = 0.034
 """Of a gauge's bar, over the size of the structure."""

@@ -14,10 +14,9 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart.drawing import gauge_colour, ink_on
-from strainsight.pages.datum import Frame
 from strainsight.pages.page.markup import coordinates, decimals, measure
 from strainsight.pages.picture.geometry import scale_bar, stops
-from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.picture.layout import Frame, Gauge, Layout
 from strainsight.pages.space.model import Contour, Shape, Space, space, vertex_shift
 from strainsight.pages.text import number, percent
 

@@ -1,19 +1,24 @@
-"""Everything the page of a suite shows; whoever has the artefacts fills it in.
+"""What the page of a suite shows: runs and studies; statements and comparisons with their verdicts, sentences and tables.
 
-Errors and standard deviations of placements are relative (0.01 is one per cent), as in `report.placement.data`; numbers of
+Errors and standard deviations of placements are relative (0.01 is one per cent), as in `pages.placement.data`; numbers of
 a stage's summary are in SI units, under the names that the stage gives them ("error.Fz").
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from html import escape
+
+import numpy as np
 
 from strainsight.pages.arrays import History
 from strainsight.pages.bench.data import BenchRun, Run
+from strainsight.pages.page.markup import count, links, plain, sheet, verdict_mark
 from strainsight.pages.picture.layout import Layout
 from strainsight.pages.placement.data import Case, Metric, Trend, Unknown
+from strainsight.pages.text import number
 
 SEEDS_ASIDE = 0.1
 """Share of seeds in which a statement may not hold."""
@@ -42,6 +47,11 @@ class PlacementRun(Run):
     cases: tuple[Case, ...] = ()
     frequencies: tuple[float, ...] = ()
     truth_description: str = ""
+
+    @property
+    def is_estimated(self) -> bool:
+        """Whether any of its unknowns has an estimate."""
+        return any(unknown.error is not None for unknown in self.unknowns)
 
     @property
     def gauges(self) -> int | None:
@@ -180,3 +190,204 @@ def metric_name(metrics: Sequence[Metric]) -> str:
 def metric_words(metrics: Sequence[Metric]) -> str:
     """What they are, as the beginning of a sentence."""
     return "; ".join(f"{metric.symbol}: {metric.meaning}" for metric in metrics)
+
+
+VERDICTS = (HOLDS, THEIRS_ONLY, OURS_ONLY, CONTRADICTED, UNDECIDED, UNMEASURED)
+"""On a comparison."""
+GOOD = (CONFIRMED, HOLDS, THEIRS_ONLY, OURS_ONLY)
+STATED = ("statement", "measured", "target", "verdict")
+COMPARED = ("source", "it says", "printed", "as printed, here", "ours", "verdict")
+"""Heads of both tables."""
+FEW = 3
+"""Most numbers of a claim that are shown one by one."""
+
+
+def answer(suite: Suite) -> str:
+    """How many statements hold, which do not, and how many runs that is from."""
+    many, estimated = len(suite.runs), sum(run.is_estimated for run in suite.runs)
+    runs = f"{count(many)} run{'s' * (many != 1)}, {count(estimated)} with an estimate"
+    if not suite.statements:
+        return f"<strong>{runs}</strong>."
+    parts = []
+    for verdict, places in _by_verdict(suite.statements, (CONFIRMED, CONTRADICTED, UNDECIDED)):
+        listed = f" (statement{'s' * (len(places) > 1)} {links('claim', places)})" if verdict != CONFIRMED else ""
+        word = f"<strong>{verdict}</strong>" if verdict != CONFIRMED else verdict
+        parts.append(f"{count(len(places))} {word}{listed}")
+    all_of = len(suite.statements)
+    return f"<strong>{count(all_of)} statement{'s' * (all_of != 1)}</strong>: {', '.join(parts)}; from {runs}."
+
+
+def comparisons_answer(suite: Suite) -> str:
+    """How many comparisons came to which verdict."""
+    parts = []
+    for verdict, places in _by_verdict(suite.comparisons, VERDICTS):
+        word = verdict if len(places) == 1 else verdict.replace("holds", "hold")
+        listed = f" ({links('comparison', places)})" if verdict != HOLDS else ""
+        parts.append(f"{count(len(places))} {word}{listed}")
+    rows = len(suite.comparisons)
+    return f"<strong>{count(rows)} comparison{'s' * (rows != 1)}</strong>: {', '.join(parts)}." if parts else ""
+
+
+def _by_verdict(rows: Sequence[Statement | Comparison], verdicts: Sequence[str]) -> list[tuple[str, list[int]]]:
+    """Verdicts that occur, in this order, with the numbers of their rows from 1."""
+    found = [(verdict, [i for i, row in enumerate(rows, 1) if row.verdict == verdict]) for verdict in verdicts]
+    return [(verdict, places) for verdict, places in found if places]
+
+
+def statements_table(suite: Suite) -> str:
+    """A row a statement: what was measured where, within which bounds it would hold, and whether it does."""
+    rows = [_row(suite, i, statement) for i, statement in enumerate(suite.statements, start=1)]
+    return _table("statements", "claims", STATED, rows, "Statements")
+
+
+def comparisons_table(suite: Suite) -> str:
+    """A row a comparison, in the order of the source: what it says, and what comes out under its settings and under ours."""
+    rows = [_comparison_row(suite, i, row) for i, row in enumerate(suite.comparisons, start=1)]
+    return _table("comparisons", "claims comparisons", COMPARED, rows, "Said and measured")
+
+
+def _table(name: str, kind: str, heads: Sequence[str], rows: Sequence[str], title: str) -> str:
+    if not rows:
+        return ""
+    head = "".join(f'<th scope="col">{text}</th>' for text in heads)
+    text = f'<table class="{kind}"><thead><tr>{head}</tr></thead><tbody>{"".join(rows)}</tbody></table>'
+    return sheet(name, text, f"<h2>{title}</h2>")
+
+
+def reason(verdict: str, why: str) -> str:
+    """Why a verdict is what it is; a mark where it owes a reason and none is stated."""
+    if unexplained(verdict, why):
+        return '<p class="why"><strong class="bad">no reason is given</strong>: say <code>why</code> in the suite</p>'
+    return f'<p class="why">{escape(why)}</p>' if why else ""
+
+
+Shown = Callable[[float], str]
+"""How a number is written: `number` for people, `plain` for a page."""
+
+
+def target(statement: Statement, shown: Shown = number) -> str:
+    """The bounds in words."""
+    unit = f" {statement.unit}" if statement.unit else ""
+    if statement.equals is not None:
+        return "yes" if statement.equals else "no"
+    if statement.above is not None and statement.below is not None:
+        return f"{shown(statement.above)} to {shown(statement.below)}{unit}"
+    if statement.above is not None:
+        return f"above {shown(statement.above)}{unit}"
+    return f"below {shown(statement.below if statement.below is not None else float('nan'))}{unit}"
+
+
+def measured(statement: Statement, shown: Shown = number) -> str:
+    """The numbers in words: one by one where they are few, else from which to which; of several seeds the median, and from where
+    to where nine tenths of them but the lowest lie."""
+    values = [value for _, _, value in statement.found]
+    seeds = list(statement.seeds.values())
+    if most(statement) > 1:
+        return _spread(seeds, shown, f" {statement.unit}" if statement.unit else "")
+    unit = f" {statement.unit}" if statement.unit else ""
+    if statement.equals is not None:
+        yes = sum(bool(value) for value in values)
+        return ("yes" if yes else "no") if len(values) == 1 else f"{shown(yes)} of {shown(len(values))} yes"
+    if len(values) <= FEW:
+        return ", ".join(shown(value) for value in values) + unit
+    finite = [value for value in values if value == value]
+    lost = len(values) - len(finite)
+    text = f"{shown(min(finite))} to {shown(max(finite))}{unit} ({shown(len(values))} numbers)" if finite else "–"
+    if finite and min(finite) == max(finite):
+        text = f"{shown(finite[0])}{unit} ({shown(len(values))} numbers)"
+    return text + (f", {shown(lost)} without a number" if lost and finite else "")
+
+
+def most(statement: Statement) -> int:
+    """Seeds of the number that has most."""
+    return max((len(values) for values in statement.seeds.values()), default=0)
+
+
+def _spread(seeds: Sequence[Sequence[float]], shown: Shown, unit: str) -> str:
+    """Of every number, or of all where they are many: the median of its seeds, with their 10 and 90 %."""
+    with np.errstate(invalid="ignore"):
+        low, middle, high = (np.array([_share(values, q) for values in seeds]) for q in (0.1, 0.5, 0.9))
+    if len(seeds) <= FEW:
+        listed = zip(low, middle, high, strict=True)
+        return ", ".join(f"{shown(b)} ({shown(a)} to {shown(c)})" for a, b, c in listed) + unit
+    medians = f"{shown(float(np.nanmin(middle)))} to {shown(float(np.nanmax(middle)))}"
+    around = f"{shown(float(np.nanmin(low)))} to {shown(float(np.nanmax(high)))}"
+    return f"{medians} ({around}){unit}, {shown(len(seeds))} numbers"
+
+
+def _share(values: Sequence[float], q: float) -> float:
+    """The value that this share of the finite ones does not exceed; NaN of none."""
+    finite = np.array(values)[np.isfinite(values)]
+    return float(np.quantile(finite, q)) if len(finite) else float("nan")
+
+
+def side(own: Statement | None, shown: Shown = number) -> str:
+    """What one side of a comparison measures, and the bounds that it is held against."""
+    return "–" if own is None else f"{measured(own, shown)} ({target(own, shown)})"
+
+
+def _few(texts: Sequence[str], between: str = ", ") -> str:
+    """The first few, and how many more there are."""
+    more = f" and {count(len(texts) - FEW)} more" if len(texts) > FEW else ""
+    return between.join(texts[:FEW]) + more
+
+
+def _runs(suite: Suite, own: Statement) -> str:
+    """Links to the runs that a statement is measured in."""
+    places = dict.fromkeys(place for place, _, _ in own.found)
+    return _few([f'<a href="#run-{i + 1}">{escape(suite.runs[i].label)}</a>' for i in places])
+
+
+def _mark(verdict: str) -> str:
+    if verdict == UNMEASURED:
+        return f"– {verdict}"
+    return verdict_mark(verdict, verdict in GOOD, "✕" if verdict == CONTRADICTED else "–")
+
+
+def _row(suite: Suite, index: int, statement: Statement) -> str:
+    names = _few(list(dict.fromkeys(escape(name) for _, name, _ in statement.found)))
+    compared = f" over {escape(statement.compared)}" if statement.compared else ""
+    wrong = ""
+    if statement.verdict != CONFIRMED and len(statement.found) > 1:
+        bad = [
+            f"{escape(suite.runs[i].label)}: {escape(name)} {_failed(statement, values)}"
+            for (i, name), values in statement.seeds.items()
+            if statement.holds_over(values) is not True
+        ]
+        wrong = f"<br><small>not in {_few(bad, '; ')}</small>"
+    wrong += reason(statement.verdict, statement.why)
+    seeds = most(statement)
+    compared += f", median and 10 to 90 % of {count(seeds)} seeds," if seeds > 1 else ""
+    safe = replace(statement, unit=escape(statement.unit))
+    return (
+        f'<tr id="claim-{index}"><th scope="row">{index}. {escape(statement.text)}</th>'
+        f'<td data-label="measured">{measured(safe, plain)}<br>'
+        f"<small>{names}{compared} in {_runs(suite, statement)}</small></td>"
+        f'<td data-label="target">{target(safe, plain)}</td>'
+        f"<td>{_mark(statement.verdict)}{wrong}</td></tr>"
+    )
+
+
+def _failed(statement: Statement, values: Sequence[float]) -> str:
+    """The number, or in how many of its seeds it holds."""
+    if len(values) == 1:
+        return plain(values[0])
+    return f"holds in {sum(statement.holds(value) is True for value in values)} of {len(values)} seeds"
+
+
+def _comparison_row(suite: Suite, index: int, row: Comparison) -> str:
+    cells = "".join(
+        f'<td data-label="{label}">{_side(suite, own)}</td>'
+        for label, own in zip(COMPARED[3:5], (row.as_printed, row.ours), strict=True)
+    )
+    return (
+        f'<tr id="comparison-{index}"><td data-label="{COMPARED[0]}">{index}. {escape(row.source)}</td>'
+        f'<th scope="row">{escape(row.says)}</th><td data-label="{COMPARED[2]}">{escape(row.printed) or "–"}</td>'
+        f"{cells}<td>{_mark(row.verdict)}{reason(row.verdict, row.why)}</td></tr>"
+    )
+
+
+def _side(suite: Suite, own: Statement | None) -> str:
+    if own is None:
+        return "–"
+    return f"{side(replace(own, unit=escape(own.unit)), plain)}<br><small>{_runs(suite, own)}</small>"

@@ -34,7 +34,7 @@ from strainsight.pages.page.sections import document
 from strainsight.pages.picture.layout import Layout
 from strainsight.pages.placement.page import FOOTER as PLACEMENTS
 from strainsight.pages.space.section import space_section
-from strainsight.pages.suite import statements, summary
+from strainsight.pages.suite import data, summary
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun
 from strainsight.pages.suite.summary import numbered, observability_section
 from strainsight.pages.text import number, unbroken
@@ -49,10 +49,10 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
     drawings from `figures.suite_figures`; scenes: run's name → PNG bytes of its gauges on the structure, those there are.
     """
     cards = {entry.key: figure(entry, i) for i, entry in enumerate(drawings)}
-    tables = (statements.comparisons_table(suite), statements.statements_table(suite))
+    tables = (data.comparisons_table(suite), data.statements_table(suite))
     first = "".join(tables) + (summary.runs_table(suite) if suite.placements else "")
     turned = suite_space(suite)
-    answers = [statements.comparisons_answer(suite), summary.answer(suite), statements.answer(suite)]
+    answers = [data.comparisons_answer(suite), summary.answer(suite), data.answer(suite)]
     sections = (
         f'<section id="answer" aria-label="answer" class="card">{first}</section>' if first else "",
         turned,

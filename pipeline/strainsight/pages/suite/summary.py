@@ -171,12 +171,6 @@ def results_of(run: PlacementRun) -> tuple[Result, ...]:
     return tuple(map(_result, run.unknowns))
 
 
-def is_estimated(run: SuiteRun) -> bool:
-    if isinstance(run, BenchRun):
-        return run.estimate is not None
-    return any(unknown.error is not None for unknown in run.unknowns)
-
-
 def counts(report: Suite) -> dict[str, list[int]]:
     """Numbers of the runs, from 1, by what they came to, in the order of WORDS; a run may have several faults."""
     found: dict[str, list[int]] = {word: [] for word in WORDS}
@@ -197,7 +191,7 @@ def without_benefit(report: Suite) -> list[int]:
 
 def _words(run: SuiteRun) -> tuple[str, ...]:
     """What is wrong with a run, each once; else whether its σ hold."""
-    if not is_estimated(run):
+    if not run.is_estimated:
         return (NOT_ESTIMATED,)
     if isinstance(run, BenchRun):
         wrong, held = run.all_faults, {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
@@ -278,7 +272,7 @@ def runs_table(report: Suite) -> str:
 def run_answer(run: PlacementRun) -> str:
     """What does not hold, then how many gauges tell what."""
     names = [escape(unknown.name) for unknown in run.unknowns]
-    if not is_estimated(run):
+    if not run.is_estimated:
         what = " and ".join(names) or "nothing"
         return f"<strong>Not estimated</strong>: {what}; the run ends after {escape(run.reached)}."
     gauges = f"{run.gauges} gauge{'s' * (run.gauges != 1)} of {run.pool}" if run.gauges is not None else "The gauges"
@@ -312,7 +306,7 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
         _metric(run, mixed),
         "–" if run.trend is None or run.trend.gap is None else share(max(run.trend.gap, 0.0)),
     )
-    if is_estimated(run):
+    if run.is_estimated:
         return block(heading, [[cell(_unknown(result)), *_numbers(result)] for result in results_of(run)], once)
     names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
     absent = f'<td class="v" colspan="{len(MEASURED)}">{_absent(run)}</td>'

@@ -32,8 +32,7 @@ from strainsight.pages.picture.geometry import (
     views,
 )
 from strainsight.pages.picture.layout import Gauge, Layout
-from strainsight.pages.picture.picture import CREASES, DRAWN_FACETS, across, aim
-from strainsight.pages.picture.scene import OFF_SCREEN, answer
+from strainsight.pages.picture.scene import CREASES, DRAWN_FACETS, OFF_SCREEN, across, aim, answer
 from strainsight.pages.text import short
 from strainsight.pages.view.viewing import DOTS, FACETS, NO_DISPLAY, POINTS, Panel, View
 

@@ -6,8 +6,7 @@ from dataclasses import replace
 
 from strainsight.config.bench.bench import BenchConfig, SurfaceField
 from strainsight.experiment.bench.reduction import BodyMotion, pictures
-from strainsight.records.bench import Simulated
-from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.bench import BenchEstimated, Simulated
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import read, written
 from strainsight.runner.output import Output

@@ -9,7 +9,7 @@ from strainsight.config.load import LoadedConfig
 from strainsight.config.loads import unit_of
 from strainsight.config.suite import Measure, SuiteConfig, as_texts, measures_of
 from strainsight.config.suite_runs import PlannedRun, all_of, study_of, value_over, wrong
-from strainsight.experiment.structure.settings import PARAMETER_UNITS
+from strainsight.experiment.structure.references import PARAMETER_UNITS
 
 DRAWN = (
     *("node", "set", "direction", "moment", "bearing", "pressure", "deck_load", "factor", "gravity", "rotation"),

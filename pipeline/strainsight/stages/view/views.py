@@ -17,8 +17,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import Gauge, Layout
 from strainsight.pages.view.viewing import DOTS, Panel, View
-from strainsight.records.bench import ReducedBodies, ReducedBody
-from strainsight.records.bench_estimated import PLACED, BenchLayout, BenchPlaced
+from strainsight.records.bench import PLACED, BenchLayout, BenchPlaced, ReducedBodies, ReducedBody
 from strainsight.records.estimated import estimated_in
 from strainsight.records.mesh import Meshes, mesh_from
 from strainsight.records.record import read

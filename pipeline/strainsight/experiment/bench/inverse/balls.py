@@ -17,7 +17,7 @@ from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.relations import relation_rows
 from strainsight.ordering import first_of_largest
-from strainsight.records.bench_estimated import BallsThen, RingEstimate
+from strainsight.records.bench import BallsThen, RingEstimate
 
 INSTANTS = 100
 """Instants, evenly from start to end, at which balls are looked at."""

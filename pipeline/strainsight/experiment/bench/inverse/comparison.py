@@ -10,7 +10,7 @@ from strainsight.config.bench.estimate import FromRun
 from strainsight.estimation.consistency import settling_time
 from strainsight.estimation.decision import Claim, claim_in_time, claim_of, not_identified
 from strainsight.experiment.bench.inverse.estimation import BenchEstimation
-from strainsight.records.bench_estimated import (
+from strainsight.records.bench import (
     BenchEstimated,
     LoadHistory,
     LoadRuns,

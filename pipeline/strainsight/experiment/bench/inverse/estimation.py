@@ -32,8 +32,7 @@ from strainsight.experiment.hold_out import LeftOut, held_out, left_out
 from strainsight.experiment.resources import Resources
 from strainsight.multibody.coupled import coupled_modes, followed, missed
 from strainsight.multibody.inverse.linear import indistinct
-from strainsight.records.bench import BenchTruths, Simulated
-from strainsight.records.bench_estimated import RingEstimate
+from strainsight.records.bench import BenchTruths, RingEstimate, Simulated
 from strainsight.records.estimated import HoldOut
 
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation.decision import expected_ratio
-from strainsight.estimation.filter import FilterRun, filter_runs
+from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.model import StepModel
-from strainsight.estimation.run import Keep
+from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.smoother import smooth_first
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
 from strainsight.experiment.bench.inverse.trial import BenchTrial

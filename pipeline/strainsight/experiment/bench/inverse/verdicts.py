@@ -33,7 +33,7 @@ from strainsight.experiment.bench.inverse.estimation import BenchEstimation
 from strainsight.experiment.filters_compared import disagreements_in_words, ratios
 from strainsight.experiment.hold_out import hold_out_numbers
 from strainsight.pages.text import number
-from strainsight.records.bench_estimated import BenchEstimated
+from strainsight.records.bench import BenchEstimated
 from strainsight.runner.output import Scalar, Table
 
 HARDLY = 0.5

@@ -41,8 +41,7 @@ from strainsight.multibody.inverse.linear import LinearBench, linear_bench
 from strainsight.placement.baselines import random_sets
 from strainsight.placement.limits import Limits
 from strainsight.placement.scenario import Pool, solve_pool
-from strainsight.records.bench import ReducedBody
-from strainsight.records.bench_estimated import PLACED, BenchCandidates, BenchLayout, BenchPlaced
+from strainsight.records.bench import PLACED, BenchCandidates, BenchLayout, BenchPlaced, ReducedBody
 from strainsight.records.record import record_from
 from strainsight.runner.output import Output, Scalar, Table
 from strainsight.sensors.candidates import UNITS, concatenate
