@@ -50,29 +50,29 @@ def recorded(key: str, config: Recorded, path: Path, of: Sequence[str] = LOADS) 
     column = config.value_column
     with blame(key):
         try:
-            found = _read(path, config.time_column, column)
+            recording = _read(path, config.time_column, column)
         except UserError as error:
             if error.key in (config.time_column, column):
                 error.key = f"{key}.{'value' if error.key == column else 'time'}_column"
             raise
-        values = found.channels[column]
+        values = recording.channels[column]
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:
             raise UserError(
                 f"no sample under {column!r}",
-                where=found.place(int(missing[0])),
+                where=recording.place(int(missing[0])),
                 remedy=NO_GAPS,
             )
-        check_marks(found, column, found.units[column] or "", NO_GAPS, negative=True)
-        back = np.flatnonzero(np.diff(found.time) <= 0)
+        check_marks(recording, column, recording.units[column] or "", NO_GAPS, negative=True)
+        back = np.flatnonzero(np.diff(recording.time) <= 0)
         if back.size:
             i = int(back[0])
             raise UserError(
-                f"the time does not increase from {found.time[i]:.9g} s to {found.time[i + 1]:.9g} s",
-                where=found.place(i + 1),
+                f"the time does not increase from {recording.time[i]:.9g} s to {recording.time[i + 1]:.9g} s",
+                where=recording.place(i + 1),
                 remedy="sort the record and drop repeated times",
             )
-        return FromSamples(found.time, values * _factor(column, found, path, of))
+        return FromSamples(recording.time, values * _factor(column, recording, path, of))
 
 
 def _read(path: Path, time: str, column: str) -> Recording:
@@ -87,10 +87,10 @@ def _read(path: Path, time: str, column: str) -> Recording:
     raise first
 
 
-def _factor(column: str, found: Recording, path: Path, of: Sequence[str]) -> float:
+def _factor(column: str, recording: Recording, path: Path, of: Sequence[str]) -> float:
     """SI units in one of the unit that the file states, 1 where it states none. Raises ConfigError for one that is not known, or
     of another quantity."""
-    stated = found.units[column] or _in_round_brackets(column)
+    stated = recording.units[column] or _in_round_brackets(column)
     if stated is None or stated in NO_UNIT:
         return 1.0
     try:
@@ -192,8 +192,8 @@ def _delay(stated: DelayInSamples | DelayInSeconds | None) -> Delay:
 
 def delay_in_seconds(stated: DelayInSamples | DelayInSeconds | None, step: float) -> float:
     """Of a channel that has a sample every `step` [s]; negative: early."""
-    own = _delay(stated)
-    return own.samples * step + own.seconds
+    delay = _delay(stated)
+    return delay.samples * step + delay.seconds
 
 
 SIGNALS: dict[str, Callable[..., Signal]] = {

@@ -11,7 +11,7 @@ import numpy as np
 class TestedSystem(Protocol):
     """A filter on the measurements of one record or several, all with the same m channels.
 
-    measured: of every record (T, ..., m); given (m,): channels that the filter has; parts: channels that can only be left out
+    measured: of every record (T, ..., m); available (m,): channels that the filter has; parts: channels that can only be left out
     together, as all grids of a gauge.
     """
 
@@ -21,7 +21,7 @@ class TestedSystem(Protocol):
         ...
 
     @property
-    def given(self) -> np.ndarray: ...
+    def available(self) -> np.ndarray: ...
 
     @property
     def parts(self) -> Sequence[np.ndarray]: ...

@@ -180,12 +180,12 @@ def _force(
             return kind(name, frames[entry.frame], direction[:, None], (name,))
         case stated.BearingForce():
             outer, inner = frames[entry.outer], frames[entry.inner]
-            own = tuple(free.get(entry.bearing, ()))
-            names = tuple(f"{entry.bearing}.{key}" for key in own)
+            properties = tuple(free.get(entry.bearing, ()))
+            names = tuple(f"{entry.bearing}.{key}" for key in properties)
             d = entry.drag
             damping = np.array([d.axial, d.radial, d.radial, d.tilt, d.tilt], dtype=float)
             drag = Drag(d.moment, d.coefficient, d.viscous, d.speed, damping)
-            law = BearingLaw(bearings[entry.bearing], own, drag)
+            law = BearingLaw(bearings[entry.bearing], properties, drag)
             return RelativeElement(name, ring_relations(outer, inner, drag), law, names, (cosine(outer, 0, inner, 0),))
         case _:
             return LAWS[entry.type](name, *_between(entry, frames), **_keys(entry))
@@ -200,14 +200,14 @@ TURNED = 0.02
 def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
     settings = bench.config.simulate
-    given, rate = state(bench.system, bench.poses)
+    stated, rate = state(bench.system, bench.poses)
     with blame("joints"):
-        q = project_position(bench.system, given, u)
+        q = project_position(bench.system, stated, u)
     _refuse_opposite(bench, q, u)
     for name in bench.poses:
-        own = bench.system.of[name]
-        moved = float(np.linalg.norm((q - given)[own][:3]))
-        turned = float(np.linalg.norm((q - given)[own][3:12])) / np.sqrt(2)
+        part = bench.system.of[name]
+        moved = float(np.linalg.norm((q - stated)[part][:3]))
+        turned = float(np.linalg.norm((q - stated)[part][3:12])) / np.sqrt(2)
         if moved > settings.snap_tolerance or turned > TURNED:
             raise ConfigError(
                 f"the joints move '{name}' by {moved:.4g} m and {turned:.3g} rad from its pose, beyond "
@@ -230,8 +230,8 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return q, v  # the drives say how it moves
     d = bench.system.metric
     for name in bench.poses:
-        own = bench.system.of[name]
-        change, whole = (float(np.linalg.norm((d * x)[own])) for x in (v - rate, rate))
+        part = bench.system.of[name]
+        change, whole = (float(np.linalg.norm((d * x)[part])) for x in (v - rate, rate))
         if change > SLIP * max(whole, float(np.linalg.norm(d * rate)) * SLIP):
             raise ConfigError(
                 f"the joints do not let '{name}' move as its velocity and spin say: {100 * change / max(whole, change):.3g} % of "
@@ -280,8 +280,8 @@ def _refuse_forceless(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     rho = relation_rows(bench.system.products, q, np.zeros_like(q))[0]
     for element in bench.system.elements:
         try:
-            own = np.concatenate([bench.theta[element.parameters], u[element.inputs]])
-            element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), own)
+            values = np.concatenate([bench.theta[element.parameters], u[element.inputs]])
+            element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), values)
         except NumericalError as error:
             raise ConfigError(
                 f"at the start {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy

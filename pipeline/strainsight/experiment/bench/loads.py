@@ -79,10 +79,10 @@ def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray],
             motions[name] = motion(signal_at(key, drive.signal, files, kinds), drive.of, drive.start)
 
     def at(time: np.ndarray) -> np.ndarray:
-        found = np.zeros((len(motions), 3, len(time)))
-        for row, (name, own) in zip(found, motions.items(), strict=True):
+        moved = np.zeros((len(motions), 3, len(time)))
+        for row, (name, history) in zip(moved, motions.items(), strict=True):
             with blame(f"joints.{name}.drive.signal"):
-                row[:] = own(time)
+                row[:] = history(time)
                 _refuse_huge(row[:2], "m or rad")
                 if isinstance(config.joints[name], DrivenDistance) and not row[0].min(initial=np.inf) > SHORTEST:
                     first = time[np.argmin(row[0])]
@@ -90,14 +90,14 @@ def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray],
                         f"the length is {row[0].min():.4g} m at t = {first:.4g} s",
                         remedy="keep it above zero, where it has a direction",
                     )
-        return found
+        return moved
 
     return at
 
 
 def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]:
     """Of drives from files: where the spline through the samples swings, or has none to follow."""
-    said = []
+    doubts = []
     for name, entry in config.joints.items():
         if not isinstance(entry, Driven) or entry.drive.signal.type != "csv":
             continue
@@ -107,14 +107,14 @@ def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]
             continue
         share, at = swing(signal)
         if share > SWING:
-            said.append(
+            doubts.append(
                 f"the spline through the samples of {name} goes {100 * share:.2g} % of their range beyond them at {at:.4g} s: a "
                 "jump, or too few samples; smooth it, or record more often"
             )
         times, begin, end = gap(signal)
         if times > GAP:
-            said.append(f"{name} has no sample from {begin:.4g} to {end:.4g} s, where a spline says how it moves")
-    return said
+            doubts.append(f"{name} has no sample from {begin:.4g} to {end:.4g} s, where a spline says how it moves")
+    return doubts
 
 
 def _refuse_huge(values: np.ndarray, unit: str) -> None:

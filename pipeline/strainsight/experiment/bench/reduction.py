@@ -58,12 +58,12 @@ def flexible(config: BenchConfig) -> dict[str, FlexibleBody]:
 
 def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> dict[str, BodyReduction]:
     """Body → its reduction."""
-    found, bodies = {}, flexible(config)
+    reduced, bodies = {}, flexible(config)
     for i, (name, entry) in enumerate(bodies.items()):
         using.progress(name, i / len(bodies))
         with blame(f"bodies.{name}"):
-            found[name] = _reduction(name, entry, config.frames, meshes[name])
-    return found
+            reduced[name] = _reduction(name, entry, config.frames, meshes[name])
+    return reduced
 
 
 def _reduction(name: str, entry: FlexibleBody, frames: Mapping[str, Frame], mesh: Mesh) -> BodyReduction:
@@ -105,12 +105,12 @@ def _reduction(name: str, entry: FlexibleBody, frames: Mapping[str, Frame], mesh
 
 def moduli_of(name: str, moduli: Mapping[str, Modulus], mesh: Mesh) -> tuple[Parameter, ...]:
     """The Young's moduli of a body that stay free, each with the ids of its regions."""
-    found = []
+    parameters = []
     for key, modulus in moduli.items():
         with blame(f"bodies.{name}.moduli.{key}.region"):
             regions = region_ids(mesh, named_regions(modulus.region))
-        found.append(Parameter(key, "youngs_modulus", regions, modulus.value))
-    return tuple(found)
+        parameters.append(Parameter(key, "youngs_modulus", regions, modulus.value))
+    return tuple(parameters)
 
 
 def _interface(name: str, frames: Mapping[str, Frame], model: FiniteElementModel) -> list[int]:
@@ -147,7 +147,7 @@ def body_damping(body: CraigBampton, law: Damping, reference: Mapping[str, float
 
 def _cut(X: AffineOperator, stay: np.ndarray) -> AffineOperator:
     square = np.ix_(stay, stay)
-    return X.of_all(lambda own: own[square])
+    return X.of_all(lambda matrix: matrix[square])
 
 
 PICTURES = 50
@@ -166,7 +166,7 @@ class BodyMotion:
 class Pictures:
     """facets: how many; worst: number of the picture of the largest stress, element: where."""
 
-    found: SurfaceInTime
+    record: SurfaceInTime
     grid: VtkHdf
     facets: int
     worst: int
@@ -209,8 +209,8 @@ def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Body
     )
     mises = np.stack(data["von_mises"])
     worst, where = np.unravel_index(first_of_largest(mises.astype(float).ravel()), mises.shape)
-    found = SurfaceInTime(time=time[at], von_mises=mises.max(axis=1), moduli=theta)
-    return Pictures(found, grid, len(order), int(worst), int(facets.element_id[order][where]))
+    record = SurfaceInTime(time=time[at], von_mises=mises.max(axis=1), moduli=theta)
+    return Pictures(record, grid, len(order), int(worst), int(facets.element_id[order][where]))
 
 
 def instants(count: int, settings: SurfaceField) -> np.ndarray:
@@ -227,8 +227,8 @@ def points(x: np.ndarray, shapes: np.ndarray, q: np.ndarray, modes: int) -> dict
     x (n, 3) [m]; shapes Φ (n, 3, modes); q (pictures, coordinates of the body).
     """
     u = np.einsum("nck,tk->tnc", shapes, q[:, q.shape[1] - modes :])
-    found = {"displacement": u.astype(np.float32)}
+    moved = {"displacement": u.astype(np.float32)}
     if q.shape[1] > modes:
         R = q[:, 3:RIGID].reshape(-1, 3, 3)  # its columns, one a row
-        found["motion"] = (q[:, None, :3] + np.einsum("tnc,tcd->tnd", x + u, R) - x).astype(np.float32)
-    return found
+        moved["motion"] = (q[:, None, :3] + np.einsum("tnc,tcd->tnd", x + u, R) - x).astype(np.float32)
+    return moved

@@ -78,7 +78,7 @@ def sensors_of(bench: Bench) -> Sensors:
         strains.append(sensor)
         zeroed += [entry.zeroed] * len(sensor.rows)
     # in the order of their rows
-    others.sort(key=lambda own: isinstance(own, Accelerometer))
+    others.sort(key=lambda sensor: isinstance(sensor, Accelerometer))
     compiled = readings(bench.system, [*strains, *others])
     still = np.zeros(len(compiled.channels), dtype=bool)
     still[: len(zeroed)] = zeroed
@@ -87,10 +87,10 @@ def sensors_of(bench: Bench) -> Sensors:
 
 def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
     """Those of these names."""
-    compiled = readings(bench.system, [own for own in sensors.readings.sensors if own.name in names])
-    there = _channels(compiled)
-    zeroed = np.concatenate([sensors.zeroed[sensors.channels[name]] for name in there])
-    return Sensors(compiled, there, zeroed, {})
+    compiled = readings(bench.system, [sensor for sensor in sensors.readings.sensors if sensor.name in names])
+    channels = _channels(compiled)
+    zeroed = np.concatenate([sensors.zeroed[sensors.channels[name]] for name in channels])
+    return Sensors(compiled, channels, zeroed, {})
 
 
 def gauges_of(bench: Bench, name: str, entry: StrainSensor) -> tuple[Candidates, Facets, np.ndarray]:
@@ -150,11 +150,11 @@ def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -
 
 def _channels(compiled: Readings) -> dict[str, slice]:
     channels, at = {}, 0
-    for own in compiled.sensors:
-        count = len(own.rows) if isinstance(own, StrainRows) else 3
-        if isinstance(own, RelationSensor):
-            count = len(own.relations)
-        channels[own.name] = slice(at, at + count)
+    for sensor in compiled.sensors:
+        count = len(sensor.rows) if isinstance(sensor, StrainRows) else 3
+        if isinstance(sensor, RelationSensor):
+            count = len(sensor.relations)
+        channels[sensor.name] = slice(at, at + count)
         at += count
     return channels
 
@@ -223,7 +223,7 @@ def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
     gauge, all grids of which move as one, gain and transverse sensitivity of each grid."""
     std = std_of(bench.config)
     sigma = {name: value for name, value in std.by_name.items() if value > 0 and name not in SECOND}
-    found = []
+    errors = []
     for name in used.channels if sigma else ():
         entry = bench.config.sensors[name]
         if not isinstance(entry, StrainSensor):
@@ -238,8 +238,8 @@ def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
             slope += [np.where((owner == each)[:, None], rows, 0.0) for each in np.unique(owner)]
         felt_at_all = [rows for rows in slope if rows.any()]
         whole = np.stack(felt_at_all, axis=1) if felt_at_all else np.zeros((len(gauges), 0, basis.shape[1]))
-        found.append(Toleranced(name, entry.body, gauges, mesh, facets, basis, whole, entry.zeroed))
-    return tuple(found)
+        errors.append(Toleranced(name, entry.body, gauges, mesh, facets, basis, whole, entry.zeroed))
+    return tuple(errors)
 
 
 def rows_of(
@@ -249,11 +249,11 @@ def rows_of(
     zeroed sensors were zeroed."""
     m, n = len(used.zeroed), bench.system.size
     D, o = [np.zeros((m, 0, n))], [np.zeros((m, 0))]
-    for own in sensors:
-        rows = np.zeros((m, own.slope.shape[1], n))
-        rows[used.channels[own.name], :, bench.system.modal(own.body)] = own.slope
+    for sensor in sensors:
+        rows = np.zeros((m, sensor.slope.shape[1], n))
+        rows[used.channels[sensor.name], :, bench.system.modal(sensor.body)] = sensor.slope
         D.append(rows)
-        o.append(-rows @ zero if own.zeroed else np.zeros(rows.shape[:2]))
+        o.append(-rows @ zero if sensor.zeroed else np.zeros(rows.shape[:2]))
     return np.concatenate(D, axis=1), np.concatenate(o, axis=1)
 
 

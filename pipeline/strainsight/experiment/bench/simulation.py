@@ -42,7 +42,7 @@ from strainsight.records.bench import (
 from strainsight.records.record import record_from
 
 
-def rings_in_time(bench: Bench, found: Trajectory) -> dict[str, RingMotion]:
+def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
     """Displacement and load of every bearing in time, and its balls at the instant of the highest pressure."""
     rings = {}
     for element in bench.system.elements:
@@ -51,15 +51,15 @@ def rings_in_time(bench: Bench, found: Trajectory) -> dict[str, RingMotion]:
         if not isinstance(stated, BearingForce):
             continue
         bearing = bench.bearings[stated.bearing]
-        own = readings(bench.system, [RelationSensor(force.name, force.relations[:5])])
-        q = np.array([own.read(a, b)[0] for a, b in zip(found.q, found.v, strict=True)])
+        displacements = readings(bench.system, [RelationSensor(force.name, force.relations[:5])])
+        q = np.array([displacements.read(a, b)[0] for a, b in zip(run.q, run.v, strict=True)])
         balls = [ball_loads(bearing, each) for each in q]
         pressure = np.array([ball.pressure.max() for ball in balls])
         worst = first_of_largest(pressure)
         ellipse = max(float(ball.semi_axes.max()) for ball in balls)
         if ellipse > bearing.ball_diameter / 2:
             raise ConfigError(
-                f"a contact ellipse reaches {1e3 * ellipse:.4g} mm at t = {found.time[worst]:g} s, beyond the ball",
+                f"a contact ellipse reaches {1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s, beyond the ball",
                 key=f"forces.{force.name}",
                 remedy="no such bearing carries these loads: check their size and the preload",
             )
@@ -67,7 +67,7 @@ def rings_in_time(bench: Bench, found: Trajectory) -> dict[str, RingMotion]:
             displacement=q,
             load=np.array([bearing_load(bearing, each, slopes=False).force for each in q]),
             pressure=pressure,
-            worst=record_from(WorstInstant, balls[worst], time=float(found.time[worst])),
+            worst=record_from(WorstInstant, balls[worst], time=float(run.time[worst])),
         )
     return rings
 
@@ -77,14 +77,14 @@ Reading = Callable[[np.ndarray, np.ndarray, Instant], np.ndarray]
 
 
 def felt(
-    bench: Bench, found: Trajectory, instants: Sequence[Instant], drives: np.ndarray
+    bench: Bench, run: Trajectory, instants: Sequence[Instant], drives: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, DriveMotion]]:
     """Sensors of reaction (T, components), and the driven joints, drives (nd, 3, T) p, ṗ, p̈."""
     read: dict[str, np.ndarray] = {}
     for name, entry in bench.config.sensors.items():
         if isinstance(entry, ReactionSensor):
             reaction_of = _reaction(bench, entry)
-            read[name] = np.array([reaction_of(*now) for now in zip(found.q, found.u, instants, strict=True)])
+            read[name] = np.array([reaction_of(*now) for now in zip(run.q, run.u, instants, strict=True)])
     force = np.array([now.drive for now in instants])
     return read, {
         name: DriveMotion(position=drives[i, 0], rate=drives[i, 1], force=force[:, i])
@@ -101,7 +101,7 @@ def feels(bench: Bench) -> bool:
 
 
 def _reaction(bench: Bench, entry: ReactionSensor) -> Reading:
-    joint = next(own for own in bench.system.joints if own.name == entry.joint)
+    joint = next(joint for joint in bench.system.joints if joint.name == entry.joint)
     i, j = (bench.frames[frame] for frame in bench.config.joints[entry.joint].frames)
     return lambda q, u, now: reaction(bench.system, joint, i, j, q, now.lam, u)
 
@@ -118,7 +118,7 @@ LOCKED = 0.02
 class Simulation:
     """turn [rad]: the largest angle that any body turns in a step; parts: the most that a step was divided into."""
 
-    found: Simulated
+    record: Simulated
     bench: Bench
     sensors: Sensors
     turn: float
@@ -135,29 +135,29 @@ def simulation(bench: Bench, using: Resources) -> Simulation:
         q0, v0 = start_of(bench, u[0])
         frequency = coupled_modes(bench.system, q0, v0, u[0], bench.theta).held_frequency
         try:
-            found, parts = _moved(bench, q0, v0, loads, u, lambda share: using.progress("simulation", share))
+            run, parts = _moved(bench, q0, v0, loads, u, lambda share: using.progress("simulation", share))
         except NumericalError as error:
             raise explained(error, bench, q0, u, h) from error
-    moved = drives_of(bench, using.files)(found.time)
-    instants = instants_of(bench, found.q, found.v, found.u, moved[:, 2].T) if feels(bench) else []
-    carried, driven = felt(bench, found, instants, moved) if instants else ({}, {})
+    moved = drives_of(bench, using.files)(run.time)
+    instants = instants_of(bench, run.q, run.v, run.u, moved[:, 2].T) if feels(bench) else []
+    carried, driven = felt(bench, run, instants, moved) if instants else ({}, {})
     sensors = sensors_of(bench)
-    measured = read_in_time(bench, sensors.readings, found.q, found.v, found.u, instants)
+    measured = read_in_time(bench, sensors.readings, run.q, run.v, run.u, instants)
     measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
-    _refuse_tilted(bench, found)
+    _refuse_tilted(bench, run)
     record = Simulated(
-        time=found.time,
-        q=found.q,
-        v=found.v,
-        violation=_violation(bench, found),
+        time=run.time,
+        q=run.q,
+        v=run.v,
+        violation=_violation(bench, run),
         frequency=frequency,
-        coordinates={name: np.array([own.start, own.stop]) for name, own in bench.system.of.items()},
+        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
         inputs=dict(zip(bench.system.inputs, u.T[: len(bench.system.inputs)], strict=True)),
-        sensors={name: measured[:, own] for name, own in sensors.channels.items()} | carried,
-        bearings=rings_in_time(bench, found),
+        sensors={name: measured[:, part] for name, part in sensors.channels.items()} | carried,
+        bearings=rings_in_time(bench, run),
         drives=driven,
     )
-    return Simulation(record, bench, sensors, _turn(bench, found, h), parts)
+    return Simulation(record, bench, sensors, _turn(bench, run, h), parts)
 
 
 def _moved(
@@ -178,36 +178,36 @@ def _moved(
 
     if settings.tolerance is None:
         return simulate(system, q0, v0, u, h, theta, settings.method, tell), 1
-    found = simulate_controlled(system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, tell)
-    return found.run, int(found.parts.max())
+    controlled = simulate_controlled(system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, tell)
+    return controlled.run, int(controlled.parts.max())
 
 
-def _violation(bench: Bench, found: Trajectory) -> Violation:
+def _violation(bench: Bench, run: Trajectory) -> Violation:
     """Largest |φ| and |Bv| of every instant."""
     if not bench.system.constrained:
-        return Violation(position=np.zeros(len(found.time)), velocity=np.zeros(len(found.time)))
-    pairs = [moving_constraints(bench.system, q, u) for q, u in zip(found.q, found.u, strict=True)]
+        return Violation(position=np.zeros(len(run.time)), velocity=np.zeros(len(run.time)))
+    pairs = [moving_constraints(bench.system, q, u) for q, u in zip(run.q, run.u, strict=True)]
     return Violation(
         position=np.array([np.abs(phi).max() for phi, *_ in pairs]),
-        velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, found.v, strict=True)]),
+        velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, run.v, strict=True)]),
     )
 
 
-def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
+def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
     """Where a force law takes the angle between axes to be small, or a drive turns about an axis of both frames, these must stay
     nearly parallel, and not opposite."""
     system = bench.system
-    held = [(f"forces.{own.name}", own.aligned) for own in (element.force for element in system.elements)]
-    held += [(f"joints.{own.name}", own.aligned) for own in system.joints if own.name in system.drives.names]
+    held = [(f"forces.{part.name}", part.aligned) for part in (element.force for element in system.elements)]
+    held += [(f"joints.{part.name}", part.aligned) for part in system.joints if part.name in system.drives.names]
     for key, aligned in ((key, aligned) for key, aligned in held if aligned):
         together = readings(system, [RelationSensor(key, aligned)])
-        cosines = np.array([together.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
+        cosines = np.array([together.read(q, v)[0] for q, v in zip(run.q, run.v, strict=True)])
         for relation, cosine in zip(aligned, cosines.T, strict=True):
             worst = int(np.argmin(cosine))
             if cosine[worst] < np.cos(TILT):
                 angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
                 raise ConfigError(
-                    f"{relation.name} are {angle:.3g} rad apart at t = {found.time[worst]:g} s, beyond {TILT:g} rad",
+                    f"{relation.name} are {angle:.3g} rad apart at t = {run.time[worst]:g} s, beyond {TILT:g} rad",
                     key=key,
                     remedy="turn the frames so that their axes are parallel at rest, and hold them so by a joint; this "
                     f"{'force' if key.startswith('forces') else 'drive'} holds for small tilts",
@@ -223,7 +223,9 @@ def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
         (f"joints.{drives.names[k]}.drive", drives.at + int(k)) for k in np.unique(drives.which[drives.power == 0])
     ]
     laws = ((element.force, element.inputs) for element in bench.system.elements)
-    turned += [(f"forces.{own.name}.turns", int(at[0])) for own, at in laws if isinstance(own.law, TurningGravity)]
+    turned += [
+        (f"forces.{force.name}.turns", int(at[0])) for force, at in laws if isinstance(force.law, TurningGravity)
+    ]
     recorded = {
         f"joints.{name}.drive"
         for name, joint in bench.config.joints.items()
@@ -240,10 +242,10 @@ def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
             )
 
 
-def _turn(bench: Bench, found: Trajectory, h: float) -> float:
+def _turn(bench: Bench, run: Trajectory, h: float) -> float:
     """Largest angle that any body turns in a step [rad]: ‖Ṙ‖/√2 is |ω|."""
     starts = [bench.system.of[name].start for name in bench.poses]
-    spins = [np.linalg.norm(found.v[:, at + 3 : at + 12], axis=1).max() / np.sqrt(2) for at in starts]
+    spins = [np.linalg.norm(run.v[:, at + 3 : at + 12], axis=1).max() / np.sqrt(2) for at in starts]
     return float(h * max(spins, default=0.0))
 
 
@@ -262,16 +264,16 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
     if not drives.names:
         return None
     first = 0.0
-    for k, own in enumerate(u):
+    for k, inputs in enumerate(u):
         try:
-            q = project_position(bench.system, q, own)
-            share = _independence(bench, q, own)
+            q = project_position(bench.system, q, inputs)
+            share = _independence(bench, q, inputs)
             first = share if k == 0 else first
             why = "stand at a dead centre" if share < LOCKED * first else ""
         except InfeasibleError:
             why = "do not let the drives go on"
         if why:
-            asked = ", ".join(f"{name} {own[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
+            asked = ", ".join(f"{name} {inputs[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
             return ConfigError(
                 f"at t = {k * h:g} s the joints {why}, at {asked} [m or rad]",
                 key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
@@ -291,7 +293,7 @@ def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
     sharp = {name: law.speed for name, law in laws.items() if isinstance(law, Friction) and law.coulomb > 0}
     if not sharp or "was not solved" not in error.what:
         return None
-    name = min(sharp, key=lambda own: sharp[own])
+    name = min(sharp, key=lambda force: sharp[force])
     return NumericalError(
         error.what,
         key=f"forces.{name}",
@@ -352,7 +354,7 @@ def at_rest(rest: BenchAtRest, using: Resources) -> AtRest:
         sensors={name: read[part] for name, part in sensors.channels.items()}
         | {name: values[0] for name, values in reactions.items() if name in config.sensors},
         reactions={name: reactions[f"joint {name}"][0] for name in config.joints},
-        drives={name: float(found.force[0]) for name, found in drives.items()},
+        drives={name: float(drive.force[0]) for name, drive in drives.items()},
         bearings={
             name: RingAtRest(displacement=ring.displacement[0], load=ring.load[0], pressure=float(ring.pressure[0]))
             for name, ring in rings_in_time(bench, still).items()
@@ -411,8 +413,8 @@ def _frame_in_modes(bench: Bench, frame: Frame, q: np.ndarray, Phi: np.ndarray) 
 
 def _looked_at(bench: Bench, frame: Frame, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Place and axes of a frame (12,), and their slopes by q (12, n)."""
-    own = [position_sensor(frame.name, frame), *(axis_sensor(frame.name, frame, k) for k in range(3))]
-    y, by_q, _ = readings(bench.system, own).read(q, np.zeros_like(q))
+    sensors = [position_sensor(frame.name, frame), *(axis_sensor(frame.name, frame, k) for k in range(3))]
+    y, by_q, _ = readings(bench.system, sensors).read(q, np.zeros_like(q))
     return y, by_q
 
 
@@ -432,18 +434,18 @@ def modes_in_space(rest: BenchAtRest) -> VtkHdf:
         else:
             mesh = bench.meshes[body.name]
             used, cells, _ = facet_cells(exterior_facets(mesh))
-            own, x = bench.system.of[body.name], mesh.position[used]
+            part, x = bench.system.of[body.name], mesh.position[used]
             basis = bench.reduced[body.name].basis.reshape(len(mesh.position), 3, -1)[used]
             eta = bench.system.modal(body.name)
             x = x + basis @ rest.q[eta]
             phi = rest.modes.shapes[eta, :count]
             moved = basis @ phi
-            if own.stop - own.start > eta.stop - eta.start:
-                R = rest.q[own][3:12].reshape(3, 3).T
-                turned = rest.modes.shapes[own][3:12, :count].reshape(3, 3, count)  # δR by columns
+            if part.stop - part.start > eta.stop - eta.start:
+                R = rest.q[part][3:12].reshape(3, 3).T
+                turned = rest.modes.shapes[part][3:12, :count].reshape(3, 3, count)  # δR by columns
                 moved = np.einsum("ij,njc->nic", R, moved) + np.einsum("jic,nj->nic", turned, x)
-                moved += rest.modes.shapes[own][:3, :count]
-                x = rest.q[own][:3] + x @ R.T
+                moved += rest.modes.shapes[part][:3, :count]
+                x = rest.q[part][:3] + x @ R.T
             points.append(x)
             shapes.append(moved)
             blocks += [replace(block, nodes=total + block.nodes) for block in cells]

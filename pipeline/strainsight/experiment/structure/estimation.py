@@ -210,7 +210,7 @@ class FilteredGauges:
         return self.each[0].test.labels
 
     @property
-    def given(self) -> np.ndarray:
+    def available(self) -> np.ndarray:
         return np.ones(len(self.labels), dtype=bool)
 
     @property

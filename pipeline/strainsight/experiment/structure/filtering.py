@@ -88,36 +88,36 @@ def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None
         return {}
     names, guess = problem.unknowns.parameters, problem.unknowns.guess
     first = problem.unknowns.size(problem.model) - len(names)
-    found = {}
+    posteriors = {}
     for i, name in enumerate(names):
         prior = 0.0, float(np.sqrt(covariance[first + i, first + i]))
         of_log = marginal(bank.point[:, i], bank.weight, float(bank.step[i]), prior)
         value, peak = guess[name] * np.exp(of_log.value), guess[name] * np.exp(of_log.peak)
-        found[name] = replace(of_log, value=value, peak=peak)
-    return found
+        posteriors[name] = replace(of_log, value=value, peak=peak)
+    return posteriors
 
 
 def posterior_numbers(posterior: Mapping[str, Posterior]) -> dict[str, float | bool | int]:
     """Every number by its name."""
     numbers: dict[str, float | bool | int] = {}
-    for name, own in posterior.items():
-        numbers |= {f"left.{name}": own.left, f"identified.{name}": own.left <= IDENTIFIED}
-        numbers[f"peaks.{name}"] = len(own.peak)
+    for name, one in posterior.items():
+        numbers |= {f"left.{name}": one.left, f"identified.{name}": one.left <= IDENTIFIED}
+        numbers[f"peaks.{name}"] = len(one.peak)
     return numbers
 
 
 def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str]) -> list[str]:
     """What a reader has to know of it: that a parameter is hardly seen, or that several values explain the samples."""
     words = []
-    for name, own in posterior.items():
-        if own.left > IDENTIFIED:
-            words.append(f"{name} is not identified: the measurements leave {100 * own.left:.0f} % of its initial σ")
-        if len(own.peak) > 1:
+    for name, one in posterior.items():
+        if one.left > IDENTIFIED:
+            words.append(f"{name} is not identified: the measurements leave {100 * one.left:.0f} % of its initial σ")
+        if len(one.peak) > 1:
             places = ", ".join(
                 f"{peak:.4g} {units[name]} ({100 * share:.0f} %)"
-                for peak, share in zip(own.peak, own.share, strict=True)
+                for peak, share in zip(one.peak, one.share, strict=True)
             )
-            words.append(f"the measurements allow {len(own.peak)} values of {name}: {places}; its σ spans them all")
+            words.append(f"the measurements allow {len(one.peak)} values of {name}: {places}; its σ spans them all")
     return words
 
 
@@ -151,13 +151,12 @@ def compared(
         return run_sigma_points(model, start, covariance, known, measured, form=form, biased=biased)
 
     exact = _at_end(by_bank, at)
-    found = np.array([exact, *(_at_end(run, at) for run in (by_sigma_points, by_extended))])
-    mean, std = np.zeros((2, len(found), model.size))
-    mean[:, at], std[:, at] = found[:, 0], found[:, 1]
+    ends = np.array([exact, *(_at_end(run, at) for run in (by_sigma_points, by_extended))])
+    mean, std = np.zeros((2, len(ends), model.size))
+    mean[:, at], std[:, at] = ends[:, 0], ends[:, 1]
     values, names = physical(model, mean, std), model.unknowns.parameters
     ratio = {
-        name: np.array([expected_ratio(*own, *found[0, :, i]) for own in found[:, :, i]])
-        for i, name in enumerate(names)
+        name: np.array([expected_ratio(*end, *ends[0, :, i]) for end in ends[:, :, i]]) for i, name in enumerate(names)
     }
     return Compared(
         filter=(BANK, SIGMA_POINT, EXTENDED),
@@ -170,7 +169,7 @@ def compared(
 def _at_end(run: Callable[[], FilterRun], at: slice) -> np.ndarray:
     """Mean and σ (2, k) of p at the end, NaN of a filter that diverges."""
     try:
-        own = run()
+        result = run()
     except NumericalError:
         return np.full((2, at.stop - at.start), np.nan)
-    return np.stack([own.mean[-1, 0, at], own.std[-1, 0, at]])
+    return np.stack([result.mean[-1, 0, at], result.std[-1, 0, at]])

@@ -124,7 +124,7 @@ def rank_of(random: RandomSets, name: str, real: float, claimed: float) -> Rank 
         return None
     errors = errors[:, known]
     order = np.argsort(np.argsort(errors, axis=1), axis=1).astype(float)
-    by_real, by_claimed = (int(1 + np.sum(own[:-1] < own[-1])) for own in errors)
+    by_real, by_claimed = (int(1 + np.sum(each[:-1] < each[-1])) for each in errors)
     return Rank(by_real, by_claimed, float(np.corrcoef(order)[0, 1]))
 
 
@@ -180,8 +180,8 @@ def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -
     for at in np.array_split(np.arange(len(runs.drawn)), -(-len(runs.drawn) // BATCH)):
         some = runs.some(at)
         batches.append(_Batch(some, _true(trial, some), seed))
-    found: list[_Study] = sweep(_batch, batches, without_truth(trial))
-    lost = np.concatenate([batch.lost for batch in found])
+    answers: list[_Study] = sweep(_batch, batches, without_truth(trial))
+    lost = np.concatenate([batch.lost for batch in answers])
     if np.all(lost >= 0):
         raise all_lost(Driven(filter_model(trial.problem, runs.channels[:1], trial.h), trial.known), lost)
     ends = np.cumsum([len(part.drawn) for part in parts.values()])
@@ -189,7 +189,7 @@ def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -
 
     def of(what: str, span: slice) -> dict[str, np.ndarray]:
         return {
-            name: np.concatenate([getattr(batch, what)[name] for batch in found], axis=-1)[..., span]
+            name: np.concatenate([getattr(batch, what)[name] for batch in answers], axis=-1)[..., span]
             for name in trial.names
         }
 
@@ -246,22 +246,22 @@ def sweeps_of(trial: Trial, settings: Validate, seed: int, sweep: Sweep = serial
         return None
     duration = settings.duration
     at = {p.value: at_step(trial, p.value, round(duration / p.value) * p.value) for p in points if p.key == "time_step"}
-    own = _Task(None, trial.measured(seed)[0])
+    as_placed = _Task(None, trial.measured(seed)[0])
     tasks = [
         (
             point,
             _Task(without_truth(at[point.value]), at[point.value].measured(seed)[0])
             if point.key == "time_step"
-            else own,
+            else as_placed,
         )
         for point in points
     ]
-    found = sweep(_swept, tasks, without_truth(trial))
+    answers = sweep(_swept, tasks, without_truth(trial))
     return SweepTable(
         key=tuple(point.key for point in points),
         value=np.array([point.value for point in points]),
-        error={name: np.array([real[name] for real, _ in found]) for name in trial.names},
-        std={name: np.array([claimed[name] for _, claimed in found]) for name in trial.names},
+        error={name: np.array([real[name] for real, _ in answers]) for name in trial.names},
+        std={name: np.array([claimed[name] for _, claimed in answers]) for name in trial.names},
     )
 
 
@@ -291,10 +291,10 @@ class _Task:
     measured: np.ndarray
 
 
-def _swept(own: Trial, changed: tuple[SweepPoint, _Task]) -> tuple[dict[str, float], dict[str, float]]:
+def _swept(as_placed: Trial, changed: tuple[SweepPoint, _Task]) -> tuple[dict[str, float], dict[str, float]]:
     """Real and claimed error of every unknown."""
     point, task = changed
-    trial, measured = task.trial or own, task.measured
+    trial, measured = task.trial or as_placed, task.measured
     model = filter_model(trial.problem, trial.chosen, trial.h)
     if point.key == "process_noise":
         model = replace(model, Q=point.value * model.Q)

@@ -57,17 +57,17 @@ class LoadError:
 
 def installation_std(config: PlacementConfig) -> InstallationStd:
     """σ of how gauges are installed, in SI units and rad."""
-    own = tolerances_of(config.tolerances)
+    tolerances = tolerances_of(config.tolerances)
     return InstallationStd(
-        own.position,
-        float(np.deg2rad(own.angle)),
-        own.gain,
-        own.transverse,
-        own.offset,
-        own.drift,
-        own.temperature,
-        own.thermal_output,
-        own.thermal_spread,
+        tolerances.position,
+        float(np.deg2rad(tolerances.angle)),
+        tolerances.gain,
+        tolerances.transverse,
+        tolerances.offset,
+        tolerances.drift,
+        tolerances.temperature,
+        tolerances.thermal_output,
+        tolerances.thermal_spread,
     )
 
 
@@ -78,27 +78,29 @@ def installation_of(config: PlacementConfig, pool: Candidates, realisation: int)
     """
     stated = config.validation.truth
     rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
-    found = drawn_installation(pool, installation_std(config), rng)
+    installation = drawn_installation(pool, installation_std(config), rng)
     fixed = np.random.default_rng(config.seed)
     grids = pool.grids
     heading, way = fixed.uniform(0, 2 * np.pi, grids.gauges), fixed.choice([-1.0, 1.0], grids.gauges)
     free = ~grids.bonded[grids.first]
     if stated.gauge_offset is not None:
         ahead = np.column_stack([np.cos(heading), np.sin(heading)])
-        found = replace(found, place=stated.gauge_offset * ahead * free[:, None])
+        installation = replace(installation, place=stated.gauge_offset * ahead * free[:, None])
     if stated.gauge_rotation is not None:
         turn = np.deg2rad(stated.gauge_rotation) * way * free
-        found = replace(found, angle=turn, tilt=np.zeros_like(found.tilt))
-    return found
+        installation = replace(installation, angle=turn, tilt=np.zeros_like(installation.tilt))
+    return installation
 
 
 def load_error_of(config: PlacementConfig, name: str, known: bool, realisation: int) -> LoadError:
     """Of one load, which the others do not change: its name has a stream of its own. Only a known load has a gain."""
-    own = tolerances_of(config.tolerances)
+    tolerances = tolerances_of(config.tolerances)
     rng = np.random.default_rng([config.seed, realisation, LOADS, crc32(name.encode())])
     turn, shift, gain = rng.standard_normal(2), rng.standard_normal(2), rng.standard_normal()
     return LoadError(
-        np.deg2rad(own.load_angle) * turn, own.load_position * shift, 1.0 + (own.load_gain * gain if known else 0.0)
+        np.deg2rad(tolerances.load_angle) * turn,
+        tolerances.load_position * shift,
+        1.0 + (tolerances.load_gain * gain if known else 0.0),
     )
 
 
@@ -113,8 +115,8 @@ def _some_known(config: PlacementConfig) -> bool:
 
 def misaligned_loads(config: PlacementConfig) -> bool:
     """Whether their direction or point is not exact."""
-    own = tolerances_of(config.tolerances)
-    return own.load_angle > 0 or own.load_position > 0
+    tolerances = tolerances_of(config.tolerances)
+    return tolerances.load_angle > 0 or tolerances.load_position > 0
 
 
 def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> ReducedModel:
@@ -124,64 +126,68 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
     A `damping_factor` that `validate.truth` states holds for every mode and realisation. The stiffness keeps its scale where a
     modulus is estimated.
     """
-    own, stated = tolerances_of(config.tolerances), config.validation.truth.damping_factor
+    tolerances, stated = tolerances_of(config.tolerances), config.validation.truth.damping_factor
     rng = np.random.default_rng([config.seed, realisation, MODEL])
-    scale = np.exp(own.model * rng.standard_normal())
-    factors = np.exp(np.log(own.damping) * rng.standard_normal(model.size))
+    scale = np.exp(tolerances.model * rng.standard_normal())
+    factors = np.exp(np.log(tolerances.damping) * rng.standard_normal(model.size))
     common, by_mode = rng.standard_normal(), rng.standard_normal(model.size)
     if stated is not None:
         model = replace(model, damping=model.damping.scaled(stated))
-    elif own.damping > 1:
+    elif tolerances.damping > 1:
         model = replace(model, damping=model.damping.scaled(factors.tolist()))
-    if own.frequency > 0:
+    if tolerances.frequency > 0:
         # the coordinates are the modes
         same = first_of_equal(modal_basis(model, model.reference)[0])
-        f = np.exp(own.frequency * (common + BY_MODE * by_mode[same]))
+        f = np.exp(tolerances.frequency * (common + BY_MODE * by_mode[same]))
         model = replace(model, mass=model.mass.of_all(lambda X: X / np.outer(f, f)))
-    if own.model > 0 and not modulus_estimated(config):
+    if tolerances.model > 0 and not modulus_estimated(config):
         model = replace(model, stiffness=model.stiffness.of_all(lambda X: scale * X))
     return model
 
 
-def _sources(config: PlacementConfig, given: bool) -> list[str]:
-    """What is drawn with which σ; given: whether the gauges are given by their strain rows, which cannot be moved or turned."""
-    own, stated = tolerances_of(config.tolerances), config.validation.truth
-    moved = not given
+def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
+    """What is drawn with which σ; by_rows: whether the gauges are given by their strain rows, which cannot be moved or turned."""
+    tolerances, stated = tolerances_of(config.tolerances), config.validation.truth
+    moved = not by_rows
     sizes = (
-        (own.damping - 1, f"ln ζ of every mode ln {own.damping:g}", stated.damping_factor is None),
-        (own.frequency, f"natural frequencies {100 * own.frequency:g} %", True),
-        (own.model, f"stiffness {100 * own.model:g} %", not modulus_estimated(config)),
-        (own.position, f"place {1e3 * own.position:g} mm each way", moved and stated.gauge_offset is None),
-        (own.angle, f"direction {own.angle:g}°", moved and stated.gauge_rotation is None),
-        (own.gain, f"gain {100 * own.gain:g} %", True),
-        (own.transverse, f"transverse sensitivity {100 * own.transverse:g} %", moved),
-        (own.offset, f"offset {1e6 * own.offset:g} µm/m", True),
-        (own.drift, f"drift {1e6 * own.drift:g} µm/m", True),
-        (own.temperature, f"temperature {own.temperature:g} K", any(installation_std(config).warmed)),
-        (own.load_angle, f"direction of loads {own.load_angle:g}°", True),
-        (own.load_position, f"point of loads {1e3 * own.load_position:g} mm", True),
-        (own.load_gain, f"gain of known loads {100 * own.load_gain:g} %", _some_known(config)),
+        (tolerances.damping - 1, f"ln ζ of every mode ln {tolerances.damping:g}", stated.damping_factor is None),
+        (tolerances.frequency, f"natural frequencies {100 * tolerances.frequency:g} %", True),
+        (tolerances.model, f"stiffness {100 * tolerances.model:g} %", not modulus_estimated(config)),
+        (
+            tolerances.position,
+            f"place {1e3 * tolerances.position:g} mm each way",
+            moved and stated.gauge_offset is None,
+        ),
+        (tolerances.angle, f"direction {tolerances.angle:g}°", moved and stated.gauge_rotation is None),
+        (tolerances.gain, f"gain {100 * tolerances.gain:g} %", True),
+        (tolerances.transverse, f"transverse sensitivity {100 * tolerances.transverse:g} %", moved),
+        (tolerances.offset, f"offset {1e6 * tolerances.offset:g} µm/m", True),
+        (tolerances.drift, f"drift {1e6 * tolerances.drift:g} µm/m", True),
+        (tolerances.temperature, f"temperature {tolerances.temperature:g} K", any(installation_std(config).warmed)),
+        (tolerances.load_angle, f"direction of loads {tolerances.load_angle:g}°", True),
+        (tolerances.load_position, f"point of loads {1e3 * tolerances.load_position:g} mm", True),
+        (tolerances.load_gain, f"gain of known loads {100 * tolerances.load_gain:g} %", _some_known(config)),
     )
     return [words for size, words, applies in sizes if size > 0 and applies]
 
 
 def varies(config: PlacementConfig) -> bool:
     """Whether one realisation differs from another."""
-    return bool(_sources(config, given=False))
+    return bool(_sources(config, by_rows=False))
 
 
-def in_words(config: PlacementConfig, given: bool) -> str:
-    """What is off, for people; given: as of `_sources`. Begins with a comma."""
+def in_words(config: PlacementConfig, by_rows: bool) -> str:
+    """What is off, for people; by_rows: as of `_sources`. Begins with a comma."""
     stated, fixed = config.validation.truth, []
     if stated.damping_factor is not None:
         fixed.append(f"damping × {stated.damping_factor:g}")
-    if given:
+    if by_rows:
         fixed.append("gauges exactly in place, because given strain rows cannot be moved or turned")
     elif stated.gauge_offset is not None or stated.gauge_rotation is not None:
         sizes = ((stated.gauge_offset, 1e3, " mm"), (stated.gauge_rotation, 1.0, "°"))
         parts = (f"{factor * size:g}{unit}" for size, factor, unit in sizes if size is not None)
         fixed.append(f"gauges off by {' and '.join(parts)}")
-    drawn = _sources(config, given)
+    drawn = _sources(config, by_rows)
     words = fixed + ([f"drawn with σ: {', '.join(drawn)}"] if drawn else [])
     return "".join(f", {text}" for text in words)
 
@@ -191,9 +197,11 @@ def modulus_estimated(config: PlacementConfig) -> bool:
     springs, or of the section of beams, is none, and no thickness."""
     named = [config.parameters[name] for name in config.place.estimate if name in config.parameters]
     of_whole = [
-        own for own in named if of_stiffness(own.property) and own.property not in (*SECTION_FACTORS, THICKNESS)
+        parameter
+        for parameter in named
+        if of_stiffness(parameter.property) and parameter.property not in (*SECTION_FACTORS, THICKNESS)
     ]
-    return any(own.springs is None for own in of_whole)
+    return any(parameter.springs is None for parameter in of_whole)
 
 
 class SimulatedMotion(Protocol):
@@ -217,9 +225,9 @@ class ModalMotion:
     drift: np.ndarray
 
     def reading(self, channels: np.ndarray) -> np.ndarray:
-        own = self.rows[channels].T
+        rows = self.rows[channels].T
         zero = self.offset[channels] + np.outer(np.linspace(0, 1, len(self.q)), self.drift[channels])
-        return np.where(self.moving[channels], self.acceleration @ own, self.q @ own) + zero
+        return np.where(self.moving[channels], self.acceleration @ rows, self.q @ rows) + zero
 
 
 @dataclass(frozen=True)
@@ -274,7 +282,7 @@ def truth_of(
         words = f"the filter's own reduced model with {values} (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
     parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh))
-    thickness = thickness_at(mesh, [own for own in parameters if own.property == THICKNESS], theta)
+    thickness = thickness_at(mesh, [parameter for parameter in parameters if parameter.property == THICKNESS], theta)
     built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
     modes = built.at_most(stated.modes)
     factor = theta.get(problem.model.damping.parameter, 1.0)
@@ -298,16 +306,16 @@ def truth_of(
     if stated.model == "modes":
         rows, held = installed(np.arange(pool.gauges), None)
         return replace(_modal(theta, words, held, model, rows, pool), field=partial(nodal, built.model, basis))
-    words += in_words(config, given=training.given is not None)
+    words += in_words(config, by_rows=training.given is not None)
 
     def drawn(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
         installation = installation_of(config, pool, realisation).take(pool, gauges)
         with blame("tolerances"):
             rows, held = installed(gauges, installation)
-        own, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
+        sampled, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
         if loads_vary(config):
-            own = own.acted_on(basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
-        truth = _modal(theta, words, held, own, rows, part, installation)
+            sampled = sampled.acted_on(basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
+        truth = _modal(theta, words, held, sampled, rows, part, installation)
         return replace(truth, field=partial(nodal, built.model, basis))
 
     return replace(drawn(0, np.arange(pool.gauges)), again=drawn if varies(config) else None)
@@ -340,11 +348,11 @@ def _installed(
     """
     pool = training.candidates
     if training.given is not None:
-        given = training.given @ (built.motion @ basis)
+        stated = training.given @ (built.motion @ basis)
 
         def scaled(gauges: np.ndarray, installation: Installation | None) -> tuple[np.ndarray, np.ndarray]:
             gain = 0.0 if installation is None else installation.gain[:, None]
-            return (1 + gain) * given[pool.channels(gauges)], np.zeros(len(gauges), dtype=bool)
+            return (1 + gain) * stated[pool.channels(gauges)], np.zeros(len(gauges), dtype=bool)
 
         return scaled
     field, skin = nodal(built.model, basis), skin_of(mesh.position, exterior_facets(mesh))
@@ -417,7 +425,7 @@ def _full(
         tones, lead = loading.tones, len(loading.lead)
         with blame("validate.truth"):
             start = None if tones is None else steady_state(K, M, S, viscous, tones.frequency, tones.amplitude)
-            found = transient(
+            run = transient(
                 built.model,
                 S,
                 theta,
@@ -430,7 +438,7 @@ def _full(
                 progress=lambda share: using.progress("truth", 0.2 * share),
             )
         readings = np.empty((len(loading.held) + 1, len(moving)))
-        readings[:, ~moving], readings[:, moving] = found.reading[lead:], found.acceleration[lead:]
+        readings[:, ~moving], readings[:, moving] = run.reading[lead:], run.acceleration[lead:]
         return ReadMotion(readings)
 
     return SimulatedTruth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)

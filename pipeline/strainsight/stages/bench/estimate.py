@@ -38,49 +38,49 @@ def run(context: Context[BenchConfig]) -> Output:
     config, estimate = context.config, context.config.estimate
     assert estimate is not None  # a bench without it has no such stage
     bench = inputs.bench(context, free_properties(estimate))
-    own = estimated(bench, _other_bench(context), inputs.truths(context), context)
-    problem, without, beyond = own.problem, own.without, bench_out_of_range(own)
-    shown = estimated_without_sigma(own) if beyond else own
+    estimation = estimated(bench, _other_bench(context), inputs.truths(context), context)
+    problem, without, beyond = estimation.problem, estimation.without, bench_out_of_range(estimation)
+    shown = estimated_without_sigma(estimation) if beyond else estimation
     result = compared(shown)
     summary = bench_numbers(shown, result)
-    evidence = Evidence(own, summary, result.claims, beyond)
+    evidence = Evidence(estimation, summary, result.claims, beyond)
     decision, rows = evidence.decision, shown.held_out
     warnings = [
         *filter(None, (decision.message,)),
         *misfits_in_words(rows, "channels"),
-        *own.notes,
+        *estimation.notes,
         *evidence.warnings(),
         *bench_disagreements(estimate, shown),
-        *loud_sensors(estimate, result.found),
+        *loud_sensors(estimate, result.record),
     ]
     verdicts = {name: evidence.verdict(name) for name in evidence.names}
     if decision.withheld and not beyond:
         # what the others say of a channel keeps its σ: that claim is what is tested
-        shown = replace(estimated_without_sigma(own), without=without)
+        shown = replace(estimated_without_sigma(estimation), without=without)
         result = compared(shown)
         summary = bench_numbers(shown, result)
     decided = decision.numbers if evidence.in_test else {"withheld": decision.withheld} if beyond else {}
     summary |= decided | {f"verdict.{name}": word for name, word in verdicts.items()}
-    found, of_loads = result.found, load_units(config, result.found.inputs)
+    record, of_loads = result.record, load_units(config, result.record.inputs)
     of_parameters = parameter_units(config, evidence.free)
     units = dataset_units(config, of_loads)
     tables = [unknowns_table(shown, result, verdicts, evidence.in_test)]
     if rows:
         tables.append(hold_out_table(rows, channel_units(config, problem.used), "channel"))
-    if offsets := offsets_table(found, units):
+    if offsets := offsets_table(record, units):
         tables.append(offsets)
-    if own.reality.done:
-        tables.append(Table("measurements", ("",), tuple((text,) for text in own.reality.done)))
+    if estimation.reality.done:
+        tables.append(Table("measurements", ("",), tuple((text,) for text in estimation.reality.done)))
     tables += warnings_table(warnings)
     units |= {f"parameter {name}": unit for name, unit in of_parameters.items()} | of_parameters
     if shown.filtered.compared is not None:
         tables.insert(1, comparison_table(shown.filtered.compared, of_parameters, COMPARED))
     return Output(
-        datasets=written(found, units),
+        datasets=written(record, units),
         summary=summary,
         message=replace(evidence, numbers=summary).message(of_loads | of_parameters, decision),
         tables=tuple(tables),
-        files={"loads.csv": command_history(found)} if found.inputs and own.filtered.lost[0] < 0 else {},
+        files={"loads.csv": command_history(record)} if record.inputs and estimation.filtered.lost[0] < 0 else {},
     )
 
 

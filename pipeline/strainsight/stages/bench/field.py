@@ -21,9 +21,9 @@ def run(context: Context[BenchConfig]) -> Output:
     name, motion = settings.body, _motion(settings, context)
     own = pictures(config, inputs.meshes(context)[name], inputs.bodies(context)[name], motion, context)
     grid, attributes = vtkhdf_datasets(own.grid)
-    count, largest, instant = len(own.found.time), float(own.found.von_mises.max()), float(own.found.time[own.worst])
+    count, largest, instant = len(own.record.time), float(own.record.von_mises.max()), float(own.record.time[own.worst])
     return Output(
-        datasets=grid | written(own.found),
+        datasets=grid | written(own.record),
         attributes=attributes,
         summary={
             "pictures": count,

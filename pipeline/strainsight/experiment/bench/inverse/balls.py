@@ -67,14 +67,14 @@ def ring_watch(bench: Bench, model: AugmentedStep, steps: int) -> RingWatch:
     return RingWatch(model, rows, steps)
 
 
-def rings_estimated(bench: Bench, found: RingWatch) -> dict[str, RingEstimate]:
+def rings_estimated(bench: Bench, watch: RingWatch) -> dict[str, RingEstimate]:
     """Every bearing by the estimate; none of one whose run diverged."""
-    time = found.model.h * np.arange(found.steps + 1)
+    time = watch.model.h * np.arange(watch.steps + 1)
     rings = {}
-    for name, mean in found.mean.items():
+    for name, mean in watch.mean.items():
         if np.isfinite(mean).all():
-            carried = _carried(bench, found.model.coordinates, name)
-            rings[name] = _ring(time, mean, found.covariance[name], carried)
+            carried = _carried(bench, watch.model.coordinates, name)
+            rings[name] = _ring(time, mean, watch.covariance[name], carried)
     return rings
 
 
@@ -131,8 +131,8 @@ def _carried(bench: Bench, coordinates: ParameterCoordinates, name: str) -> Carr
     assert isinstance(stated, BearingForce)
     bearing: Bearing = bench.bearings[stated.bearing]
     element = next(e for e in bench.system.elements if e.force.name == name)
-    own = [bench.system.parameters[at].split(".")[-1] for at in element.parameters]
-    places = [PARAMETERS.index(key) for key in own]
+    properties = [bench.system.parameters[at].split(".")[-1] for at in element.parameters]
+    places = [PARAMETERS.index(key) for key in properties]
 
     def carried(z: np.ndarray) -> BallLoads:
         values = bearing.parameters

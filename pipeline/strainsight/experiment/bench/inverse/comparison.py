@@ -57,8 +57,10 @@ def smoothed_name(name: str) -> str:
 def smoothed_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> Numbers:
     """The rms error and the mean σ of a smoothed load over the second half, over the largest |true|: the same as of the filter's
     estimate. true, estimate, std (T,) after the start."""
-    found = load_numbers(name, true, estimate, std)
-    return {f"smoothed_{key}.{name}": found[f"{key}.{name}"] for key in ("error", "std") if f"{key}.{name}" in found}
+    numbers = load_numbers(name, true, estimate, std)
+    return {
+        f"smoothed_{key}.{name}": numbers[f"{key}.{name}"] for key in ("error", "std") if f"{key}.{name}" in numbers
+    }
 
 
 def history_numbers(name: str, estimate: np.ndarray, std: np.ndarray) -> Numbers:
@@ -71,14 +73,14 @@ def history_numbers(name: str, estimate: np.ndarray, std: np.ndarray) -> Numbers
     }
 
 
-def ratio_numbers(name: str, there: np.ndarray, estimate: np.ndarray) -> Numbers:
+def ratio_numbers(name: str, elsewhere: np.ndarray, estimate: np.ndarray) -> Numbers:
     """A load here over the one of the other bench: RMS over RMS, second half; settled, an affine fit, and the quotient where the
     other is large. (T,) each."""
-    here, other = (float(np.linalg.norm(load[len(load) // 2 :])) for load in (estimate, there))
-    there, estimate = _settled(there, estimate)
-    slope, offset = _fit(there, estimate)
-    large = np.abs(there) > LARGE * np.abs(there).max(initial=0.0)
-    quotient = estimate[large] / there[large] if large.any() else np.array([np.nan])
+    here, other = (float(np.linalg.norm(load[len(load) // 2 :])) for load in (estimate, elsewhere))
+    elsewhere, estimate = _settled(elsewhere, estimate)
+    slope, offset = _fit(elsewhere, estimate)
+    large = np.abs(elsewhere) > LARGE * np.abs(elsewhere).max(initial=0.0)
+    quotient = estimate[large] / elsewhere[large] if large.any() else np.array([np.nan])
     return {
         f"ratio_slope.{name}": slope,
         f"ratio_offset.{name}": offset,
@@ -108,14 +110,14 @@ def parameter_numbers(name: str, true: np.ndarray, last: np.ndarray, std: np.nda
 def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> Numbers:
     """rms of measured − expected over that of measured, of every component (T, components) and of the worst; a component that
     hardly moves counts beside the largest of its unit (of a pair of metres and radians: x, y, z, then tilts)."""
-    there = np.isfinite(measured)
-    if not there.any():
+    known = np.isfinite(measured)
+    if not known.any():
         return {}
-    count = np.maximum(there.sum(axis=0), 1)
+    count = np.maximum(known.sum(axis=0), 1)
     off, whole = (
-        np.sqrt(np.sum(np.where(there, x, 0.0) ** 2, axis=0) / count) for x in (measured - expected, measured)
+        np.sqrt(np.sum(np.where(known, x, 0.0) ** 2, axis=0) / count) for x in (measured - expected, measured)
     )
-    off[~there.any(axis=0)] = np.nan
+    off[~known.any(axis=0)] = np.nan
     for kind in (slice(3), slice(3, None)) if whole.size == RELATIVE else (slice(None),):
         whole[kind] = np.where(whole[kind] < STILL * whole[kind].max(), whole[kind].max(), whole[kind])
     share = np.divide(off, whole, out=np.full_like(off, np.nan), where=whole > 0)
@@ -129,10 +131,10 @@ def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> N
     return numbers
 
 
-def size_numbers(name: str, there: np.ndarray, expected: np.ndarray) -> Numbers:
+def size_numbers(name: str, elsewhere: np.ndarray, expected: np.ndarray) -> Numbers:
     """rms of what each component of a sensor reads here over that of what it reads on the other bench (T, components)."""
-    found = np.isfinite(there) & np.isfinite(expected)
-    here, other = (np.sqrt(np.sum(np.where(found, x, 0.0) ** 2, axis=0)) for x in (expected, there))
+    known = np.isfinite(elsewhere) & np.isfinite(expected)
+    here, other = (np.sqrt(np.sum(np.where(known, x, 0.0) ** 2, axis=0)) for x in (expected, elsewhere))
     share = np.divide(here, other, out=np.full_like(here, np.nan), where=other > 0)
     return {f"size.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)}
 
@@ -162,46 +164,46 @@ LEARNED = 0.5
 
 @dataclass(frozen=True)
 class BenchComparison:
-    """found: what is written; numbers: of every load, parameter and sensor, those that are finite; claims: whether the
+    """record: what is written; numbers: of every load, parameter and sensor, those that are finite; claims: whether the
     estimate of every unknown keeps to its σ, where the truth is known."""
 
-    found: BenchEstimated
+    record: BenchEstimated
     numbers: Numbers
     claims: dict[str, Claim]
 
 
-def compared(own: BenchEstimation) -> BenchComparison:
+def compared(estimation: BenchEstimation) -> BenchComparison:
     """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
-    problem, filtered = own.problem, own.filtered
+    problem, filtered = estimation.problem, estimation.filtered
     numbers: Numbers = {}
     claims: dict[str, Claim | None] = {}
     inputs: dict[str, LoadHistory] = {}
     input_runs: dict[str, LoadRuns] = {}
     for i, name in enumerate(problem.estimate.inputs):
-        inputs[name], error, claims[name], more = _load(own, name, i)
+        inputs[name], error, claims[name], more = _load(estimation, name, i)
         numbers |= more
-        claims[smoothed_name(name)], more = _smoothed(own, name, i)
+        claims[smoothed_name(name)], more = _smoothed(estimation, name, i)
         numbers |= more
         if error is not None:
             input_runs[name] = LoadRuns(error=error)
     parameters: dict[str, ParameterHistory] = {}
     parameter_runs: dict[str, ParameterRuns] = {}
-    for i, name in enumerate(own.problem.unknowns.free):
-        parameters[name], ends, claims[name], more = _parameter(own, name, i)
+    for i, name in enumerate(estimation.problem.unknowns.free):
+        parameters[name], ends, claims[name], more = _parameter(estimation, name, i)
         numbers |= more
         if len(ends.estimate) > 1:
             parameter_runs[name] = ends
     sensors: dict[str, SensorMatch] = {}
-    for name in own.problem.sensors.channels:
-        match = sensors[name] = _sensor(own, name)
+    for name in estimation.problem.sensors.channels:
+        match = sensors[name] = _sensor(estimation, name)
         if match.measured is not None:
             numbers |= mismatch_numbers(name, match.measured, match.expected)
-            if isinstance(own.problem.estimate.measured, FromRun) and not match.used:
+            if isinstance(estimation.problem.estimate.measured, FromRun) and not match.used:
                 numbers |= size_numbers(name, match.measured, match.expected)
-    found = BenchEstimated(
+    record = BenchEstimated(
         time=problem.time,
-        q=filtered.mean[:, 0, own.trial.model.q],
-        violation=np.array([_violation(own, k) for k in range(len(problem.time))]),
+        q=filtered.mean[:, 0, estimation.trial.model.q],
+        violation=np.array([_violation(estimation, k) for k in range(len(problem.time))]),
         nis=filtered.nis[:, 0],
         lost=filtered.lost,
         inputs=inputs,
@@ -209,22 +211,24 @@ def compared(own: BenchEstimation) -> BenchComparison:
         sensors=sensors,
         input_runs=input_runs,
         parameter_runs=parameter_runs,
-        seeds=numbers_of_seeds(own),
-        bearings=own.rings,
+        seeds=numbers_of_seeds(estimation),
+        bearings=estimation.rings,
         compared=filtered.compared,
     )
     judged = {name: claim for name, claim in claims.items() if claim is not None}
     kept = {key: value for key, value in numbers.items() if np.isfinite(value) or key.startswith(SETTLING_TIME)}
-    return BenchComparison(found, kept, judged)
+    return BenchComparison(record, kept, judged)
 
 
-def _load(own: BenchEstimation, name: str, i: int) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
+def _load(
+    estimation: BenchEstimation, name: str, i: int
+) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
     """The history of an unknown load, the errors (runs,) of several runs, whether they keep to σ, and its numbers."""
-    at = own.trial.model.u[i]
-    mean = own.filtered.mean[:, :, at]
-    std = np.where(np.isfinite(mean), own.filtered.std[:, :, at], np.nan)
-    true = own.true_load(name)
-    known, there = bool(np.isfinite(true).all()), own.reality.elsewhere.get(name)
+    at = estimation.trial.model.u[i]
+    mean = estimation.filtered.mean[:, :, at]
+    std = np.where(np.isfinite(mean), estimation.filtered.std[:, :, at], np.nan)
+    true = estimation.true_load(name)
+    known, elsewhere = bool(np.isfinite(true).all()), estimation.reality.elsewhere.get(name)
     numbers: Numbers = {}
     error = claim = None
     if known:
@@ -232,33 +236,33 @@ def _load(own: BenchEstimation, name: str, i: int) -> tuple[LoadHistory, np.ndar
         late = slice(len(mean) // 2, None)
         off = (mean - true)[late]
         if f"error.{name}" in numbers:
-            claim = claim_in_time(off, std[late], starts=own.starts)
+            claim = claim_in_time(off, std[late], starts=estimation.starts)
         if mean.shape[1] > 1:
             error = np.sqrt(np.mean(off**2, axis=0))
             if np.isfinite(std[late]).any():
                 numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean((off / std[late]) ** 2)))
-    elif there is None:
+    elif elsewhere is None:
         numbers |= history_numbers(name, mean[1:, 0], std[1:, 0])
-    if there is not None:
-        numbers |= ratio_numbers(name, there[1:], mean[1:, 0])
-    smoothed = own.filtered.smoothed
+    if elsewhere is not None:
+        numbers |= ratio_numbers(name, elsewhere[1:], mean[1:, 0])
+    smoothed = estimation.filtered.smoothed
     history = LoadHistory(
         estimate=mean[:, 0],
         std=std[:, 0],
         smoothed=None if smoothed is None else smoothed.mean[:, i],
         smoothed_std=None if smoothed is None or np.isnan(smoothed.std[:, i]).all() else smoothed.std[:, i],
         true=true[:, 0] if known else None,
-        there=there,
+        elsewhere=elsewhere,
     )
     return history, error, claim, numbers
 
 
-def _smoothed(own: BenchEstimation, name: str, i: int) -> tuple[Claim | None, Numbers]:
+def _smoothed(estimation: BenchEstimation, name: str, i: int) -> tuple[Claim | None, Numbers]:
     """Whether a load of the first run keeps to σ once it is smoothed, and its numbers, where the truth is known."""
-    true = own.true_load(name)[:, 0]
-    if own.filtered.smoothed is None or not np.isfinite(true).all():
+    true = estimation.true_load(name)[:, 0]
+    if estimation.filtered.smoothed is None or not np.isfinite(true).all():
         return None, {}
-    mean, std = own.filtered.smoothed.mean[:, i], own.filtered.smoothed.std[:, i]
+    mean, std = estimation.filtered.smoothed.mean[:, i], estimation.filtered.smoothed.std[:, i]
     numbers = smoothed_numbers(name, true[1:], mean[1:], std[1:])
     if not numbers:
         return None, {}
@@ -267,14 +271,14 @@ def _smoothed(own: BenchEstimation, name: str, i: int) -> tuple[Claim | None, Nu
 
 
 def _parameter(
-    own: BenchEstimation, name: str, i: int
+    estimation: BenchEstimation, name: str, i: int
 ) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
     """The history of a parameter, where all runs start and end, whether they end within their σ, and its numbers."""
-    theta, std = in_theta(own, own.place(name))
-    true, starts = own.true_parameter(name), own.starts
+    theta, std = in_theta(estimation, estimation.place(name))
+    true, starts = estimation.true_parameter(name), estimation.starts
     known = bool(np.isfinite(true).all())
     apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
-    learned = bool(np.all(std[-1, :starts] < LEARNED * own.problem.unknowns.std[i]))
+    learned = bool(np.all(std[-1, :starts] < LEARNED * estimation.problem.unknowns.std[i]))
     claim = claim_of(theta[-1] - true, std[-1], alike=starts)  # starts within a seed are one draw
     wrong = claim is not None and claim.overconfident
     withheld = bool(np.isfinite(theta[-1]).any() and not np.isfinite(std[-1]).any())
@@ -283,7 +287,9 @@ def _parameter(
         numbers[f"identified.{name}"] = learned and not apart and not (starts > 1 and wrong)
     if known:
         numbers |= parameter_numbers(name, true, theta[-1], std[-1])
-        numbers[f"{SETTLING_TIME}.{name}"] = settling_time(own.problem.time, theta[:, 0], float(true[0]), SETTLED)
+        numbers[f"{SETTLING_TIME}.{name}"] = settling_time(
+            estimation.problem.time, theta[:, 0], float(true[0]), SETTLED
+        )
     else:
         numbers |= {f"estimate.{name}": float(theta[-1, 0]), f"rms_std.{name}": float(std[-1, 0])}
     history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)
@@ -291,78 +297,92 @@ def _parameter(
     return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), claim, numbers
 
 
-def in_theta(own: BenchEstimation, column: int) -> tuple[np.ndarray, np.ndarray]:
+def in_theta(estimation: BenchEstimation, column: int) -> tuple[np.ndarray, np.ndarray]:
     """A parameter and its σ, √(s P_ξξ sᵀ) with s = ∂θ/∂ξ (T + 1, runs)."""
-    xi, P = own.filtered.mean[:, :, own.trial.model.xi], own.xi_covariance
+    xi, P = estimation.filtered.mean[:, :, estimation.trial.model.xi], estimation.xi_covariance
     theta, std = np.full(xi.shape[:2], np.nan), np.full(xi.shape[:2], np.nan)
     for at in np.ndindex(xi.shape[:2]):
         if np.isfinite(xi[at]).all():
-            theta[at], std[at] = _theta_at(own, column, xi[at], P[at[0], min(at[1], P.shape[1] - 1)])
+            theta[at], std[at] = _theta_at(estimation, column, xi[at], P[at[0], min(at[1], P.shape[1] - 1)])
     return theta, std
 
 
-def _theta_at(own: BenchEstimation, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
-    values, slopes = own.problem.unknowns.coordinates.theta(xi)
+def _theta_at(estimation: BenchEstimation, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
+    values, slopes = estimation.problem.unknowns.coordinates.theta(xi)
     s = slopes[column]
     return float(values[column]), float(np.sqrt(max(float(s @ P @ s), 0.0)))
 
 
-def _sensor(own: BenchEstimation, name: str) -> SensorMatch:
-    used, part = name in own.problem.used.channels, own.problem.sensors.channels[name]
-    measured = own.measured[:, 0, own.problem.used.channels[name]] if used else own.reality.readings[:, 0, part]
-    there = bool(np.isfinite(measured).any())
+def _sensor(estimation: BenchEstimation, name: str) -> SensorMatch:
+    used, part = name in estimation.problem.used.channels, estimation.problem.sensors.channels[name]
+    measured = (
+        estimation.measured[:, 0, estimation.problem.used.channels[name]]
+        if used
+        else estimation.reality.readings[:, 0, part]
+    )
+    known = bool(np.isfinite(measured).any())
     bias = bias_std = None
-    offset, given = own.trial.offsets.at, own.problem.used.channels.get(name, slice(0, 0))
-    which = np.flatnonzero((offset >= given.start) & (offset < given.stop))
+    offset, channels = estimation.trial.offsets.at, estimation.problem.used.channels.get(name, slice(0, 0))
+    which = np.flatnonzero((offset >= channels.start) & (offset < channels.stop))
     if len(which):
         bias, bias_std = np.zeros((2, part.stop - part.start))
-        at, size = offset[which] - given.start, own.trial.model.size
-        bias[at], bias_std[at] = own.filtered.mean[-1, 0, size + which], own.filtered.std[-1, 0, size + which]
-    without = own.without if used else None
+        at, size = offset[which] - channels.start, estimation.trial.model.size
+        bias[at], bias_std[at] = (
+            estimation.filtered.mean[-1, 0, size + which],
+            estimation.filtered.std[-1, 0, size + which],
+        )
+    without = estimation.without if used else None
     return SensorMatch(
         used=used,
-        expected=own.reading[1:, 0, part],
-        measured=measured if there else None,
-        predicted=None if without is None else without.predicted[:, 0, given],
-        predicted_std=None if without is None else without.std[:, 0, given],
-        left_in=None if without is None else without.left_in[given],
+        expected=estimation.reading[1:, 0, part],
+        measured=measured if known else None,
+        predicted=None if without is None else without.predicted[:, 0, channels],
+        predicted_std=None if without is None else without.std[:, 0, channels],
+        left_in=None if without is None else without.left_in[channels],
         bias=bias,
         bias_std=bias_std,
     )
 
 
-def _violation(own: BenchEstimation, k: int) -> float:
-    x = own.filtered.mean[k, :1]
-    return float(own.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")
+def _violation(estimation: BenchEstimation, k: int) -> float:
+    x = estimation.filtered.mean[k, :1]
+    return float(estimation.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")
 
 
-def numbers_of_seeds(own: BenchEstimation) -> dict[str, np.ndarray]:
+def numbers_of_seeds(estimation: BenchEstimation) -> dict[str, np.ndarray]:
     """Name → the number of every seed (seeds,) by its first start, NaN of a seed that diverged: of loads, parameters, innovations
     and sensors, as in the summary. None of a single seed."""
-    runs = range(0, own.measured.shape[1], own.starts)
+    runs = range(0, estimation.measured.shape[1], estimation.starts)
     if len(runs) < 2:
         return {}
-    each = [_numbers(own, seed, run) if own.filtered.lost[run] < 0 else {} for seed, run in enumerate(runs)]
+    each = [
+        _numbers(estimation, seed, run) if estimation.filtered.lost[run] < 0 else {} for seed, run in enumerate(runs)
+    ]
     names = dict.fromkeys(name for numbers in each for name in numbers)
     return {name: np.array([float(numbers.get(name, np.nan)) for numbers in each]) for name in names}
 
 
-def _numbers(own: BenchEstimation, seed: int, run: int) -> Numbers:
+def _numbers(estimation: BenchEstimation, seed: int, run: int) -> Numbers:
     """Of one seed."""
-    problem, mean, std, nis = own.problem, own.filtered.mean, own.filtered.std, own.filtered.nis
+    problem, mean, std, nis = (
+        estimation.problem,
+        estimation.filtered.mean,
+        estimation.filtered.std,
+        estimation.filtered.nis,
+    )
     numbers: Numbers = {"nis": float(np.nanmean(nis[len(nis) // 2 :, run]))}
-    for name, at in zip(problem.estimate.inputs, own.trial.model.u, strict=True):
-        load = own.true_load(name)[1:, run]
+    for name, at in zip(problem.estimate.inputs, estimation.trial.model.u, strict=True):
+        load = estimation.true_load(name)[1:, run]
         if np.isfinite(load).all():
             numbers |= load_numbers(name, load, mean[1:, run, at], std[1:, run, at])
     for name in problem.unknowns.free:
-        true = own.true_parameter(name)[run : run + 1]
-        P = own.xi_covariance[-1, min(run, own.xi_covariance.shape[1] - 1)]
-        last, size = _theta_at(own, own.place(name), mean[-1, run, own.trial.model.xi], P)
+        true = estimation.true_parameter(name)[run : run + 1]
+        P = estimation.xi_covariance[-1, min(run, estimation.xi_covariance.shape[1] - 1)]
+        last, size = _theta_at(estimation, estimation.place(name), mean[-1, run, estimation.trial.model.xi], P)
         if np.isfinite(true):
             numbers |= parameter_numbers(name, true, np.array([last]), np.array([size]))
     for name, part in problem.sensors.channels.items():
-        used, of_seed = problem.used.channels.get(name), min(seed, own.reality.readings.shape[1] - 1)
-        measured = own.reality.readings[:, of_seed, part] if used is None else own.measured[:, run, used]
-        numbers |= mismatch_numbers(name, measured, own.reading[1:, seed, part])
+        used, of_seed = problem.used.channels.get(name), min(seed, estimation.reality.readings.shape[1] - 1)
+        measured = estimation.reality.readings[:, of_seed, part] if used is None else estimation.measured[:, run, used]
+        numbers |= mismatch_numbers(name, measured, estimation.reading[1:, seed, part])
     return numbers

@@ -57,8 +57,8 @@ class FilteredBench:
         return channel_labels(self.trial.problem.used)
 
     @property
-    def given(self) -> np.ndarray:
-        return self.trial.given
+    def available(self) -> np.ndarray:
+        return self.trial.available
 
     @cached_property
     def measured(self) -> Sequence[np.ndarray]:
@@ -78,7 +78,7 @@ class FilteredBench:
 
     def by_others(self, part: np.ndarray) -> tuple[Sequence[tuple[np.ndarray, np.ndarray]], str]:
         """None where the others cannot tell the unknowns, or a filter diverges."""
-        others = self.given.copy()
+        others = self.available.copy()
         others[part] = False
         if not others.any():
             return (), "there is no other"
@@ -104,22 +104,24 @@ TURN = 0.1
 def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
     """Combinations of unknowns that no sensor separates at any of a few instants of the first run, mean (T + 1, size); raises
     ConfigError, where the config does not allow for them."""
-    model, estimate = replace(trial.model, R=np.where(trial.given, trial.model.R, np.inf)), trial.problem.estimate
-    there = np.flatnonzero(np.isfinite(mean).all(axis=1))
-    found: list[list[str]] = []
-    for k in np.unique(there[np.linspace(0, len(there) - 1, INSTANTS).round().astype(int)]) if len(there) else []:
+    model, estimate = replace(trial.model, R=np.where(trial.available, trial.model.R, np.inf)), trial.problem.estimate
+    instants = np.flatnonzero(np.isfinite(mean).all(axis=1))
+    combinations: list[list[str]] = []
+    for k in (
+        np.unique(instants[np.linspace(0, len(instants) - 1, INSTANTS).round().astype(int)]) if len(instants) else []
+    ):
         try:
-            found.append(indistinct(model, mean[k], min(k, len(model.known) - 1), trial.problem.names))
+            combinations.append(indistinct(model, mean[k], min(k, len(model.known) - 1), trial.problem.names))
         except NumericalError:
             return  # nothing separates what decays from what does not: no statement
-        if not found[-1]:
+        if not combinations[-1]:
             return
-    if not found:
+    if not combinations:
         return
-    words = "; ".join(found[0])
+    words = "; ".join(combinations[0])
     if not estimate.allow_unobservable:
         raise ConfigError(
-            f"the sensors cannot tell {words}, at none of {len(found)} instants of the run",
+            f"the sensors cannot tell {words}, at none of {len(combinations)} instants of the run",
             key="estimate.inputs" if estimate.inputs else "estimate.parameters",
             remedy="give the filter another sensor, make one of them known, or set estimate.allow_unobservable: true",
         )
@@ -245,20 +247,20 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
     problem = problem_of(bench, using.files)
     estimate, among = problem.estimate, problem.among
     reality = reality_of(problem, other, truths, using.files, lambda share: using.progress("truth", 0.3 * share))
-    largest, first, given = np.zeros(len(among)), None, _given(problem)
+    largest, first, available = np.zeros(len(among)), None, _given(problem)
     if reality is not None:
         read, first = reality.readings[:, :, among], reality.first
         largest = np.nan_to_num(np.abs(read)).max(axis=(0, 1))
-        given &= np.isfinite(read).any(axis=(0, 1))
+        available &= np.isfinite(read).any(axis=(0, 1))
 
     def trial_with(channels: np.ndarray) -> BenchTrial:
         return trial_of(problem, largest, first, channels)
 
-    trial = trial_with(given)
+    trial = trial_with(available)
     if reality is None:
         reality = walked(trial)
     y = _samples(trial, reality)
-    until = 1.0 if estimate.hold_out is None else 1 / (1 + given.sum())
+    until = 1.0 if estimate.hold_out is None else 1 / (1 + available.sum())
 
     def filtering(share: float) -> None:
         using.progress("filter", 0.3 + 0.7 * until * share)
@@ -292,20 +294,20 @@ def _samples(trial: BenchTrial, reality: Reality) -> np.ndarray:
         if problem.errors and reality.q is not None:
             too_much = too_much + misread(problem.bench, problem.used, problem.errors, reality.q, runs)
         y += np.repeat(too_much, starts, axis=1)
-    y[:, :, ~trial.given] = np.nan
+    y[:, :, ~trial.available] = np.nan
     return y
 
 
 def _given(problem: BenchProblem) -> np.ndarray:
     """Which channels (m,) of its sensors the filter has: of those that take a layout the components that are in it."""
-    given = np.ones(len(problem.used.zeroed), dtype=bool)
+    channels = np.ones(len(problem.used.zeroed), dtype=bool)
     for name, entry in problem.estimate.sensors.items():
         if entry.layout is not None:
             assert problem.bench.placed is not None
             placed, part = problem.bench.placed.layout(entry.layout).sensor, problem.used.channels[name]
-            given[part] = False
-            given[part.start : part.start + 3] = [f"{name}.{axis}" in placed for axis in "xyz"]
-    return given
+            channels[part] = False
+            channels[part.start : part.start + 3] = [f"{name}.{axis}" in placed for axis in "xyz"]
+    return channels
 
 
 def _expected(trial: BenchTrial, mean: np.ndarray) -> np.ndarray:

@@ -55,11 +55,11 @@ def smoothed_loads(model: AugmentedStep, whole: StepModel, run: FilterRun) -> Sm
         return None
     if not (np.isfinite(run.covariance).all() and np.isfinite(run.jacobian).all()):
         return None
-    found = smooth_first(whole, run)
-    std = found.std[:, 0, model.u]
+    smoothed = smooth_first(whole, run)
+    std = smoothed.std[:, 0, model.u]
     if model.corrected:
         std[:, has_rates(model)] = np.nan
-    return SmoothedLoads(found.mean[:, 0, model.u], std)
+    return SmoothedLoads(smoothed.mean[:, 0, model.u], std)
 
 
 def has_rates(model: AugmentedStep) -> np.ndarray:
@@ -112,7 +112,7 @@ def by_extended(
         assert watch is not None
         watch(k, x[:, :size], P[:, :size, :size])
 
-    found = _filter(
+    run = _filter(
         trial,
         y,
         progress=lambda k: progress(k / len(y)),
@@ -120,15 +120,15 @@ def by_extended(
         keep=keep,
         refuse=trial.problem.estimate.method.update == "iterated",
     )
-    smoothed = smoothed_loads(trial.model, trial.offsets.model(trial.model), found)
-    std, joint = found.std, found.unknown_covariance
+    smoothed = smoothed_loads(trial.model, trial.offsets.model(trial.model), run)
+    std, joint = run.std, run.unknown_covariance
     if errors:
-        S = considered(found, y, trial.model.R, D, o)
+        S = considered(run, y, trial.model.R, D, o)
         std, of_unknowns = np.sqrt(std**2 + np.sum(S**2, axis=3)), S[:, :, trial.model.position]
         joint = joint + of_unknowns @ np.swapaxes(of_unknowns, 2, 3)
         # what later samples say does not undo an error that all of them have
         smoothed = None if smoothed is None else replace(smoothed, std=np.full_like(smoothed.std, np.nan))
-    return FilteredRuns(found.mean, std, joint, per_channel(found.nis, y), found.lost, smoothed=smoothed, notes=notes)
+    return FilteredRuns(run.mean, std, joint, per_channel(run.nis, y), run.lost, smoothed=smoothed, notes=notes)
 
 
 def considered(run: FilterRun, y: np.ndarray, R: np.ndarray, D: np.ndarray, o: np.ndarray) -> np.ndarray:
@@ -163,17 +163,17 @@ def predicted(trial: BenchTrial, y: np.ndarray, part: np.ndarray) -> tuple[np.nd
     others[:, :, part] = np.nan
     if errors := D.shape[1]:
         _refuse_large(trial, y)
-    found = _filter(trial, others, keep="all" if errors else "mean", refuse=False)
-    variance = found.gauge_std[:, :, part] ** 2 + trial.noise[part] ** 2
+    run = _filter(trial, others, keep="all" if errors else "mean", refuse=False)
+    variance = run.gauge_std[:, :, part] ** 2 + trial.noise[part] ** 2
     if errors:
-        S, model = considered(found, others, trial.model.R, D, o), trial.offsets.model(trial.model)
-        of_part = np.einsum("mkn,tbn->tbmk", D[part], found.mean[1:, :, : D.shape[2]]) + o[part]
+        S, model = considered(run, others, trial.model.R, D, o), trial.offsets.model(trial.model)
+        of_part = np.einsum("mkn,tbn->tbmk", D[part], run.mean[1:, :, : D.shape[2]]) + o[part]
         for k in range(len(y)):
             # the run keeps no row of a channel that is missing
-            x = np.where(np.isfinite(found.mean[k + 1]), found.mean[k + 1], found.mean[0])
+            x = np.where(np.isfinite(run.mean[k + 1]), run.mean[k + 1], run.mean[0])
             H = model.measure(x, k)[1][:, part]
             variance[k] += np.sum((H @ S[k + 1] - of_part[k]) ** 2, axis=2)
-    return found.gauge_mean[:, :, part], np.sqrt(variance), found.lost >= 0
+    return run.gauge_mean[:, :, part], np.sqrt(variance), run.lost >= 0
 
 
 def _refuse_large(trial: BenchTrial, y: np.ndarray) -> None:
@@ -267,26 +267,26 @@ def _compared(trial: BenchTrial, y: np.ndarray, bank: StepBankRun) -> Compared:
     unknowns, at, model = trial.problem.unknowns, trial.model.xi, _of_run(trial.model, 0)
     try:
         extended = _filter(trial, y[:, :1], model, (trial.start[:1], trial.covariance[:1]), refuse=True)
-        found = [(extended.mean[-1, 0, at], extended.last[0, at, at])]
+        moments = [(extended.mean[-1, 0, at], extended.last[0, at, at])]
     except NumericalError:
-        found = [(np.full(model.coordinates.size, np.nan), np.full((model.coordinates.size,) * 2, np.nan))]
+        moments = [(np.full(model.coordinates.size, np.nan), np.full((model.coordinates.size,) * 2, np.nan))]
     k = len(unknowns.inputs)
-    found.insert(0, (bank.mean[-1, at], bank.joint[-1, k:, k:]))
-    std = np.array([np.sqrt(np.diagonal(P)) for _, P in found])
+    moments.insert(0, (bank.mean[-1, at], bank.joint[-1, k:, k:]))
+    std = np.array([np.sqrt(np.diagonal(P)) for _, P in moments])
     places = [model.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
-    value, size = np.full((2, len(found), len(places)), np.nan)
-    for i, (xi, P) in enumerate(found):
+    value, size = np.full((2, len(moments), len(places)), np.nan)
+    for i, (xi, P) in enumerate(moments):
         if np.isfinite(xi).all():
             theta, slopes = model.coordinates.theta(xi)
             value[i], size[i] = theta[places], np.sqrt(np.einsum("ij,jk,ik->i", slopes[places], P, slopes[places]))
-    (exact, _), exact_std = found[0], std[0]
+    (exact, _), exact_std = moments[0], std[0]
     return Compared(
         filter=(BANK, EXTENDED),
         estimate={name: value[:, j] for j, name in enumerate(unknowns.free)},
         std={name: size[:, j] for j, name in enumerate(unknowns.free)},
         ratio={
             name: np.array(
-                [expected_ratio(xi[j], s[j], exact[j], exact_std[j]) for (xi, _), s in zip(found, std, strict=True)]
+                [expected_ratio(xi[j], s[j], exact[j], exact_std[j]) for (xi, _), s in zip(moments, std, strict=True)]
             )
             for j, name in enumerate(unknowns.free)
         },

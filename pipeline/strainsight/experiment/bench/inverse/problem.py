@@ -59,7 +59,7 @@ def asked(config: BenchConfig) -> Estimate:
 def has_bank(config: BenchConfig) -> bool:
     """Whether a bank has the parameters; without any there is nothing for it."""
     estimate = asked(config)
-    return estimate.method.parameters == "bank" and any(own.std is not None for own in estimate.parameters.values())
+    return estimate.method.parameters == "bank" and any(entry.std is not None for entry in estimate.parameters.values())
 
 
 def corrects(config: BenchConfig) -> bool:
@@ -84,16 +84,18 @@ def has_drives(config: BenchConfig) -> bool:
 
 def has_other_poses(config: BenchConfig) -> bool:
     """Whether drives, or gravity that turns, take the bench from where it starts."""
-    return has_drives(config) or any(own.type == "gravity" and own.turns is not None for own in config.forces.values())
+    return has_drives(config) or any(
+        force.type == "gravity" and force.turns is not None for force in config.forces.values()
+    )
 
 
 def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:
     """Bearing → its properties that the estimate names, in the order of PARAMETERS."""
-    found: dict[str, list[str]] = {}
+    free: dict[str, list[str]] = {}
     for entry in estimate.parameters.values():
         if entry.bearing is not None and entry.property is not None:
-            found.setdefault(entry.bearing, []).append(entry.property)
-    return {bearing: tuple(sorted(own, key=PARAMETERS.index)) for bearing, own in found.items()}
+            free.setdefault(entry.bearing, []).append(entry.property)
+    return {bearing: tuple(sorted(properties, key=PARAMETERS.index)) for bearing, properties in free.items()}
 
 
 def parameter_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
@@ -159,18 +161,18 @@ def load_process_of(config: BenchConfig, h: float) -> LoadProcess:
 def increments_of(config: BenchConfig, h: float) -> np.ndarray:
     """σ (nu,) of the change of every unknown load in a step of h [s] [N, N m]: as stated; of a walk that states none a √(κωh), of
     the other models about aωh, at most a."""
-    estimate, found = asked(config), []
+    estimate, increments = asked(config), []
     for name, entry in estimate.inputs.items():
         if entry.increment is not None:
-            found.append(entry.increment * (h if estimate.increments == "second" else 1.0))
+            increments.append(entry.increment * (h if estimate.increments == "second" else 1.0))
             continue
         frequency, amplitude = typical_of(config, name)
         turned = 2 * np.pi * frequency * h
         if entry.model == "random_walk":
-            found.append(amplitude * float(np.sqrt((WALK if entry.kappa is None else entry.kappa) * turned)))
+            increments.append(amplitude * float(np.sqrt((WALK if entry.kappa is None else entry.kappa) * turned)))
         else:
-            found.append(amplitude * min(1.0, turned))
-    return np.array(found)
+            increments.append(amplitude * min(1.0, turned))
+    return np.array(increments)
 
 
 def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
@@ -317,11 +319,11 @@ def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, n
             trial = u.copy()
             trial[columns] += 0.5**halvings * du
             try:
-                found = misfit(trial)
+                tried = misfit(trial)
             except (NumericalError, UserError):
                 continue  # no rest under loads that go too far
-            if np.linalg.norm(found[0]) < np.linalg.norm(r):
-                u, (r, slopes) = trial, found
+            if np.linalg.norm(tried[0]) < np.linalg.norm(r):
+                u, (r, slopes) = trial, tried
                 break
         else:
             break

@@ -62,12 +62,14 @@ class ChannelOffsets:
 
     def drawn(self, steps: int, runs: int, channels: int, seed: int) -> np.ndarray:
         """What every channel reads too much (steps, runs, channels), anew for every run."""
-        found = np.zeros((steps, runs, channels))
+        offsets = np.zeros((steps, runs, channels))
         for run in range(runs if len(self.at) else 0):
             draw = np.random.default_rng((seed, run, DRAWN))
             first = self.std * draw.standard_normal(len(self.at))
-            found[:, run, self.at] = first + np.cumsum(self.walk * draw.standard_normal((steps, len(self.at))), axis=0)
-        return found
+            offsets[:, run, self.at] = first + np.cumsum(
+                self.walk * draw.standard_normal((steps, len(self.at))), axis=0
+            )
+        return offsets
 
 
 def offsets_of(problem: BenchProblem) -> ChannelOffsets:
@@ -97,12 +99,12 @@ STILL = 1e-9
 
 @dataclass(frozen=True)
 class BenchTrial:
-    """given (m,): channels of the problem's filter that it has; model; start (B, size), covariance (B, size, size): of every run,
-    seeds outside and starts inside; guess (width,): loads at the start; noise (m,) σ of the readings; offsets of channels, of
-    which model and start know nothing; installed: D, o of `rows_of`; notes: what was done to the config's wishes, in words."""
+    """available (m,): channels of the problem's filter that it has; model; start (B, size), covariance (B, size, size): of every
+    run, seeds outside and starts inside; guess (width,): loads at the start; noise (m,) σ of the readings; offsets of channels,
+    of which model and start know nothing; installed: D, o of `rows_of`; notes: what was done to the config's wishes, in words."""
 
     problem: BenchProblem
-    given: np.ndarray
+    available: np.ndarray
     model: AugmentedStep
     start: np.ndarray
     covariance: np.ndarray
@@ -133,9 +135,9 @@ class BenchTrial:
         return replace(self, model=model, start=self.start[first], covariance=self.covariance[first])
 
 
-def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | None, given: np.ndarray) -> BenchTrial:
+def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | None, available: np.ndarray) -> BenchTrial:
     """The filter of `estimate`; largest (m,) reading of every channel without noise; first (m,): what was measured at the start,
-    which guesses that the config leaves open have to explain at rest; given (m,): the channels that the filter has.
+    which guesses that the config leaves open have to explain at rest; available (m,): the channels that the filter has.
 
     Every start is the one of the simulation, with what the filter takes the parameters and loads for; where it is an
     equilibrium, its covariance says what badly known loads and parameters do to it.
@@ -155,14 +157,14 @@ def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | Non
     raised_by[unknowns.inputs] += unknowns.std_u
     moved, unsolved = moved_at_rest(problem, (guess, problem.heaviest, raised_by))
     noise, raised = _noise(estimate, used, largest, moved.max(axis=1, initial=0.0))
-    notes = (*raised, *_felt(problem, given, moved / noise[:, None], unsolved))
+    notes = (*raised, *_felt(problem, available, moved / noise[:, None], unsolved))
     at_zero = np.zeros(bench.system.size)
     if errors:
         with blame("estimate"):
             at_zero = start_of(bench.at(unknowns.starts[0]), problem.zeroing)[0]
     offsets, installed = offsets_of(problem), rows_of(bench, used, errors, at_zero)
     if first is not None and config.simulate.start == "equilibrium":
-        first = np.where(given, first, np.nan)
+        first = np.where(available, first, np.nan)
         first[offsets.at] = np.nan  # what it reads too much would be taken for a load
         guess = loads_at_rest(problem, guess, first, noise)
     states, covariances, zeros = [], [], []
@@ -176,7 +178,7 @@ def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | Non
         model, zeros = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
     model = replace(model, offset=np.tile(zeros, (runs, 1)), R=noise**2)
     start, covariance = np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1))
-    return BenchTrial(problem, given, model, start, covariance, guess, noise, offsets, installed, notes)
+    return BenchTrial(problem, available, model, start, covariance, guess, noise, offsets, installed, notes)
 
 
 def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
@@ -205,14 +207,16 @@ def _noise(
     """σ of every channel (m,), and which were raised; moved (m,): by one σ of an unknown."""
     noise, notes = np.empty(len(largest)), []
     least = np.maximum(np.maximum(FLOOR * largest, SPAN * moved), NOTHING)
-    for name, own in used.channels.items():
-        stated = np.broadcast_to(np.asarray(estimate.sensors[name].noise, dtype=float), own.stop - own.start)
-        noise[own] = np.maximum(stated, least[own])
-        if not (raised := stated < least[own]).any():
+    for name, part in used.channels.items():
+        stated = np.broadcast_to(np.asarray(estimate.sensors[name].noise, dtype=float), part.stop - part.start)
+        noise[part] = np.maximum(stated, least[part])
+        if not (raised := stated < least[part]).any():
             continue
-        low, high = float(stated[raised].min()), float(least[own][raised].max())
+        low, high = float(stated[raised].min()), float(least[part][raised].max())
         if low > 0 and high > FAR * low:
-            raise _too_quiet(f"estimate.sensors.{name}.noise", low, float(moved[own].max()), float(largest[own].max()))
+            raise _too_quiet(
+                f"estimate.sensors.{name}.noise", low, float(moved[part].max()), float(largest[part].max())
+            )
         notes.append(
             f"the noise of {name} is raised from {low:.3g} to {high:.3g}, below which a filter only explains rounding"
         )
@@ -234,24 +238,24 @@ def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigEr
 
 
 def _felt(
-    problem: BenchProblem, given: np.ndarray, moved: np.ndarray, unsolved: NumericalError | None
+    problem: BenchProblem, available: np.ndarray, moved: np.ndarray, unsolved: NumericalError | None
 ) -> tuple[str, ...]:
     """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise, by
-    channels that are given (m,); unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest
-    was not found.
+    channels that are available (m,); unsolved: raised in place of a refusal, where an unknown may be felt under loads of which
+    rest was not found.
 
     Where the start is no equilibrium, a sensor measures a velocity or an acceleration, or drives or gravity take the bench to
     other poses, rest says nothing: `undistinguished` asks along the run.
     """
     config, estimate, unknowns, channels = problem.config, problem.estimate, problem.unknowns, problem.used.channels
-    sensors = [config.sensors[name] for name, part in channels.items() if given[part].any()]
+    sensors = [config.sensors[name] for name, part in channels.items() if available[part].any()]
     moving = any(
         isinstance(sensor, AccelerationSensor) or (isinstance(sensor, MotionSensor) and sensor.quantity == "velocity")
         for sensor in sensors
     )
     if config.simulate.start != "equilibrium" or moving or has_other_poses(config):
         return ()
-    moved = np.where(given[:, None], moved, 0.0)
+    moved = np.where(available[:, None], moved, 0.0)
     names = [f"inputs.{name}" for name in estimate.inputs] + [f"parameters.{name}" for name in unknowns.free]
     for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
         if column.max() < FELT and not estimate.allow_unobservable:
@@ -266,5 +270,5 @@ def _felt(
     return tuple(
         f"{name} feels none of the unknowns: no σ of one moves it by more than {FELT:g} σ of its noise"
         for name, part in channels.items()
-        if moved[part].max(initial=0.0) < FELT and given[part].any()
+        if moved[part].max(initial=0.0) < FELT and available[part].any()
     )

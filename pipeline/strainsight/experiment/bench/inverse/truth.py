@@ -98,12 +98,12 @@ def _simulated(problem: BenchProblem, substeps: int, progress: Callable[[float],
     u = problem.loads(fine)
     with blame("estimate.truth"):
         q0, v0 = start_of(bench, u[0])
-        found = simulate(
+        run = simulate(
             bench.system, q0, v0, u, h, bench.theta, problem.config.simulate.method,
             lambda k: progress(k / count) if k % 50 == 0 else None,
         )  # fmt: skip
     at = slice(None, None, substeps)
-    return _as_read(problem, [(found.q[at], found.v[at], u[at])], problem.drives(fine[at])[:, 2].T)
+    return _as_read(problem, [(run.q[at], run.v[at], u[at])], problem.drives(fine[at])[:, 2].T)
 
 
 def _by_integrator(problem: BenchProblem, truths: BenchTruths) -> Reality:
@@ -135,10 +135,10 @@ def walked(trial: BenchTrial) -> Reality:
     """Drawn truths; sensors that the filter has not are not read."""
     problem, runs = trial.problem, trial.problem.estimate.runs
     start, P = trial.start[:runs], trial.covariance[:runs]
-    found = drawn(trial.model, start, P, problem.known, runs, problem.config.seed)
+    truths = drawn(trial.model, start, P, problem.known, runs, problem.config.seed)
     readings = np.full((problem.steps, runs, len(problem.sensors.zeroed)), np.nan)
-    readings[:, :, problem.among] = found.readings
-    return replace(found, readings=readings)
+    readings[:, :, problem.among] = truths.readings
+    return replace(truths, readings=readings)
 
 
 def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
@@ -168,7 +168,8 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
             process = model.process(k)
             within = square_factor(np.broadcast_to(process, (runs, *process.shape[-2:])))
             x = model.projected(
-                x + np.array([own @ draw.standard_normal(model.size) for own, draw in zip(within, draws, strict=True)]),
+                x
+                + np.array([root @ draw.standard_normal(model.size) for root, draw in zip(within, draws, strict=True)]),
                 k + 1,
             )
         if not np.all(np.isfinite(x)):
@@ -178,7 +179,7 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
             )
         inputs[k + 1][:, model.inputs] = x[:, model.u]
         readings[k] = model.measure(x, k)[0]
-    theta = np.array([model.coordinates.theta(own)[0] for own in x[:, model.xi]])
+    theta = np.array([model.coordinates.theta(xi)[0] for xi in x[:, model.xi]])
     return Reality(inputs, theta, readings)
 
 
@@ -186,11 +187,11 @@ def measurements(readings: np.ndarray, noise: np.ndarray, runs: int, starts: int
     """What the filter is given (T, runs · starts, m): readings (T, 1 or runs, m), noise drawn anew for every run, the same for
     all starts of one."""
     steps, m = len(readings), len(noise)
-    found = np.broadcast_to(readings, (steps, runs, m)).copy()
+    y = np.broadcast_to(readings, (steps, runs, m)).copy()
     if noisy:
         for run in range(runs):
-            found[:, run] += noise * np.random.default_rng((seed, run, NOISE)).standard_normal((steps, m))
-    return np.repeat(found, starts, axis=1)
+            y[:, run] += noise * np.random.default_rng((seed, run, NOISE)).standard_normal((steps, m))
+    return np.repeat(y, starts, axis=1)
 
 
 def from_run(
@@ -254,15 +255,15 @@ def from_run(
     return read, loads
 
 
-def _there(found: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
-    if name not in found:
-        listed = list(found)
+def _there(entries: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
+    if name not in entries:
+        listed = list(entries)
         raise ConfigError(
             f"that run has no {kind} '{name}'",
             key=key,
             remedy=did_you_mean(name, listed, f"it has {', '.join(listed)}"),
         )
-    return found[name]
+    return entries[name]
 
 
 def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
@@ -341,7 +342,7 @@ def truths_of(bench: Bench, truth: BenchTruth, duration: float, using: Resources
                 if k % 50 == 0:
                     using.progress("truth", (r + k / steps) / len(begin))
 
-            found = simulate_radau(bench.system, q0, v0, u[:, r], h, bench.theta, tell)
-            q[:, r], v[:, r] = found.q, found.v
+            run = simulate_radau(bench.system, q0, v0, u[:, r], h, bench.theta, tell)
+            q[:, r], v[:, r] = run.q, run.v
     inputs = {name: u[:, :, i] for i, name in enumerate(bench.system.inputs)}
     return BenchTruths(time=time, begin=begin, q=q, v=v, inputs=inputs)

@@ -51,26 +51,25 @@ REMEDY = (
 class Evidence:
     """What an estimate is judged by.
 
-    own: with σ, whether or not that is withheld; numbers: the summary's; claims by unknown, where the truth is known; beyond:
-    parameters outside their ranges.
-    """
+    estimation: with σ, whether or not that is withheld; numbers: the summary's; claims by unknown, where the truth is known;
+    beyond: parameters outside their ranges. """
 
-    own: BenchEstimation
+    estimation: BenchEstimation
     numbers: Mapping[str, Scalar]
     claims: Mapping[str, Claim]
     beyond: Mapping[str, str]
 
     @property
     def estimate(self) -> Estimate:
-        return self.own.problem.estimate
+        return self.estimation.problem.estimate
 
     @property
     def names(self) -> tuple[str, ...]:
-        return self.own.problem.names
+        return self.estimation.problem.names
 
     @property
     def free(self) -> tuple[str, ...]:
-        return self.own.problem.unknowns.free
+        return self.estimation.problem.unknowns.free
 
     @property
     def in_test(self) -> bool:
@@ -79,12 +78,12 @@ class Evidence:
     @cached_property
     def left_out(self) -> tuple[Claim, ...]:
         """On the channels by the others."""
-        return tuple(row.claim for row in self.own.held_out if row.claim is not None)
+        return tuple(row.claim for row in self.estimation.held_out if row.claim is not None)
 
     @property
     def size(self) -> str:
         """The verdict on the innovations; empty where there is none."""
-        nis, late = self._number("nis"), self.own.filtered.nis
+        nis, late = self._number("nis"), self.estimation.filtered.nis
         innovations = int(np.isfinite(late[len(late) // 2 :, 0]).sum()) * int(self._number("channels"))
         return judged(np.sqrt(nis), innovations).verdict if nis >= 0 else ""
 
@@ -137,7 +136,7 @@ class Evidence:
 
     def warnings(self) -> Iterator[str]:
         """Where the claim of an estimate does not hold, and why."""
-        estimate, lost = self.estimate, self.own.filtered.lost
+        estimate, lost = self.estimate, self.estimation.filtered.lost
         if (diverged := lost[lost >= 0]).size:
             yield f"{len(diverged)} of {len(lost)} runs diverged, the first after {diverged.min()} steps"
         yield from self.overconfident()
@@ -208,34 +207,36 @@ class Evidence:
 def claim_numbers(claims: Mapping[str, Claim]) -> dict[str, Scalar]:
     """Every claim by the names of a summary: verdict, ratio, draws and the largest ratio where σ holds."""
     numbers: dict[str, Scalar] = {}
-    for name, own in claims.items():
-        numbers |= {f"claim.{name}": own.verdict, f"claim_ratio.{name}": own.ratio}
-        numbers |= {f"claim_draws.{name}": float(own.draws), f"claim_most.{name}": own.band[1]}
+    for name, claim in claims.items():
+        numbers |= {f"claim.{name}": claim.verdict, f"claim_ratio.{name}": claim.ratio}
+        numbers |= {f"claim_draws.{name}": float(claim.draws), f"claim_most.{name}": claim.band[1]}
     return numbers
 
 
-def bench_out_of_range(own: BenchEstimation) -> dict[str, str]:
+def bench_out_of_range(estimation: BenchEstimation) -> dict[str, str]:
     """Modulus → that it came out beyond its `reach`, for those that did; of all runs, the first that did.
 
     Laws of bearings are exact at every diameter, radius and preload that their own checks let pass.
     """
-    problem = own.problem
+    problem = estimation.problem
     ranges = {name: ends for body in problem.bench.reduced.values() for name, ends in body.reach.items()}
     beyond: dict[str, str] = {}
     for name in problem.unknowns.free:
         inner = problem.unknowns.parameters[name]
-        for value in in_theta(own, own.place(name))[0][-1] if inner in ranges else ():
+        for value in in_theta(estimation, estimation.place(name))[0][-1] if inner in ranges else ():
             if np.isfinite(value) and name not in beyond:
                 low, high = map(float, ranges[inner])
                 beyond |= out_of_range({name: float(value)}, {name: (low, high)}, {name: "Pa"}, "reduce")
     return beyond
 
 
-def estimated_without_sigma(own: BenchEstimation) -> BenchEstimation:
+def estimated_without_sigma(estimation: BenchEstimation) -> BenchEstimation:
     """The estimate with every σ withheld: NaN."""
-    joint = np.full_like(own.filtered.joint, np.nan)
-    filtered = replace(without_sigma(own.filtered), joint=joint, compared=None)
-    return replace(own, filtered=filtered, without=without_sigma(own.without), rings=without_sigma(own.rings))
+    joint = np.full_like(estimation.filtered.joint, np.nan)
+    filtered = replace(without_sigma(estimation.filtered), joint=joint, compared=None)
+    return replace(
+        estimation, filtered=filtered, without=without_sigma(estimation.without), rings=without_sigma(estimation.rings)
+    )
 
 
 METHODS = {
@@ -259,18 +260,21 @@ COLUMNS = {
 """Numbers in the table of the unknowns."""
 
 
-def loud_sensors(estimate: Estimate, found: BenchEstimated) -> Iterator[str]:
+def loud_sensors(estimate: Estimate, record: BenchEstimated) -> Iterator[str]:
     """Of the sensors whose noise exceeds everything that they read by the estimate."""
     for name, settings in estimate.sensors.items():
-        noise, largest = float(np.min(settings.noise)), float(np.max(np.abs(found.sensors[name].expected), initial=0.0))
+        noise, largest = (
+            float(np.min(settings.noise)),
+            float(np.max(np.abs(record.sensors[name].expected), initial=0.0)),
+        )
         if noise > largest:
             key = f"estimate.sensors.{name}.noise"
             yield f"the noise of {name}, {noise:.3g}, exceeds its largest reading, {largest:.3g}: check {key}"
 
 
-def bench_disagreements(estimate: Estimate, own: BenchEstimation) -> list[str]:
+def bench_disagreements(estimate: Estimate, estimation: BenchEstimation) -> list[str]:
     """Where the extended filter does not allow for what the bank finds, and when it is the bank that is wrong."""
-    words = disagreements_in_words(own.filtered.compared)
+    words = disagreements_in_words(estimation.filtered.compared)
     if words and estimate.inputs:
         words.append(
             "a bank judges parameters by how much the unknown loads move, too: where they move less than their increments say, "
@@ -279,28 +283,28 @@ def bench_disagreements(estimate: Estimate, own: BenchEstimation) -> list[str]:
     return words
 
 
-def bench_numbers(own: BenchEstimation, result: BenchComparison) -> dict[str, Scalar]:
-    estimate, filtered, nis = own.problem.estimate, own.filtered, own.filtered.nis[:, 0]
+def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[str, Scalar]:
+    estimate, filtered, nis = estimation.problem.estimate, estimation.filtered, estimation.filtered.nis[:, 0]
     late = filtered.nis[len(nis) // 2 :]
-    given, nu = np.isfinite(own.measured).any(axis=(0, 1)), len(own.problem.unknowns.inputs)
-    m = max(int(given.sum()), 1)
+    measured, nu = np.isfinite(estimation.measured).any(axis=(0, 1)), len(estimation.problem.unknowns.inputs)
+    m = max(int(measured.sum()), 1)
     return {
         "steps": len(nis),
-        "step": float(own.problem.h),
+        "step": float(estimation.problem.h),
         "channels": m,
-        "unknowns": nu + len(own.problem.unknowns.free),
-        "runs": own.measured.shape[1],
+        "unknowns": nu + len(estimation.problem.unknowns.free),
+        "runs": estimation.measured.shape[1],
         "lost": int(np.sum(filtered.lost >= 0)),
         "nis": float(np.nanmean(late)) if np.isfinite(late).any() else -1.0,
         "expected_nis": (m - nu) / m if estimate.truth.model != "walk" else 1.0,
-        "violation": float(np.nanmax(result.found.violation)),
+        "violation": float(np.nanmax(result.record.violation)),
         "method": METHODS[estimate.method.update]
         + (", Q* as printed" if estimate.method.noise == "as_printed" else "")
         + ("" if filtered.compared is None else ", a bank over parameters"),
         "truth": _truth(estimate),
         **result.numbers,
         **claim_numbers(result.claims),
-        **hold_out_numbers(own.held_out),
+        **hold_out_numbers(estimation.held_out),
         **ratios(filtered.compared),
     }
 
@@ -314,45 +318,53 @@ def _truth(estimate: Estimate) -> str:
     return text + ("" if estimate.truth.noise else ", without noise")
 
 
-def unknowns_table(own: BenchEstimation, result: BenchComparison, verdicts: Mapping[str, str], in_test: bool) -> Table:
-    shown = dict.fromkeys(result.found.inputs, COLUMNS["inputs"])
-    shown |= dict.fromkeys(own.reality.elsewhere, COLUMNS["elsewhere"])
-    shown |= dict.fromkeys(own.problem.unknowns.free, COLUMNS["parameters"])
+def unknowns_table(
+    estimation: BenchEstimation, result: BenchComparison, verdicts: Mapping[str, str], in_test: bool
+) -> Table:
+    shown = dict.fromkeys(result.record.inputs, COLUMNS["inputs"])
+    shown |= dict.fromkeys(estimation.reality.elsewhere, COLUMNS["elsewhere"])
+    shown |= dict.fromkeys(estimation.problem.unknowns.free, COLUMNS["parameters"])
     if in_test:
         shown = dict.fromkeys(shown, COLUMNS["measured"])
     rows = []
     for name, keys in shown.items():
         numbers = [(key, result.numbers.get(f"{key}.{name}")) for key in keys]
         cells = [f"{key.replace('_', ' ')} {value:.4g}" for key, value in numbers if value is not None]
-        load = result.found.inputs.get(name)
+        load = result.record.inputs.get(name)
         if load is not None and load.smoothed is not None and load.smoothed_std is None:
             cells.append("smoothed σ withheld")
         rows.append((name, verdicts.get(name, ""), *cells))
     title = "unknowns, errors and σ over the largest true value"
-    if in_test or own.reality.elsewhere:
+    if in_test or estimation.reality.elsewhere:
         title = "unknowns, settled" if in_test else "unknowns"
     width = max((len(row) for row in rows), default=2)
     filled = tuple((*row, *[""] * (width - len(row))) for row in rows)
     return Table(title, ("unknown", "verdict", *[""] * (width - 2)), filled)
 
 
-def offsets_table(found: BenchEstimated, units: Mapping[str, str]) -> Table | None:
+def offsets_table(record: BenchEstimated, units: Mapping[str, str]) -> Table | None:
     """Of every component that has an offset: what it reads too much at the end."""
     rows = [
-        (name, str(k + 1), f"{own.bias[k]:.4g}", "withheld" if np.isnan(std) else f"{std:.3g}", units[f"sensor {name}"])
-        for name, own in found.sensors.items()
-        if own.bias is not None and own.bias_std is not None
-        for k, std in enumerate(own.bias_std)
-        if std != 0 and np.isfinite(own.bias[k])
+        (
+            name,
+            str(k + 1),
+            f"{match.bias[k]:.4g}",
+            "withheld" if np.isnan(std) else f"{std:.3g}",
+            units[f"sensor {name}"],
+        )
+        for name, match in record.sensors.items()
+        if match.bias is not None and match.bias_std is not None
+        for k, std in enumerate(match.bias_std)
+        if std != 0 and np.isfinite(match.bias[k])
     ]
     return Table("offsets at the end", ("sensor", "component", "offset", "σ", "unit"), tuple(rows)) if rows else None
 
 
-def command_history(found: BenchEstimated) -> bytes:
+def command_history(record: BenchEstimated) -> bytes:
     """loads.csv: what a test rig has to do to the bench, time [s] and every load [N, N m], smoothed where it was.
 
     A rig moves the bench after the record, so that what later samples say of a load is known by then.
     """
-    loads = [own.estimate if own.smoothed is None else own.smoothed for own in found.inputs.values()]
-    rows = ([f"{x:.9g}" for x in (instant, *(load[k] for load in loads))] for k, instant in enumerate(found.time))
-    return csv_bytes([["time", *found.inputs], *rows])
+    loads = [history.estimate if history.smoothed is None else history.smoothed for history in record.inputs.values()]
+    rows = ([f"{x:.9g}" for x in (instant, *(load[k] for load in loads))] for k, instant in enumerate(record.time))
+    return csv_bytes([["time", *record.inputs], *rows])
