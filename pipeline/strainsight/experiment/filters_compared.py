@@ -2,17 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, comparison_verdict
+from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, comparison_verdict, expected_ratio
 from strainsight.records.estimated import BANK, Compared
 from strainsight.runner.output import Scalar, Table
 
 COMPARED = "filters compared; in brackets: the error that the bank expects over the claimed σ"
 WITHOUT_TOLERANCES = COMPARED.replace("compared;", "compared, σ without tolerances;")
 """Titles of the table."""
+
+
+def filters_compared(
+    filters: tuple[str, ...], names: Sequence[str], ends: np.ndarray, value: np.ndarray, std: np.ndarray
+) -> Compared:
+    """Parameters (k,) by filters (f,), the first of which is exact: ends (f, 2, k) mean and σ at the end in the coordinates that
+    they are Gaussian in, by which they are compared (`expected_ratio`); value, std (f, k) [SI]. NaN of one that diverges."""
+    return Compared(
+        filter=filters,
+        estimate=dict(zip(names, value.T, strict=True)),
+        std=dict(zip(names, std.T, strict=True)),
+        ratio={
+            name: np.array([expected_ratio(*end[:, i], *ends[0, :, i]) for end in ends]) for i, name in enumerate(names)
+        },
+    )
 
 
 def _posterior(filters: Compared) -> bool:

@@ -242,12 +242,17 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return q, v
 
 
+def unstable_in_words(rate: float, body: str) -> str:
+    """Of an equilibrium that a body leaves at a rate [1/s]."""
+    return f"the equilibrium is unstable: '{body}' falls out of it, {math.e:.1f}-fold in {1 / rate:.3g} s"
+
+
 def _refuse_unstable(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     """An equilibrium that nothing would stay in."""
     rate, body = growth(bench.system, coupled_modes(bench.system, q, np.zeros_like(q), u, bench.theta))
     if rate > 0:
         raise ConfigError(
-            f"the equilibrium is unstable: '{body}' falls out of it, {math.e:.1f}-fold in {1 / rate:.3g} s",
+            unstable_in_words(rate, body),
             key="simulate.start",
             remedy="start from a pose that is nearer to a stable one, or set simulate.start: as_given or "
             "simulate.allow_unstable: true",

@@ -157,7 +157,8 @@ def simulation(bench: Bench, using: Resources) -> Simulation:
         bearings=rings_in_time(bench, run),
         drives=driven,
     )
-    return Simulation(record, bench, sensors, _turn(bench, run, h), parts)
+    turn = max(turns_in_a_step(bench, run.v, h).values(), default=0.0)
+    return Simulation(record, bench, sensors, turn, parts)
 
 
 def _moved(
@@ -242,11 +243,10 @@ def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
             )
 
 
-def _turn(bench: Bench, run: Trajectory, h: float) -> float:
-    """Largest angle that any body turns in a step [rad]: ‖Ṙ‖/√2 is |ω|."""
-    starts = [bench.system.of[name].start for name in bench.poses]
-    spins = [np.linalg.norm(run.v[:, at + 3 : at + 12], axis=1).max() / np.sqrt(2) for at in starts]
-    return float(h * max(spins, default=0.0))
+def turns_in_a_step(bench: Bench, v: np.ndarray, h: float) -> dict[str, float]:
+    """Body → the largest angle that it turns in a step h [s] of a run v (T + 1, n) [rad]: ‖Ṙ‖/√2 is |ω|."""
+    spins = {name: v[:, bench.system.of[name]][:, 3:12] for name in bench.poses}
+    return {name: float(h * np.nanmax(np.linalg.norm(spin, axis=1)) / np.sqrt(2)) for name, spin in spins.items()}
 
 
 def explained(error: NumericalError, bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError:

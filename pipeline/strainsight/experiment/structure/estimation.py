@@ -13,7 +13,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
 from strainsight.estimation.consistency import Tuning, Verdict, verdict
 from strainsight.estimation.decision import Decision
-from strainsight.estimation.model import physical, surface_reading
+from strainsight.estimation.model import surface_reading
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.structure.candidates import units_in_words
@@ -26,7 +26,7 @@ from strainsight.experiment.structure.filtered_test import (
     filtered,
     filtered_together,
 )
-from strainsight.experiment.structure.filtering import posteriors_of
+from strainsight.experiment.structure.filtering import histories, posteriors_of
 from strainsight.experiment.structure.measured import RecordSettings
 from strainsight.experiment.structure.nuisances import exact_frequencies_in_words
 from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
@@ -106,16 +106,12 @@ def estimation_of_record(
     model, run, smoothed = given.model, found.run, found.smoothed
     resultants = resultants_of(config.loads, problem.unknowns.inputs, model, smoothed)
     kinds = problem.channels.quantity[test.channels]
-    estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
     sampled = slice(test.every - 1, None, test.every)
     offsets = slice(model.size, model.size + len(given.biased))
     mean, std = (values[-1, 0, offsets] for values in (smoothed.mean, smoothed.std))
     estimated = Estimated(
         time=test.time[0] + run.time,
-        estimate={name: own[0] for name, own in estimate.items()},
-        std={name: own[1] for name, own in estimate.items()},
-        smoothed={name: own[0] for name, own in later.items()},
-        smoothed_std={name: own[1] for name, own in later.items()},
+        **histories(model, run, smoothed),
         gauge=Channels(
             time=test.time[1:],
             label=test.labels,

@@ -9,12 +9,13 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.decision import expected_ratio
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import Posterior, marginal
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.sigma_point import run_sigma_points
+from strainsight.estimation.smoother import Smoothed
+from strainsight.experiment.filters_compared import filters_compared
 from strainsight.experiment.structure.problem import Problem, exactly_damped
 from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
 
@@ -79,6 +80,17 @@ def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.n
         rows=None,
         adjusted=None,
     )
+
+
+def histories(model: FilterModel, run: FilterRun, smoothed: Smoothed) -> dict[str, dict[str, np.ndarray]]:
+    """The unknowns of the first run in time, by filter and smoother, as `Histories` names them."""
+    filtered, later = (physical(model, by.mean[:, 0], by.std[:, 0]) for by in (run, smoothed))
+    return {
+        "estimate": {name: value for name, (value, _) in filtered.items()},
+        "std": {name: std for name, (_, std) in filtered.items()},
+        "smoothed": {name: value for name, (value, _) in later.items()},
+        "smoothed_std": {name: std for name, (_, std) in later.items()},
+    }
 
 
 def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None) -> dict[str, Posterior]:
@@ -154,16 +166,10 @@ def compared(
     ends = np.array([exact, *(_at_end(run, at) for run in (by_sigma_points, by_extended))])
     mean, std = np.zeros((2, len(ends), model.size))
     mean[:, at], std[:, at] = ends[:, 0], ends[:, 1]
-    values, names = physical(model, mean, std), model.unknowns.parameters
-    ratio = {
-        name: np.array([expected_ratio(*end, *ends[0, :, i]) for end in ends[:, :, i]]) for i, name in enumerate(names)
-    }
-    return Compared(
-        filter=(BANK, SIGMA_POINT, EXTENDED),
-        estimate={name: values[name][0] for name in names},
-        std={name: values[name][1] for name in names},
-        ratio=ratio,
-    )
+    names = model.unknowns.parameters
+    values = physical(model, mean, std)
+    value, size = (np.stack([values[name][i] for name in names], axis=-1) for i in range(2))
+    return filters_compared((BANK, SIGMA_POINT, EXTENDED), names, ends, value, size)
 
 
 def _at_end(run: Callable[[], FilterRun], at: slice) -> np.ndarray:

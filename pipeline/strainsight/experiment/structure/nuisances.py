@@ -354,11 +354,12 @@ def budget_of(
     missing = np.zeros((len(u), 1, len(channels)))
     missing[model.every - 1 :: model.every, 0] = np.isnan(measured)
     at = replace(at, r=at.r * np.where(missing > 0, SILENT, 1.0) if missing.any() else at.r)
-    if problem.method == "bank":
-        motion = _motion(at, theta, u, x[:, model.motion], np.diag(covariance)[model.motion], settled)
+    by_bank = problem.method == "bank"
+    start = np.diag(covariance)[model.motion]
+    motion = _motion(at, theta, u, x[:, model.motion], start, settled if by_bank else None)
+    if by_bank:
         claim = bank_claim(at, motion, u, covariance, nuisances_of(tolerances, at, channels), settled)
     else:
-        motion = _motion(at, theta, u, x[:, model.motion], np.diag(covariance)[model.motion], None)
         claim = covariance_recursion(at, motion, u, covariance)
     whole, shares = variances(problem, claim)
     claimed = _late(problem, run.std[:, 0, problem.unknowns.position(problem.model)] ** 2)

@@ -227,12 +227,9 @@ def _widened(channels: np.ndarray, width: int) -> np.ndarray:
     return np.pad(channels, ((0, 0), (0, width - channels.shape[1])), constant_values=-1)
 
 
-@dataclass(frozen=True)
-class SweepPoint:
-    """One change: key "time_step", "process_noise" or the name of a parameter; its value [s] or factor [-]."""
-
-    key: str
-    value: float
+SweepTask = tuple[str, float, Trial | None, np.ndarray]
+"""One change: "time_step", "process_noise" or the name of a parameter, and its value [s] or factor [-]; the trial at another time
+step, None: the layout's own; measured (T, k) by the layout."""
 
 
 def sweeps_of(trial: Trial, settings: Validate, seed: int, sweep: Sweep = serial) -> SweepTable | None:
@@ -244,30 +241,26 @@ def sweeps_of(trial: Trial, settings: Validate, seed: int, sweep: Sweep = serial
     points = _points(trial, settings.sweeps)
     if not points:
         return None
-    duration = settings.duration
-    at = {p.value: at_step(trial, p.value, round(duration / p.value) * p.value) for p in points if p.key == "time_step"}
-    as_placed = _Task(None, trial.measured(seed)[0])
-    tasks = [
-        (
-            point,
-            _Task(without_truth(at[point.value]), at[point.value].measured(seed)[0])
-            if point.key == "time_step"
-            else as_placed,
-        )
-        for point in points
-    ]
+    as_placed = trial.measured(seed)[0]
+    tasks: list[SweepTask] = []
+    for key, value in points:
+        if key == "time_step":
+            other = at_step(trial, value, round(settings.duration / value) * value)
+            tasks.append((key, value, without_truth(other), other.measured(seed)[0]))
+        else:
+            tasks.append((key, value, None, as_placed))
     answers = sweep(_swept, tasks, without_truth(trial))
     return SweepTable(
-        key=tuple(point.key for point in points),
-        value=np.array([point.value for point in points]),
+        key=tuple(key for key, _ in points),
+        value=np.array([value for _, value in points]),
         error={name: np.array([real[name] for real, _ in answers]) for name in trial.names},
         std={name: np.array([claimed[name] for _, claimed in answers]) for name in trial.names},
     )
 
 
-def _points(trial: Trial, sweeps: Sweeps) -> list[SweepPoint]:
-    points = [SweepPoint("time_step", h) for h in sweeps.time_steps]
-    points += [SweepPoint("process_noise", factor) for factor in sweeps.process_noise]
+def _points(trial: Trial, sweeps: Sweeps) -> list[tuple[str, float]]:
+    points = [("time_step", h) for h in sweeps.time_steps]
+    points += [("process_noise", factor) for factor in sweeps.process_noise]
     for name, factors in sweeps.wrong_parameters.items():
         key = f"validate.sweeps.wrong_parameters.{name}"
         if name not in trial.problem.model.parameters:
@@ -279,28 +272,19 @@ def _points(trial: Trial, sweeps: Sweeps) -> list[SweepPoint]:
                 key=key,
                 remedy="name a parameter that is not estimated",
             )
-        points += [SweepPoint(name, factor) for factor in factors]
+        points += [(name, factor) for factor in factors]
     return points
 
 
-@dataclass(frozen=True)
-class _Task:
-    """The trial at another time step, None: the layout's own; measured (T, k) by the layout."""
-
-    trial: Trial | None
-    measured: np.ndarray
-
-
-def _swept(as_placed: Trial, changed: tuple[SweepPoint, _Task]) -> tuple[dict[str, float], dict[str, float]]:
+def _swept(as_placed: Trial, task: SweepTask) -> tuple[dict[str, float], dict[str, float]]:
     """Real and claimed error of every unknown."""
-    point, task = changed
-    trial, measured = task.trial or as_placed, task.measured
+    key, value, other, measured = task
+    trial = other or as_placed
     model = filter_model(trial.problem, trial.chosen, trial.h)
-    if point.key == "process_noise":
-        model = replace(model, Q=point.value * model.Q)
-    if point.key in model.fixed:
-        truth = trial.truth.theta[point.key]
-        model = replace(model, fixed={**model.fixed, point.key: point.value * truth})
+    if key == "process_noise":
+        model = replace(model, Q=value * model.Q)
+    if key in model.fixed:
+        model = replace(model, fixed={**model.fixed, key: value * trial.truth.theta[key]})
     try:
         run = trial.filtered(model, trial.chosen, measured).run
     except NumericalError:

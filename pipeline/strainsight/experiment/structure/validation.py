@@ -19,7 +19,13 @@ from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import disagreements_in_words, ratios
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.candidates import units_in_words
-from strainsight.experiment.structure.filtering import compared, posterior_doubts, posterior_numbers, posteriors_of
+from strainsight.experiment.structure.filtering import (
+    compared,
+    histories,
+    posterior_doubts,
+    posterior_numbers,
+    posteriors_of,
+)
 from strainsight.experiment.structure.nuisances import budget_of, tolerated
 from strainsight.experiment.structure.problem import (
     filter_model,
@@ -170,16 +176,12 @@ def _validated(
     studies: Studies,
     swept: SweepTable | None,
 ) -> Validated:
-    estimate, later = (physical(model, history.mean[:, 0], history.std[:, 0]) for history in (run, smoothed))
     innovations = nis(run.whitened[:, 0])
     bands = np.square([band_of(len(trial.names)), band_of(len(trial.chosen) * len(innovations))])
     return Validated(
         time=trial.time,
         truth={name: trial.history[name] for name in trial.names},
-        estimate={name: history[0] for name, history in estimate.items()},
-        std={name: history[1] for name, history in estimate.items()},
-        smoothed={name: history[0] for name, history in later.items()},
-        smoothed_std={name: history[1] for name, history in later.items()},
+        **histories(model, run, smoothed),
         gauge=Channels(
             time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
         ),

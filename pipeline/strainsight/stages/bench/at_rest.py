@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import io
-import math
 
 import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import InfeasibleError
 from strainsight.experiment.bench.bearings import overloaded
+from strainsight.experiment.bench.bench import unstable_in_words
 from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.bench.sensors import dataset_units
 from strainsight.experiment.bench.simulation import BenchAtRest, at_rest, coupled, modes_in_space, rest_of
@@ -32,7 +32,7 @@ def statics(context: Context[BenchConfig]) -> Output:
     config, rest = context.config, rest_of(inputs.bench(context), context, balanced=True)
     if rest.growth > 0 and not config.simulate.allow_unstable:
         raise InfeasibleError(
-            f"the equilibrium is unstable: '{rest.body}' falls out of it, {math.e:.1f}-fold in {1 / rest.growth:.3g} s",
+            unstable_in_words(rest.growth, rest.body),
             key="simulate",
             remedy="start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true",
         )
@@ -50,9 +50,7 @@ def statics(context: Context[BenchConfig]) -> Output:
     rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
     warned = overloaded(config, pressed)
     if rest.growth > 0:
-        warned.append(
-            f"the equilibrium is unstable: '{rest.body}' falls out of it, {math.e:.1f}-fold in {1 / rest.growth:.3g} s"
-        )
+        warned.append(unstable_in_words(rest.growth, rest.body))
     tables = (
         Table("where the frames rest [m]", ("frame", "x", "y", "z"), tuple(where)),
         Table("what joints exert on their second frames", ("joint", "x", "y", "z", ""), tuple(loads)),

@@ -28,6 +28,7 @@ from strainsight.experiment.bench.inverse.problem import (
 from strainsight.experiment.bench.inverse.trial import BenchTrial, trial_of
 from strainsight.experiment.bench.inverse.truth import Reality, measurements, reality_of, walked
 from strainsight.experiment.bench.sensors import channel_labels, misread
+from strainsight.experiment.bench.simulation import turns_in_a_step
 from strainsight.experiment.hold_out import LeftOut, held_out, left_out
 from strainsight.experiment.resources import Resources
 from strainsight.multibody.coupled import coupled_modes, followed, missed
@@ -175,13 +176,10 @@ def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarr
 
 
 def _turning(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
-    """‖Ṙ‖/√2 is the angular velocity of a body."""
-    bench, v = trial.problem.bench, mean[:, trial.model.v]
-    for name in bench.poses:
-        at = bench.system.of[name].start
-        turn = float(trial.model.h * np.nanmax(np.linalg.norm(v[:, at + 3 : at + 12], axis=1)) / np.sqrt(2))
+    h = trial.model.h
+    for name, turn in turns_in_a_step(trial.problem.bench, mean[:, trial.model.v], h).items():
         if turn > TURN:
-            yield f"{name} turns by {turn:.2g} rad in a step of {trial.model.h:g} s, which is linearised for at most {TURN:g}"
+            yield f"{name} turns by {turn:.2g} rad in a step of {h:g} s, which is linearised for at most {TURN:g}"
 
 
 @dataclass(frozen=True)

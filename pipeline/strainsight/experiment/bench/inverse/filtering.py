@@ -8,13 +8,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.errors import ConfigError, NumericalError
-from strainsight.estimation.decision import expected_ratio
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.model import StepModel
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.smoother import smooth_first
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants
 from strainsight.experiment.bench.inverse.trial import BenchTrial
+from strainsight.experiment.filters_compared import filters_compared
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.records.estimated import BANK, EXTENDED, Compared
 
@@ -265,32 +265,21 @@ def _bank(trial: BenchTrial, run: int, y: np.ndarray, progress: Progress) -> Ste
 def _compared(trial: BenchTrial, y: np.ndarray, bank: StepBankRun) -> Compared:
     """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
     unknowns, at, model = trial.problem.unknowns, trial.model.xi, _of_run(trial.model, 0)
+    p, k = model.coordinates.size, len(unknowns.inputs)
     try:
         extended = _filter(trial, y[:, :1], model, (trial.start[:1], trial.covariance[:1]), refuse=True)
-        moments = [(extended.mean[-1, 0, at], extended.last[0, at, at])]
+        moments = extended.mean[-1, 0, at], extended.last[0, at, at]
     except NumericalError:
-        moments = [(np.full(model.coordinates.size, np.nan), np.full((model.coordinates.size,) * 2, np.nan))]
-    k = len(unknowns.inputs)
-    moments.insert(0, (bank.mean[-1, at], bank.joint[-1, k:, k:]))
-    std = np.array([np.sqrt(np.diagonal(P)) for _, P in moments])
+        moments = np.full(p, np.nan), np.full((p, p), np.nan)
+    both = (bank.mean[-1, at], bank.joint[-1, k:, k:]), moments
     places = [model.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
-    value, size = np.full((2, len(moments), len(places)), np.nan)
-    for i, (xi, P) in enumerate(moments):
+    value, std = np.full((2, len(both), len(places)), np.nan)
+    for i, (xi, P) in enumerate(both):
         if np.isfinite(xi).all():
             theta, slopes = model.coordinates.theta(xi)
-            value[i], size[i] = theta[places], np.sqrt(np.einsum("ij,jk,ik->i", slopes[places], P, slopes[places]))
-    (exact, _), exact_std = moments[0], std[0]
-    return Compared(
-        filter=(BANK, EXTENDED),
-        estimate={name: value[:, j] for j, name in enumerate(unknowns.free)},
-        std={name: size[:, j] for j, name in enumerate(unknowns.free)},
-        ratio={
-            name: np.array(
-                [expected_ratio(xi[j], s[j], exact[j], exact_std[j]) for (xi, _), s in zip(moments, std, strict=True)]
-            )
-            for j, name in enumerate(unknowns.free)
-        },
-    )
+            value[i], std[i] = theta[places], np.sqrt(np.einsum("ij,jk,ik->i", slopes[places], P, slopes[places]))
+    ends = np.array([(xi, np.sqrt(np.diagonal(P))) for xi, P in both])
+    return filters_compared((BANK, EXTENDED), unknowns.free, ends, value, std)
 
 
 def _notes(banks: list[StepBankRun]) -> tuple[str, ...]:

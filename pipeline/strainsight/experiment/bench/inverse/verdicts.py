@@ -52,7 +52,7 @@ class Evidence:
     """What an estimate is judged by.
 
     estimation: with σ, whether or not that is withheld; numbers: the summary's; claims by unknown, where the truth is known;
-    beyond: parameters outside their ranges. """
+    beyond: parameters outside their ranges."""
 
     estimation: BenchEstimation
     numbers: Mapping[str, Scalar]
