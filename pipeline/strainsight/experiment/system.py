@@ -3,9 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import fields
 from typing import Protocol
 
 import numpy as np
+
+from strainsight.config.base import Section
+from strainsight.sensors.installation import InstallationStd
 
 
 class TestedSystem(Protocol):
@@ -33,3 +37,10 @@ class TestedSystem(Protocol):
         """What all other channels say that those of a part (k,) read, and σ of that, (T, ..., k) in every record; or none, and
         why they cannot, in words."""
         ...
+
+
+def installation_std(tolerances: Section | None) -> InstallationStd:
+    """σ of how gauges are installed, in SI units and rad, by the tolerances of a config; 0 of what it does not state."""
+    names = [field.name for field in fields(InstallationStd)]
+    std = {name: float(value) for name, value in dict(tolerances or {}).items() if name in names}
+    return InstallationStd(**std | {"angle": float(np.deg2rad(std.get("angle", 0.0)))})

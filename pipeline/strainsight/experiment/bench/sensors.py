@@ -18,6 +18,7 @@ from strainsight.config.bench.bench import (
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
 from strainsight.experiment.bench.bench import Bench
+from strainsight.experiment.system import installation_std
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import Instant, gravity_at, instant
@@ -210,18 +211,15 @@ class Toleranced:
     zeroed: bool
 
 
-def std_of(config: BenchConfig) -> InstallationStd:
-    """σ of place [m], angle [rad], gain and transverse sensitivity."""
-    stated = None if config.estimate is None else config.estimate.tolerances
-    if stated is None:
-        return InstallationStd()
-    return InstallationStd(stated.position, float(np.deg2rad(stated.angle)), stated.gain, stated.transverse)
+def tolerances_of_gauges(config: BenchConfig) -> InstallationStd:
+    """By `estimate.tolerances`."""
+    return installation_std(None if config.estimate is None else config.estimate.tolerances)
 
 
 def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
     """Of every strain sensor of the filter the errors that `estimate.tolerances` leaves open, to first order: place and turn of a
     gauge, all grids of which move as one, gain and transverse sensitivity of each grid."""
-    std = std_of(bench.config)
+    std = tolerances_of_gauges(bench.config)
     sigma = {name: value for name, value in std.by_name.items() if value > 0 and name not in SECOND}
     errors = []
     for name in used.channels if sigma else ():
@@ -260,7 +258,7 @@ def rows_of(
 def misread(bench: Bench, used: Sensors, errors: tuple[Toleranced, ...], q: np.ndarray, runs: int) -> np.ndarray:
     """What gauges as they are installed read beside what they are taken for (T, runs, m), drawn anew for every run; q
     (T + 1, 1 or runs, n): the true motion. Exact in the errors, to which the filter is linear."""
-    std = std_of(bench.config)
+    std = tolerances_of_gauges(bench.config)
     added = np.zeros((len(q) - 1, runs, len(used.zeroed)))
     for run in range(runs):
         draw = np.random.default_rng((bench.config.seed, run, DRAWN))

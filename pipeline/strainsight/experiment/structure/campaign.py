@@ -200,8 +200,8 @@ def campaign_of(
             return undetectable(problem, others, config.place.instants, config.seed, True)
 
         # what contradicts the model is looked for there: the claim is what is tested
-        gauges = FilteredGauges(each, untold_by, bool(decision.unfounded))
-        without = held_out(gauges, lambda doing, share: using.progress(doing, LATER + (HELD - LATER) * share))
+        system = FilteredGauges(each, untold_by, bool(decision.unfounded))
+        without = held_out(system, lambda doing, share: using.progress(doing, LATER + (HELD - LATER) * share))
     using.progress("field", HELD if settings.hold_out else LATER)
 
     def otherwise(changed: PlacementConfig) -> list[Filtering]:

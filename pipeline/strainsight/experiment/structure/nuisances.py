@@ -27,7 +27,8 @@ from strainsight.experiment.structure.tolerated_loads import (
     stacked,
     tolerated_loads,
 )
-from strainsight.experiment.structure.truth import BY_MODE, installation_std, modulus_estimated
+from strainsight.experiment.structure.truth import BY_MODE, modulus_estimated
+from strainsight.experiment.system import installation_std
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
@@ -105,7 +106,8 @@ def tolerated(
     config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray
 ) -> Tolerated:
     """Of channels (any,) of train.h5, −1 for none, by the tolerances of the config."""
-    tolerances, std, pool = tolerances_of(config.tolerances), installation_std(config), training.candidates
+    tolerances, pool = tolerances_of(config.tolerances), training.candidates
+    std = installation_std(tolerances)
     # whole gauges: a sensitivity needs all channels that move as one
     wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
     part = pool.take(wanted)
@@ -169,8 +171,8 @@ def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
 
 def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Training) -> tuple[str, ...]:
     """Which tolerances σ does not hold, a sentence each."""
-    sentences, installed, tolerances = [], installation_std(config), tolerances_of(config.tolerances)
-    if training.given is not None and (installed.position or installed.angle or installed.transverse):
+    sentences, tolerances = [], tolerances_of(config.tolerances)
+    if training.given is not None and (tolerances.position or tolerances.angle or tolerances.transverse):
         sentences.append(
             "σ holds no errors of place, direction and transverse sensitivity of the given gauges: their rows do not say how the "
             "strain is beside them (tolerances.position, angle, transverse)"
@@ -214,7 +216,7 @@ def _sensitivity(
     if training.given is not None:
         return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
     field = with_missed(reduced.basis, reduced.misaligned.missed)
-    std, facets = installation_std(config).position, exterior_facets(mesh)
+    std, facets = installation_std(tolerances_of(config.tolerances)).position, exterior_facets(mesh)
     thickness = thickness_of_guess(config, mesh, reduced.model.reference)
     return sensitivity_rows(mesh.position, part, field, std, facets=facets, thickness=thickness)
 

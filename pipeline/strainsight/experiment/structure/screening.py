@@ -16,7 +16,7 @@ from strainsight.experiment.structure.clearance import bent_gauges, clearance_of
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.training import Run, refuse_noise, run_as_stated, runs_of
-from strainsight.experiment.structure.truth import installation_std
+from strainsight.experiment.system import installation_std
 from strainsight.loads.histories import instant_values
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -60,7 +60,7 @@ def installation_variances(
     gauges: those that are wanted, ascending. Returns (cases, m) [unit²] for all channels of the training run in every load case
     by name, (1, m) where there are none; zero for those that are not wanted.
     """
-    pool, std, inputs = training.candidates, installation_std(config), reduced.model.inputs
+    pool, std, inputs = training.candidates, installation_std(tolerances_of(config.tolerances)), reduced.model.inputs
     runs = runs_of(config, inputs, files) or (run_as_stated(config, inputs, files),)
     moments = [_moments(config, reduced, training.motion_in(run.name), run) for run in runs]
     v = np.zeros((len(runs), len(pool)))
@@ -79,7 +79,8 @@ def _sensitivities(
         own = pool.channels(gauges)
         yield own, given_sensitivity(with_missed(training.rows[own], training.missed[own]))
         return
-    field, std = with_missed(reduced.basis, reduced.misaligned.missed), installation_std(config).position
+    field = with_missed(reduced.basis, reduced.misaligned.missed)
+    std = installation_std(tolerances_of(config.tolerances)).position
     skin = surface_of(mesh.position, pool, exterior_facets(mesh))
     thickness = thickness_of_guess(config, mesh, reduced.model.reference)
     for few in np.array_split(gauges, len(gauges) // AT_A_TIME + 1):

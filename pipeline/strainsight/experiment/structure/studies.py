@@ -89,7 +89,7 @@ def studies_of(
         parts[key] = _runs(count, channels.reshape(count, size * channels.shape[-1]), 1.0, home)
     each = _studied(trial, parts, seed, sweep)
     errors = {key: {"error": study.error, "std": study.std} for key, study in each.items()}
-    sets = {
+    random = {
         key: RandomSets(**errors[key], candidate=parts[key].channels, estimate=each[key].estimate)
         for key in ("screened", "all")
     }
@@ -97,7 +97,7 @@ def studies_of(
     return Studies(
         noise=NoiseStudy(**errors["noise"], factor=factors),
         repeats=Starts(**errors["repeats"], start=start),
-        **sets,
+        **random,
         lost=sum(int(np.isnan(study.error[trial.names[-1]]).sum()) for study in each.values()),
     )
 

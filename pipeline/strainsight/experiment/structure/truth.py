@@ -23,6 +23,7 @@ from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.reduction import full_model, solver_of
 from strainsight.experiment.structure.references import load_shapes, parameters_of, point_loads
 from strainsight.experiment.structure.start import Loading, motion_of
+from strainsight.experiment.system import installation_std
 from strainsight.fem.affine import Parameter, at_their_references, of_stiffness
 from strainsight.fem.loads import PointLoad, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, FullModel, nodal
@@ -35,7 +36,7 @@ from strainsight.records.training import Training
 from strainsight.rom.model import Damping, ReducedModel, accelerations, first_of_equal, modal_basis
 from strainsight.rom.reduction import Snapshots, modal_model
 from strainsight.sensors.candidates import ACCELERATION, Candidates
-from strainsight.sensors.installation import Installation, InstallationStd, drawn_installation, installed_rows
+from strainsight.sensors.installation import Installation, drawn_installation, installed_rows
 from strainsight.sensors.rows import channel_matrix, channel_rows
 from strainsight.sensors.walk import skin_of
 
@@ -55,22 +56,6 @@ class LoadError:
     factor: float
 
 
-def installation_std(config: PlacementConfig) -> InstallationStd:
-    """σ of how gauges are installed, in SI units and rad."""
-    tolerances = tolerances_of(config.tolerances)
-    return InstallationStd(
-        tolerances.position,
-        float(np.deg2rad(tolerances.angle)),
-        tolerances.gain,
-        tolerances.transverse,
-        tolerances.offset,
-        tolerances.drift,
-        tolerances.temperature,
-        tolerances.thermal_output,
-        tolerances.thermal_spread,
-    )
-
-
 def installation_of(config: PlacementConfig, pool: Candidates, realisation: int) -> Installation:
     """Draw number `realisation` of the config's seed, 0 that of the layout's own measurement.
 
@@ -78,7 +63,7 @@ def installation_of(config: PlacementConfig, pool: Candidates, realisation: int)
     """
     stated = config.validation.truth
     rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
-    installation = drawn_installation(pool, installation_std(config), rng)
+    installation = drawn_installation(pool, installation_std(tolerances_of(config.tolerances)), rng)
     fixed = np.random.default_rng(config.seed)
     grids = pool.grids
     heading, way = fixed.uniform(0, 2 * np.pi, grids.gauges), fixed.choice([-1.0, 1.0], grids.gauges)
@@ -147,28 +132,26 @@ def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> 
 
 def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
     """What is drawn with which σ; by_rows: whether the gauges are given by their strain rows, which cannot be moved or turned."""
-    tolerances, stated = tolerances_of(config.tolerances), config.validation.truth
-    moved = not by_rows
-    sizes = (
-        (tolerances.damping - 1, f"ln ζ of every mode ln {tolerances.damping:g}", stated.damping_factor is None),
-        (tolerances.frequency, f"natural frequencies {100 * tolerances.frequency:g} %", True),
-        (tolerances.model, f"stiffness {100 * tolerances.model:g} %", not modulus_estimated(config)),
-        (
-            tolerances.position,
-            f"place {1e3 * tolerances.position:g} mm each way",
-            moved and stated.gauge_offset is None,
-        ),
-        (tolerances.angle, f"direction {tolerances.angle:g}°", moved and stated.gauge_rotation is None),
-        (tolerances.gain, f"gain {100 * tolerances.gain:g} %", True),
-        (tolerances.transverse, f"transverse sensitivity {100 * tolerances.transverse:g} %", moved),
-        (tolerances.offset, f"offset {1e6 * tolerances.offset:g} µm/m", True),
-        (tolerances.drift, f"drift {1e6 * tolerances.drift:g} µm/m", True),
-        (tolerances.temperature, f"temperature {tolerances.temperature:g} K", any(installation_std(config).warmed)),
-        (tolerances.load_angle, f"direction of loads {tolerances.load_angle:g}°", True),
-        (tolerances.load_position, f"point of loads {1e3 * tolerances.load_position:g} mm", True),
-        (tolerances.load_gain, f"gain of known loads {100 * tolerances.load_gain:g} %", _some_known(config)),
+    tolerances, stated, moved = tolerances_of(config.tolerances), config.validation.truth, not by_rows
+    damped = [f"ln ζ of every mode ln {tolerances.damping:g}"] * (
+        tolerances.damping > 1 and stated.damping_factor is None
     )
-    return [words for size, words, applies in sizes if size > 0 and applies]
+    sources = (
+        ("frequency", 100, "natural frequencies {:g} %", True),
+        ("model", 100, "stiffness {:g} %", not modulus_estimated(config)),
+        ("position", 1e3, "place {:g} mm each way", moved and stated.gauge_offset is None),
+        ("angle", 1, "direction {:g}°", moved and stated.gauge_rotation is None),
+        ("gain", 100, "gain {:g} %", True),
+        ("transverse", 100, "transverse sensitivity {:g} %", moved),
+        ("offset", 1e6, "offset {:g} µm/m", True),
+        ("drift", 1e6, "drift {:g} µm/m", True),
+        ("temperature", 1, "temperature {:g} K", any(installation_std(tolerances).warmed)),
+        ("load_angle", 1, "direction of loads {:g}°", True),
+        ("load_position", 1e3, "point of loads {:g} mm", True),
+        ("load_gain", 100, "gain of known loads {:g} %", _some_known(config)),
+    )
+    sizes = ((factor * getattr(tolerances, key), words, applies) for key, factor, words, applies in sources)
+    return damped + [words.format(size) for size, words, applies in sizes if size > 0 and applies]
 
 
 def varies(config: PlacementConfig) -> bool:

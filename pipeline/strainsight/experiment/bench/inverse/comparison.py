@@ -172,38 +172,38 @@ class BenchComparison:
     claims: dict[str, Claim]
 
 
-def compared(estimation: BenchEstimation) -> BenchComparison:
+def compared(result: BenchEstimation) -> BenchComparison:
     """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
-    problem, filtered = estimation.problem, estimation.filtered
+    problem, filtered = result.problem, result.filtered
     numbers: Numbers = {}
     claims: dict[str, Claim | None] = {}
     inputs: dict[str, LoadHistory] = {}
     input_runs: dict[str, LoadRuns] = {}
     for i, name in enumerate(problem.estimate.inputs):
-        inputs[name], error, claims[name], more = _load(estimation, name, i)
+        inputs[name], error, claims[name], more = _load(result, name, i)
         numbers |= more
-        claims[smoothed_name(name)], more = _smoothed(estimation, name, i)
+        claims[smoothed_name(name)], more = _smoothed(result, name, i)
         numbers |= more
         if error is not None:
             input_runs[name] = LoadRuns(error=error)
     parameters: dict[str, ParameterHistory] = {}
     parameter_runs: dict[str, ParameterRuns] = {}
-    for i, name in enumerate(estimation.problem.unknowns.free):
-        parameters[name], ends, claims[name], more = _parameter(estimation, name, i)
+    for i, name in enumerate(result.problem.unknowns.free):
+        parameters[name], ends, claims[name], more = _parameter(result, name, i)
         numbers |= more
         if len(ends.estimate) > 1:
             parameter_runs[name] = ends
     sensors: dict[str, SensorMatch] = {}
-    for name in estimation.problem.sensors.channels:
-        match = sensors[name] = _sensor(estimation, name)
+    for name in result.problem.sensors.channels:
+        match = sensors[name] = _sensor(result, name)
         if match.measured is not None:
             numbers |= mismatch_numbers(name, match.measured, match.expected)
-            if isinstance(estimation.problem.estimate.measured, FromRun) and not match.used:
+            if isinstance(result.problem.estimate.measured, FromRun) and not match.used:
                 numbers |= size_numbers(name, match.measured, match.expected)
     record = BenchEstimated(
         time=problem.time,
-        q=filtered.mean[:, 0, estimation.trial.model.q],
-        violation=np.array([_violation(estimation, k) for k in range(len(problem.time))]),
+        q=filtered.mean[:, 0, result.trial.model.q],
+        violation=np.array([_violation(result, k) for k in range(len(problem.time))]),
         nis=filtered.nis[:, 0],
         lost=filtered.lost,
         inputs=inputs,
@@ -211,8 +211,8 @@ def compared(estimation: BenchEstimation) -> BenchComparison:
         sensors=sensors,
         input_runs=input_runs,
         parameter_runs=parameter_runs,
-        seeds=numbers_of_seeds(estimation),
-        bearings=estimation.rings,
+        seeds=numbers_of_seeds(result),
+        bearings=result.rings,
         compared=filtered.compared,
     )
     judged = {name: claim for name, claim in claims.items() if claim is not None}
@@ -220,15 +220,13 @@ def compared(estimation: BenchEstimation) -> BenchComparison:
     return BenchComparison(record, kept, judged)
 
 
-def _load(
-    estimation: BenchEstimation, name: str, i: int
-) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
+def _load(result: BenchEstimation, name: str, i: int) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
     """The history of an unknown load, the errors (runs,) of several runs, whether they keep to σ, and its numbers."""
-    at = estimation.trial.model.u[i]
-    mean = estimation.filtered.mean[:, :, at]
-    std = np.where(np.isfinite(mean), estimation.filtered.std[:, :, at], np.nan)
-    true = estimation.true_load(name)
-    known, elsewhere = bool(np.isfinite(true).all()), estimation.reality.elsewhere.get(name)
+    at = result.trial.model.u[i]
+    mean = result.filtered.mean[:, :, at]
+    std = np.where(np.isfinite(mean), result.filtered.std[:, :, at], np.nan)
+    true = result.true_load(name)
+    known, elsewhere = bool(np.isfinite(true).all()), result.reality.elsewhere.get(name)
     numbers: Numbers = {}
     error = claim = None
     if known:
@@ -236,7 +234,7 @@ def _load(
         late = slice(len(mean) // 2, None)
         off = (mean - true)[late]
         if f"error.{name}" in numbers:
-            claim = claim_in_time(off, std[late], starts=estimation.starts)
+            claim = claim_in_time(off, std[late], starts=result.starts)
         if mean.shape[1] > 1:
             error = np.sqrt(np.mean(off**2, axis=0))
             if np.isfinite(std[late]).any():
@@ -245,7 +243,7 @@ def _load(
         numbers |= history_numbers(name, mean[1:, 0], std[1:, 0])
     if elsewhere is not None:
         numbers |= ratio_numbers(name, elsewhere[1:], mean[1:, 0])
-    smoothed = estimation.filtered.smoothed
+    smoothed = result.filtered.smoothed
     history = LoadHistory(
         estimate=mean[:, 0],
         std=std[:, 0],
@@ -257,12 +255,12 @@ def _load(
     return history, error, claim, numbers
 
 
-def _smoothed(estimation: BenchEstimation, name: str, i: int) -> tuple[Claim | None, Numbers]:
+def _smoothed(result: BenchEstimation, name: str, i: int) -> tuple[Claim | None, Numbers]:
     """Whether a load of the first run keeps to σ once it is smoothed, and its numbers, where the truth is known."""
-    true = estimation.true_load(name)[:, 0]
-    if estimation.filtered.smoothed is None or not np.isfinite(true).all():
+    true = result.true_load(name)[:, 0]
+    if result.filtered.smoothed is None or not np.isfinite(true).all():
         return None, {}
-    mean, std = estimation.filtered.smoothed.mean[:, i], estimation.filtered.smoothed.std[:, i]
+    mean, std = result.filtered.smoothed.mean[:, i], result.filtered.smoothed.std[:, i]
     numbers = smoothed_numbers(name, true[1:], mean[1:], std[1:])
     if not numbers:
         return None, {}
@@ -271,14 +269,14 @@ def _smoothed(estimation: BenchEstimation, name: str, i: int) -> tuple[Claim | N
 
 
 def _parameter(
-    estimation: BenchEstimation, name: str, i: int
+    result: BenchEstimation, name: str, i: int
 ) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
     """The history of a parameter, where all runs start and end, whether they end within their σ, and its numbers."""
-    theta, std = in_theta(estimation, estimation.place(name))
-    true, starts = estimation.true_parameter(name), estimation.starts
+    theta, std = in_theta(result, result.place(name))
+    true, starts = result.true_parameter(name), result.starts
     known = bool(np.isfinite(true).all())
     apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
-    learned = bool(np.all(std[-1, :starts] < LEARNED * estimation.problem.unknowns.std[i]))
+    learned = bool(np.all(std[-1, :starts] < LEARNED * result.problem.unknowns.std[i]))
     claim = claim_of(theta[-1] - true, std[-1], alike=starts)  # starts within a seed are one draw
     wrong = claim is not None and claim.overconfident
     withheld = bool(np.isfinite(theta[-1]).any() and not np.isfinite(std[-1]).any())
@@ -287,9 +285,7 @@ def _parameter(
         numbers[f"identified.{name}"] = learned and not apart and not (starts > 1 and wrong)
     if known:
         numbers |= parameter_numbers(name, true, theta[-1], std[-1])
-        numbers[f"{SETTLING_TIME}.{name}"] = settling_time(
-            estimation.problem.time, theta[:, 0], float(true[0]), SETTLED
-        )
+        numbers[f"{SETTLING_TIME}.{name}"] = settling_time(result.problem.time, theta[:, 0], float(true[0]), SETTLED)
     else:
         numbers |= {f"estimate.{name}": float(theta[-1, 0]), f"rms_std.{name}": float(std[-1, 0])}
     history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)
@@ -297,44 +293,42 @@ def _parameter(
     return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), claim, numbers
 
 
-def in_theta(estimation: BenchEstimation, column: int) -> tuple[np.ndarray, np.ndarray]:
+def in_theta(result: BenchEstimation, column: int) -> tuple[np.ndarray, np.ndarray]:
     """A parameter and its σ, √(s P_ξξ sᵀ) with s = ∂θ/∂ξ (T + 1, runs)."""
-    xi, P = estimation.filtered.mean[:, :, estimation.trial.model.xi], estimation.xi_covariance
+    xi, P = result.filtered.mean[:, :, result.trial.model.xi], result.xi_covariance
     theta, std = np.full(xi.shape[:2], np.nan), np.full(xi.shape[:2], np.nan)
     for at in np.ndindex(xi.shape[:2]):
         if np.isfinite(xi[at]).all():
-            theta[at], std[at] = _theta_at(estimation, column, xi[at], P[at[0], min(at[1], P.shape[1] - 1)])
+            theta[at], std[at] = _theta_at(result, column, xi[at], P[at[0], min(at[1], P.shape[1] - 1)])
     return theta, std
 
 
-def _theta_at(estimation: BenchEstimation, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
-    values, slopes = estimation.problem.unknowns.coordinates.theta(xi)
+def _theta_at(result: BenchEstimation, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
+    values, slopes = result.problem.unknowns.coordinates.theta(xi)
     s = slopes[column]
     return float(values[column]), float(np.sqrt(max(float(s @ P @ s), 0.0)))
 
 
-def _sensor(estimation: BenchEstimation, name: str) -> SensorMatch:
-    used, part = name in estimation.problem.used.channels, estimation.problem.sensors.channels[name]
+def _sensor(result: BenchEstimation, name: str) -> SensorMatch:
+    used, part = name in result.problem.used.channels, result.problem.sensors.channels[name]
     measured = (
-        estimation.measured[:, 0, estimation.problem.used.channels[name]]
-        if used
-        else estimation.reality.readings[:, 0, part]
+        result.measured[:, 0, result.problem.used.channels[name]] if used else result.reality.readings[:, 0, part]
     )
     known = bool(np.isfinite(measured).any())
     bias = bias_std = None
-    offset, channels = estimation.trial.offsets.at, estimation.problem.used.channels.get(name, slice(0, 0))
+    offset, channels = result.trial.offsets.at, result.problem.used.channels.get(name, slice(0, 0))
     which = np.flatnonzero((offset >= channels.start) & (offset < channels.stop))
     if len(which):
         bias, bias_std = np.zeros((2, part.stop - part.start))
-        at, size = offset[which] - channels.start, estimation.trial.model.size
+        at, size = offset[which] - channels.start, result.trial.model.size
         bias[at], bias_std[at] = (
-            estimation.filtered.mean[-1, 0, size + which],
-            estimation.filtered.std[-1, 0, size + which],
+            result.filtered.mean[-1, 0, size + which],
+            result.filtered.std[-1, 0, size + which],
         )
-    without = estimation.without if used else None
+    without = result.without if used else None
     return SensorMatch(
         used=used,
-        expected=estimation.reading[1:, 0, part],
+        expected=result.reading[1:, 0, part],
         measured=measured if known else None,
         predicted=None if without is None else without.predicted[:, 0, channels],
         predicted_std=None if without is None else without.std[:, 0, channels],
@@ -344,45 +338,43 @@ def _sensor(estimation: BenchEstimation, name: str) -> SensorMatch:
     )
 
 
-def _violation(estimation: BenchEstimation, k: int) -> float:
-    x = estimation.filtered.mean[k, :1]
-    return float(estimation.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")
+def _violation(result: BenchEstimation, k: int) -> float:
+    x = result.filtered.mean[k, :1]
+    return float(result.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")
 
 
-def numbers_of_seeds(estimation: BenchEstimation) -> dict[str, np.ndarray]:
+def numbers_of_seeds(result: BenchEstimation) -> dict[str, np.ndarray]:
     """Name → the number of every seed (seeds,) by its first start, NaN of a seed that diverged: of loads, parameters, innovations
     and sensors, as in the summary. None of a single seed."""
-    runs = range(0, estimation.measured.shape[1], estimation.starts)
+    runs = range(0, result.measured.shape[1], result.starts)
     if len(runs) < 2:
         return {}
-    each = [
-        _numbers(estimation, seed, run) if estimation.filtered.lost[run] < 0 else {} for seed, run in enumerate(runs)
-    ]
+    each = [_numbers(result, seed, run) if result.filtered.lost[run] < 0 else {} for seed, run in enumerate(runs)]
     names = dict.fromkeys(name for numbers in each for name in numbers)
     return {name: np.array([float(numbers.get(name, np.nan)) for numbers in each]) for name in names}
 
 
-def _numbers(estimation: BenchEstimation, seed: int, run: int) -> Numbers:
+def _numbers(result: BenchEstimation, seed: int, run: int) -> Numbers:
     """Of one seed."""
     problem, mean, std, nis = (
-        estimation.problem,
-        estimation.filtered.mean,
-        estimation.filtered.std,
-        estimation.filtered.nis,
+        result.problem,
+        result.filtered.mean,
+        result.filtered.std,
+        result.filtered.nis,
     )
     numbers: Numbers = {"nis": float(np.nanmean(nis[len(nis) // 2 :, run]))}
-    for name, at in zip(problem.estimate.inputs, estimation.trial.model.u, strict=True):
-        load = estimation.true_load(name)[1:, run]
+    for name, at in zip(problem.estimate.inputs, result.trial.model.u, strict=True):
+        load = result.true_load(name)[1:, run]
         if np.isfinite(load).all():
             numbers |= load_numbers(name, load, mean[1:, run, at], std[1:, run, at])
     for name in problem.unknowns.free:
-        true = estimation.true_parameter(name)[run : run + 1]
-        P = estimation.xi_covariance[-1, min(run, estimation.xi_covariance.shape[1] - 1)]
-        last, size = _theta_at(estimation, estimation.place(name), mean[-1, run, estimation.trial.model.xi], P)
+        true = result.true_parameter(name)[run : run + 1]
+        P = result.xi_covariance[-1, min(run, result.xi_covariance.shape[1] - 1)]
+        last, size = _theta_at(result, result.place(name), mean[-1, run, result.trial.model.xi], P)
         if np.isfinite(true):
             numbers |= parameter_numbers(name, true, np.array([last]), np.array([size]))
     for name, part in problem.sensors.channels.items():
-        used, of_seed = problem.used.channels.get(name), min(seed, estimation.reality.readings.shape[1] - 1)
-        measured = estimation.reality.readings[:, of_seed, part] if used is None else estimation.measured[:, run, used]
-        numbers |= mismatch_numbers(name, measured, estimation.reading[1:, seed, part])
+        used, of_seed = problem.used.channels.get(name), min(seed, result.reality.readings.shape[1] - 1)
+        measured = result.reality.readings[:, of_seed, part] if used is None else result.measured[:, run, used]
+        numbers |= mismatch_numbers(name, measured, result.reading[1:, seed, part])
     return numbers

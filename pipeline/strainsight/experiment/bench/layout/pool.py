@@ -24,7 +24,7 @@ from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.problem import BenchUnknowns, asked
 from strainsight.experiment.bench.layout.strained import Known
 from strainsight.experiment.bench.loads import loads_of
-from strainsight.experiment.bench.sensors import motion_sensor, std_of
+from strainsight.experiment.bench.sensors import motion_sensor, tolerances_of_gauges
 from strainsight.experiment.layout.gauge_list import zone_of
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
@@ -283,7 +283,9 @@ def installation_offs(
     over as much of the run as is nearest to the pose, quasi-static: what is off with the motion of its modes is left out.
     time (poses,) [s] and poses (q, u); zero (r,): η₀ of gauges that are zeroed, else none. Zeros without tolerances.
     """
-    sigma = {name: value for name, value in std_of(config).by_name.items() if value > 0 and name not in SECOND}
+    sigma = {
+        name: value for name, value in tolerances_of_gauges(config).by_name.items() if value > 0 and name not in SECOND
+    }
     v = np.zeros((len(poses), len(gauges)))
     if not sigma:
         return v
@@ -298,7 +300,9 @@ def installation_offs(
         second.append(eta.T @ eta / len(eta))
     skin = exterior_facets(mesh)
     for own in np.array_split(np.arange(len(gauges)), len(gauges) // AT_A_TIME + 1):
-        felt = sensitivity_rows(mesh.position, gauges.take(own), basis, std_of(config).position, facets=skin)
+        felt = sensitivity_rows(
+            mesh.position, gauges.take(own), basis, tolerances_of_gauges(config).position, facets=skin
+        )
         for name, value in sigma.items():
             s = value * getattr(felt, name)
             v[:, own] += [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in second]
