@@ -121,8 +121,8 @@ def _strain(bench: Bench, name: str, entry: StrainSensor) -> tuple[StrainRows, n
 
 def instants_of(bench: Bench, q: np.ndarray, v: np.ndarray, u: np.ndarray, second: np.ndarray) -> list[Instant]:
     """Of every state in q, v (T, n) under u (T, width), p̈ of the drives second (T, nd)."""
-    each = zip(q, v, u, second, strict=True)
-    return [instant(bench.system, *state, bench.theta, p) for *state, p in each]
+    states = zip(q, v, u, strict=True)
+    return [instant(bench.system, *now, bench.theta, p) for now, p in zip(states, second, strict=True)]
 
 
 def read_in_time(
