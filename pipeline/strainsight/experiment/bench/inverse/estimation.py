@@ -14,8 +14,14 @@ from strainsight.config.bench.bench import StrainSensor
 from strainsight.config.bench.estimate import FromFile
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.bench.bench import Bench
-from strainsight.experiment.bench.inverse.balls import ring_watch, rings_estimated
-from strainsight.experiment.bench.inverse.filtering import FilteredRuns, by_bank, by_extended, predicted
+from strainsight.experiment.bench.inverse.filtering import (
+    FilteredRuns,
+    by_bank,
+    by_extended,
+    predicted,
+    ring_watch,
+    rings_estimated,
+)
 from strainsight.experiment.bench.inverse.problem import (
     BenchProblem,
     corrects,

@@ -44,13 +44,10 @@ class ChannelOffsets:
         """Of [x, b]."""
         return Biased(base, self.at, self.walk**2) if len(self.at) else base
 
-    def start(self, x: np.ndarray) -> np.ndarray:
-        """x (…, size) with offsets of zero behind."""
-        return np.concatenate([x, np.zeros((*x.shape[:-1], len(self.at)))], axis=-1)
-
-    def covariance(self, P: np.ndarray) -> np.ndarray:
-        """P (…, size, size) with that of the offsets."""
-        return bordered(P, np.diag(self.std**2)) if len(self.at) else P
+    def behind(self, x: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x (…, size) with offsets of zero behind, and P (…, size, size) with theirs."""
+        whole = np.concatenate([x, np.zeros((*x.shape[:-1], len(self.at)))], axis=-1)
+        return whole, bordered(P, np.diag(self.std**2)) if len(self.at) else P
 
     def projected(self, base: AugmentedStep) -> Callable[[np.ndarray, int], np.ndarray]:
         """That of the state, with offsets as they are."""
@@ -100,8 +97,9 @@ STILL = 1e-9
 @dataclass(frozen=True)
 class BenchTrial:
     """available (m,): channels of the problem's filter that it has; model; start (B, size), covariance (B, size, size): of every
-    run, seeds outside and starts inside; guess (width,): loads at the start; noise (m,) σ of the readings; offsets of channels,
-    of which model and start know nothing; installed: D, o of `rows_of`; notes: what was done to the config's wishes, in words."""
+    run, seeds outside and starts inside, with `offsets` of channels behind, of which the model knows nothing; guess (width,):
+    loads at the start; noise (m,) σ of the readings; installed: D, o of `rows_of`; notes: what was done to the config's wishes,
+    in words."""
 
     problem: BenchProblem
     available: np.ndarray
@@ -115,7 +113,7 @@ class BenchTrial:
     notes: tuple[str, ...]
 
     def begin(self, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """x (B, size) and its covariance (B, size, size) at the start, of parameters ξ (B, p) that are known; NaN where rest is
+        """x and its covariance at the start, as of `start`, of parameters ξ (B, p) that are known; NaN where rest is
         not found."""
         model = self.model
         x, P = np.full((len(xi), model.size), np.nan), np.zeros((len(xi), model.size, model.size))
@@ -126,7 +124,7 @@ class BenchTrial:
             except (NumericalError, UserError):
                 continue
             x[i, model.xi] = values
-        return x, P
+        return self.offsets.behind(x, P)
 
     def of_seeds(self) -> BenchTrial:
         """With the first start of every seed."""
@@ -177,7 +175,7 @@ def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | Non
     if zero is not None:
         model, zeros = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
     model = replace(model, offset=np.tile(zeros, (runs, 1)), R=noise**2)
-    start, covariance = np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1))
+    start, covariance = offsets.behind(np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)))
     return BenchTrial(problem, available, model, start, covariance, guess, noise, offsets, installed, notes)
 
 

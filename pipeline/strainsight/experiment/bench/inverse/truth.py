@@ -134,7 +134,8 @@ def _as_read(
 def walked(trial: BenchTrial) -> Reality:
     """Drawn truths; sensors that the filter has not are not read."""
     problem, runs = trial.problem, trial.problem.estimate.runs
-    start, P = trial.start[:runs], trial.covariance[:runs]
+    states = slice(trial.model.size)
+    start, P = trial.start[:runs, states], trial.covariance[:runs, states, states]
     truths = drawn(trial.model, start, P, problem.known, runs, problem.config.seed)
     readings = np.full((problem.steps, runs, len(problem.sensors.zeroed)), np.nan)
     readings[:, :, problem.among] = truths.readings
