@@ -18,6 +18,7 @@ from benchmarks.filter import E0, HEIGHT, LENGTH, MODES, WIDTH, cantilever
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import draw_truth
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import Unknowns
@@ -73,15 +74,13 @@ def main() -> None:
     states = model.parameter_states.start
     rng = np.random.default_rng(2)
     D = 0.01 * rng.standard_normal((CONSTANTS, 4, 1)) * model.H[:, :states]
-    constants = Nuisances(
-        ("gain",) * CONSTANTS, D, np.zeros((CONSTANTS, 4, 0)), np.zeros((CONSTANTS, 4))
-    )
+    constants = Nuisances(("gain",) * CONSTANTS, D, np.zeros((CONSTANTS, 4, 0)), np.zeros((CONSTANTS, 4)))
     print(f"{steps} samples, {states} states, 3 parameters")
     for words, nuisances in (("nothing beside", None), (f"{CONSTANTS} constants beside", constants)):
         for threads in (1, 2):
             start = time.perf_counter()
             with opened(Where(jobs=threads)):
-                found = filter_bank(model, np.zeros(model.size), P, known, y[:, 0], nuisances)
+                found = filter_bank(BankRecord(model, np.zeros(model.size), P, known, y[:, 0], nuisances))
             took = time.perf_counter() - start
             error = found.run.mean[-1, 0, states:] - truth[-1, 0, states:]
             shares = ", ".join(f"{e:.2f}" for e in error / found.run.std[-1, 0, states:])

@@ -16,8 +16,7 @@ from functools import partial
 
 import numpy as np
 
-from strainsight.multibody.bearing.element import bearing_load
-from strainsight.multibody.bearing.equilibrium import displacement
+from strainsight.multibody.bearing.element import bearing_load, displacement
 from strainsight.multibody.bearing.geometry import Bearing
 
 

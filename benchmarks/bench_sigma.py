@@ -28,7 +28,7 @@ from strainsight.estimation.filter import filter_runs
 from strainsight.loads.input_models import InputModel, Matern, RandomWalk, input_intensity, rate_matrix
 from strainsight.multibody.accelerations import balance
 from strainsight.multibody.inverse.loads import load_process
-from strainsight.multibody.radau import simulate_radau
+from strainsight.multibody.simulate import simulate_radau
 
 FINE, DURATION = 1e-3, 1.0
 SIZE = np.array([2e4, 1e4, 1.5e4])
@@ -86,13 +86,12 @@ def drawn(kind: str, seed: int) -> np.ndarray:
 def motion(b: Bench, u: np.ndarray) -> np.ndarray:
     """Readings (N, m) every FINE under loads u (N + 1, 3), straight between, from rest at no load."""
     n, m = b.system.size, b.system.constrained
-    still, none = np.zeros(n), np.zeros(m)
-    x, found = np.concatenate([b.q, still]), []
+    x, found = np.concatenate([b.q, np.zeros(n)]), []
     stages, KKT, right = np.empty((DOP853.n_stages + 1, 2 * n)), np.zeros((n + m, n + m)), np.empty(n + m)
 
     def rate(t: float, x: np.ndarray, first: np.ndarray, last: np.ndarray) -> np.ndarray:
         load = first + (last - first) * t / FINE
-        at = balance(b.system, x[:n], x[n:], still, none, none, load, b.theta)
+        at = balance(b.system, x[:n], x[n:], load, b.theta)
         KKT[:n, :n], KKT[:n, n:], KKT[n:, :n] = at.mass, -at.B.T, at.B
         right[:n], right[n:] = -at.load, -at.B_rate @ x[n:]
         return np.concatenate([x[n:], np.linalg.solve(KKT, right)[:n]])
@@ -120,7 +119,9 @@ def estimated(
     walks = isinstance(model, RandomWalk)
     rng = np.random.default_rng(every)
     moving = load_process([model] * 3, SIZE, SIZE * h**0.5 if walks else np.zeros(3), h)
-    filtered = b.model(h, len(y), loads=moving, noise=noise, white=0.0, corrected=corrected, free=("E",) if modulus else ())
+    filtered = b.model(
+        h, len(y), loads=moving, noise=noise, white=0.0, corrected=corrected, free=("E",) if modulus else ()
+    )
     starts = []
     for _ in range(seeds):
         theta = b.theta * np.exp(GUESSED * rng.normal(size=len(b.theta)) * modulus)
@@ -162,7 +163,11 @@ def main(seeds: int, kinds: list[str], full: bool) -> None:
                     continue
                 scores, off = estimated(elastic, u, y, every, noise, right, modulus=True)
                 inside, size = np.sum(np.abs(off) < 2), np.sqrt(np.mean(off**2))
-                print(shown(f"  {where}, with the modulus", scores), f" it is within 2σ in {inside}, RMS {size:.2f}", flush=True)
+                print(
+                    shown(f"  {where}, with the modulus", scores),
+                    f" it is within 2σ in {inside}, RMS {size:.2f}",
+                    flush=True,
+                )
                 if full:
                     continue
                 other = estimated(plain, u, y, every, noise, RandomWalk(), corrected=kind != "walk")[0]

@@ -37,7 +37,9 @@ def product_seconds(n: int = 2000) -> float:
 
 def elimination_seconds(results: Path, name: str) -> tuple[float, str]:
     """The elimination of a finished run once more, first scenario only, and what it removed."""
-    from strainsight.placement.elimination import Scenario, eliminate
+    from tests.placement.whole_pools import eliminate
+
+    from strainsight.placement.scenario import Scenario
     from strainsight.runner.artefact import Artefact
 
     place = Artefact(results / name / "place.h5")

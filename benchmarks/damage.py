@@ -20,12 +20,13 @@ import numpy as np
 
 from strainsight import api
 from strainsight.config.estimate import DamageSettings
-from strainsight.damage.sums import interval_of
+from strainsight.damage import interval_of
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Settled, draw_truth
+from strainsight.estimation.record import BankRecord, Settled
+from strainsight.estimation.reduced import draw_truth
 from strainsight.experiment.structure.damage import Places, asked_places, damage_at, theta_at
 from strainsight.experiment.structure.damage_drawn import may_walk_otherwise, walking, walks
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, tolerated
@@ -136,7 +137,7 @@ def filtering(
     )
     if own:
         return shared, [own_record(shared, number) for number in range(1, records + 1)]
-    loading = loading_of(problem.settle, list(problem.signals.values()), trial.h, len(trial.known))
+    loading = loading_of(problem.run.settle, list(problem.run.signals.values()), trial.h, len(trial.known))
     again = truth.again
     assert again is not None
     true_field = again(1, gauges).field
@@ -194,7 +195,7 @@ def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.n
         model = filter_model(problem, channels, shared.h)
         nuisances = nuisances_of(shared.tolerances, model, channels, behind=True)
         args = (model, np.zeros(model.size), P, shared.known, y, nuisances)
-        return args, filter_bank(*args, settled=shared.settled)
+        return args, filter_bank(BankRecord(*args, settled=shared.settled))
 
     def other(_: tuple[Bank, BankRun], name: str) -> tuple[Bank, BankRun]:
         return filtered(*shared.otherwise[name])
@@ -206,14 +207,16 @@ def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.n
     walked = walks(stated, list(shared.otherwise), other, lambda own: float(own[1].run.log_likelihood[0]))
     (args, bank), model = walked.best, walked.best[0][0]
     q = slice(0, model.model.size)
-    later = smooth_bank(*stated[0], stated[1], settled=shared.settled).mean[:, 0]
+    later = smooth_bank(BankRecord(*stated[0], settled=shared.settled), stated[1]).mean[:, 0]
     theta = theta_at(model, later[-1, stated[0][0].parameter_states])
     width = np.shape(shared.places.rows.at(theta))[-1]
     states = Displaced(np.zeros((0, width)), model.model.size).states(later)
     mean = true_damage(shared.places, later[:, states], theta)
     drawn = [
         true_damage(shared.places, own, theta_at(model, p))
-        for part in bank_paths(*args, bank, shared.draws, 1_000_000 + record.number, settled=shared.settled, states=q)
+        for part in bank_paths(
+            BankRecord(*args, settled=shared.settled), bank, shared.draws, 1_000_000 + record.number, states=q
+        )
         for p, own in zip(part.parameter, part.state, strict=True)
     ]
     found = interval_of(np.array(drawn))

@@ -86,7 +86,9 @@ def inputs(folder: Path) -> None:
         settings = config(f"input-{round(1e6 * step)}us", {}, {"tip": load(20.0, 1e4, False)}, step)
         for model in ("random_walk", "integrated_random_walk", "matern", "oscillator"):
             extra = ", smoothness: 5/2" if model == "matern" else ""
-            change = f"loads.tip.process_noise={{model: {model}, frequency: {10.0 if model == 'matern' else 20.0}{extra}}}"
+            change = (
+                f"loads.tip.process_noise={{model: {model}, frequency: {10.0 if model == 'matern' else 20.0}{extra}}}"
+            )
             s = validated(settings, folder, change).summary
             row = (s["error.tip"], s["std.tip"], s["smoothed.tip"], s["smoothed_std.tip"])
             print(f"{model:30s} {step:7.2g} s {' '.join(percent(float(x)) for x in row)}")
@@ -130,7 +132,10 @@ def sets(folder: Path) -> None:
             s = validated(settings, folder, f"screen={{keep: {keep}}}").summary
             for name in settings["place"]["estimate"]:
                 real, claimed = s[f"rank_real.{name}"], s[f"rank_claimed.{name}"]
-                print(f"{case:10s} {pool:12s} {real:12d} {claimed:14d} {float(s[f'rank_correlation.{name}']):12.2f}", flush=True)
+                print(
+                    f"{case:10s} {pool:12s} {real:12d} {claimed:14d} {float(s[f'rank_correlation.{name}']):12.2f}",
+                    flush=True,
+                )
 
 
 def main() -> None:

@@ -21,8 +21,10 @@ import numpy as np
 
 from strainsight import api
 from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
@@ -63,7 +65,10 @@ def drifting(model: FilterModel) -> FilterModel:
 
 
 def by_bank(model: FilterModel, P: np.ndarray, known: np.ndarray, y: np.ndarray) -> Found:
-    runs = [filter_bank(model, np.zeros(model.size), P, known, y[:, b]).run for b in range(y.shape[1])]
+    runs = [
+        filter_bank(BankRecord(model, np.zeros(model.size), P, known, y[:, b], no_nuisances(model))).run
+        for b in range(y.shape[1])
+    ]
     mean, std = (np.stack([getattr(run, key)[-1, 0] for run in runs]) for key in ("mean", "std"))
     return mean[:, model.parameter_states], std[:, model.parameter_states]
 
@@ -97,7 +102,10 @@ def main(words: list[str]) -> None:
             rms, sigma = (100 * np.sqrt(np.mean(own**2)) for own in (error, claim))
             within = 100 * np.mean(np.abs(error) < 2 * claim)
             ratio = np.sqrt(np.mean((error / claim) ** 2))
-            print(f"| {name} | {unknown} | {rms:.3g} % | {sigma:.3g} % | {ratio:.2f} | {within:.1f} % | {took:.0f} |", flush=True)
+            print(
+                f"| {name} | {unknown} | {rms:.3g} % | {sigma:.3g} % | {ratio:.2f} | {within:.1f} % | {took:.0f} |",
+                flush=True,
+            )
 
 
 if __name__ == "__main__":

@@ -81,8 +81,7 @@ def assembly() -> Job:
 def riccati() -> Job:
     from scipy.linalg import solve_continuous_are
 
-    from strainsight.placement.information import information
-    from strainsight.placement.riccati import solve_anew
+    from strainsight.placement.riccati import information, solve_anew
     from strainsight.placement.scenario import solve_pool
 
     pool = solve_pool(placement.make_scenarios(100, 10, ("Fz",), 1)[0])
@@ -99,7 +98,8 @@ def riccati() -> Job:
 
 
 def elimination() -> Job:
-    from strainsight.placement.elimination import eliminate
+    from tests.placement.whole_pools import eliminate
+
     from strainsight.placement.scenario import solve_pool
 
     scenario = placement.make_scenarios(40, 10, ("Fz",), 1)[0]

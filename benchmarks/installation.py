@@ -21,7 +21,7 @@ from benchmarks.sigma import CASES, ROOT, Drawn, none, one
 
 from strainsight import api
 from strainsight.experiment.structure.nuisances import tolerated
-from strainsight.experiment.structure.placement import Placement
+from strainsight.experiment.structure.placement import StructurePlacement
 from strainsight.experiment.structure.problem import problem_of
 from strainsight.experiment.structure.trial import trial_of
 from strainsight.experiment.structure.truth import truth_of
@@ -45,7 +45,7 @@ WAYS = (["place.installation=ignore", BARE], ["place.installation=avoid", BARE],
 class Tried:
     """A layout, the time [s] that it took, and what came of every draw."""
 
-    placed: Placement
+    placed: StructurePlacement
     time: float
     drawn: list[Drawn]
 

@@ -30,8 +30,8 @@ from benchmarks.full_bench import loads_of_file
 from scipy.linalg import eigh
 from scipy.sparse import csr_matrix
 
+from strainsight.multibody.bearing.element import BearingLaw
 from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import FlexibleBody, Frame, RigidBody
 from strainsight.multibody.forces import Gravity, RelativeElement
 from strainsight.multibody.initial import Pose, state

@@ -46,9 +46,12 @@ def bending(count: int) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], 
 
 def make_scenarios(pool: int, modes: int, inputs: tuple[str, ...], count: int, seed: int = 0) -> tuple[Any, ...]:
     """`count` linearisation instants of the beam with `pool` gauges and its lowest `modes`."""
+    from tests.placement.whole_pools import whole_pool_weight
+
     from strainsight.fem.affine import AffineOperator
-    from strainsight.loads.linearisation import Unknowns, augment_rows, gauge_intensity, linearise, process_intensity
-    from strainsight.placement.elimination import Scenario, whole_pool_weight
+    from strainsight.loads.input_models import Unknowns
+    from strainsight.loads.linearisation import augment_rows, gauge_intensity, linearise, process_intensity
+    from strainsight.placement.scenario import Scenario
     from strainsight.rom.model import Damping, ReducedModel
 
     area = WIDTH * HEIGHT
@@ -113,7 +116,7 @@ def make_scenarios(pool: int, modes: int, inputs: tuple[str, ...], count: int, s
 
 def in_blocks(scenario: Any, channels: int) -> Any:
     """Its gauges by threes, as rosettes: rows of the same noise that are placed as one."""
-    from strainsight.placement.elimination import Scenario
+    from strainsight.placement.scenario import Scenario
 
     H = scenario.H.reshape(-1, channels, scenario.H.shape[1])
     return Scenario(scenario.F, scenario.Q, H, scenario.r.reshape(-1, channels), scenario.weight)
@@ -187,7 +190,8 @@ def peer_by_samples(scenario: Any, compress: bool, seconds: float) -> tuple[floa
 
 def measure(job: dict[str, Any]) -> dict[str, Any]:
     """One line of a table, in this process."""
-    from strainsight.placement.elimination import eliminate
+    from tests.placement.whole_pools import eliminate
+
     from strainsight.placement.exchange import exchange
     from strainsight.placement.scenario import solve_pool
 

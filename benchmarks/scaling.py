@@ -174,9 +174,10 @@ def unknowns(shape: str, size: int, folder: Path, until: str, memory: float | No
 
 def gauges(job: Mapping[str, Any]) -> dict[str, float]:
     """The kernels on one pool, in this process: processor seconds of each, and the peak over the imports [MiB]."""
+    from tests.placement.whole_pools import eliminate
+
     from strainsight.loads.observability import observability
     from strainsight.placement.certificate import certify
-    from strainsight.placement.elimination import eliminate
     from strainsight.placement.exchange import exchange
     from strainsight.placement.scenario import solve_pool
     from strainsight.sensors.screening import screen

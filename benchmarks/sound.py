@@ -218,7 +218,7 @@ def record(folder: Path, study: Study, number: int) -> tuple[str, float]:
     theta |= {name: model.reference[name] for name in model.reference if name not in study.estimate}
     factors = np.exp(np.log(DAMPING) * rng.standard_normal(model.size)) if tolerant else np.ones(model.size)
     true_model = replace(model, damping=model.damping.scaled(tuple(factors)))
-    tones = tones_of([problem.signals[name] for name in model.inputs])
+    tones = tones_of([problem.run.signals[name] for name in model.inputs])
     assert tones is not None
     turned = np.exp(2j * np.pi * rng.random(tones.amplitude.shape)) * np.exp(0.2 * rng.standard_normal())
     tones = Tones(tones.frequency, tones.amplitude * turned)

@@ -19,7 +19,9 @@ from typing import Any
 
 import numpy as np
 
-RECORD = SimpleNamespace(**runpy.run_path(str(Path(__file__).resolve().parents[1] / "tests" / "stages" / "wing_record.py")))
+RECORD = SimpleNamespace(
+    **runpy.run_path(str(Path(__file__).resolve().parents[1] / "tests" / "stages" / "wing_record.py"))
+)
 LOADS, MODES, SOFTER, GUESS, DIVISIONS = RECORD.LOADS, RECORD.MODES, RECORD.SOFTER, RECORD.GUESS, RECORD.DIVISIONS
 FINER = (24, 96, 8)
 """Divisions of the mesh of CalculiX."""
@@ -186,7 +188,9 @@ def _input(wing: Wing, watched: Sequence[int]) -> str:
     said = ["*EL PRINT,ELSET=WATCHED,GLOBAL=YES", "E,COORD", "*NODE PRINT,NSET=LOADED", "U", "*END STEP"]
     for load in LOADS.values():
         spread = _spread(wing, *load)
-        forces = [f"{id},{c + 1},{LARGER * f[c]:.12g}" for id, f in spread.items() for c in range(3) if abs(f[c]) > 1e-15]
+        forces = [
+            f"{id},{c + 1},{LARGER * f[c]:.12g}" for id, f in spread.items() for c in range(3) if abs(f[c]) > 1e-15
+        ]
         lines += ["*STEP", "*STATIC", "*CLOAD,OP=NEW", *forces, *said]
     return "\n".join([*lines, "*STEP", "*FREQUENCY", str(MODES), *said, ""])
 

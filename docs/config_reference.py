@@ -33,6 +33,7 @@ def pages() -> dict[str, str]:
             (sections if inside(field, definitions) else own).append(key)
         lines = [f"# kind: {kind}", "", WHAT[kind], "", definitions[model].get("description", ""), ""]
         lines += table(definitions[model], definitions, "", only=own)
+        lines += expert_part(table(definitions[model], definitions, "", only=own, expert=True))
         if sections:
             lines += ["", "| section | | |", "|---|---|---|"]
         for key in sections:
@@ -49,6 +50,7 @@ def pages() -> dict[str, str]:
             "Written from the models that check a config, so it is what this version takes. `strainsight schema` prints the",
             "same as a [JSON Schema](../config.schema.json) for your editor. A key with a dot goes behind `--set` as it stands;",
             "`NAME` is a name that you give, `[]` an entry of a list. A number outside its plausible range is a warning.",
+            "Keys that no example sets stand at the end of a page, under *Expert keys*.",
             "",
             "```{toctree}",
             *KINDS,
@@ -64,11 +66,21 @@ def section_page(kind: str, key: str, field: dict[str, Any], definitions: dict[s
     lines = [f"# {kind}: {key}", ""]
     if field.get("description"):
         lines += [text(field["description"]), ""]
+    expert_keys = []
     for path, name in below(field, definitions, key):
         model = definitions[name]
-        lines += [f"## `{path}`" + (f" ({variant(model)})" if variant(model) else ""), ""]
-        lines += [text(model.get("description", "")), "", *table(model, definitions, path), ""]
-    return "\n".join(lines)
+        expert_keys += table(model, definitions, path, expert=True)[len(HEAD) * bool(expert_keys) :]
+        if rows := table(model, definitions, path):
+            lines += [f"## `{path}`" + (f" ({variant(model)})" if variant(model) else ""), ""]
+            lines += [text(model.get("description", "")), "", *rows, ""]
+    return "\n".join([*lines, *expert_part(expert_keys)])
+
+
+def expert_part(rows: list[str]) -> list[str]:
+    """A section of the keys that no shipped example sets; empty without any."""
+    if not rows:
+        return []
+    return ["", "## Expert keys", "", "No example sets these keys, and most configs do without them.", "", *rows, ""]
 
 
 def below(field: dict[str, Any], definitions: dict[str, Any], path: str, above: tuple[str, ...] = ()):
@@ -97,18 +109,24 @@ def inside(field: dict[str, Any], definitions: dict[str, Any], suffix: str = "")
     return list(dict.fromkeys(found))
 
 
-def table(model: dict[str, Any], definitions: dict[str, Any], path: str, only: list[str] | None = None) -> list[str]:
-    """A line a key."""
-    lines = ["| key | type | default | what |", "|---|---|---|---|"]
+HEAD = ["| key | type | default | what |", "|---|---|---|---|"]
+
+
+def table(
+    model: dict[str, Any], definitions: dict[str, Any], path: str, only: list[str] | None = None, expert: bool = False
+) -> list[str]:
+    """A line a key, of the expert keys or of the others; empty without any."""
+    lines = []
     for key, field in model["properties"].items():
-        if only is None or key in only:
+        if (only is None or key in only) and field.get("expert", False) == expert:
             full = f"{path}.{key}" if path else key
             default = "required" if key in model.get("required", []) else standard(field)
-            what = cell(meaning(field, definitions))
+            which = f"`{variant(model)}`: " if expert and variant(model) else ""
+            what = which + cell(meaning(field, definitions))
             if words := ranges(field):
                 what += f" Plausible: {cell(words)}."
             lines.append(f"| `{full}` | {cell(kind_of(field, definitions))} | {default} | {what} |")
-    return lines
+    return HEAD + lines if lines else []
 
 
 def meaning(field: dict[str, Any], definitions: dict[str, Any]) -> str:

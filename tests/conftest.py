@@ -37,10 +37,10 @@ _spent = 0.0
 def sweeps_stay_here():
     """A worker of pytest-xdist has one core: a sweep by two more processes would take their start and imports on top, a second
     or two each, and the core of the other. Tests of such processes ask for them (`eager` in tests/parallel)."""
-    from strainsight.parallel import processes
+    from strainsight import parallel
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(processes, "WORTH", math.inf)
+        patch.setattr(parallel, "WORTH", math.inf)
         yield
 
 

@@ -78,7 +78,7 @@ def check_rendering() -> list[Finding]:
 
 def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None = None) -> list[Finding]:
     """Cores of this process, and the variables that numerical libraries read."""
-    from strainsight.parallel.processes import cores as usable
+    from strainsight.parallel import cores as usable
 
     there = cores or usable()
     findings = [Finding("cores", GOOD, f"{there} for this process")]

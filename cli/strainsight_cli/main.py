@@ -4,35 +4,30 @@ from __future__ import annotations
 
 import io
 import os
-import shlex
 import sys
 from dataclasses import replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any
 
 import typer
 
 from strainsight.processes import SAFE_PATH
-from strainsight.runner.where import Where
 from strainsight_cli import pipelines
 from strainsight_cli.bar import progress_bar
 from strainsight_cli.check_modes import check_modes
 from strainsight_cli.example import example
-from strainsight_cli.failures import USER, failure_of, reported, saying, tell
+from strainsight_cli.failures import USER, failure_of, reported, tell
+from strainsight_cli.init import init
 from strainsight_cli.options import (
     DEFAULT_RESULTS,
     ConfigFile,
-    Dask,
     DoctorJson,
-    DryRun,
-    Force,
-    Jobs,
     Json,
-    LogLevel,
-    Quiet,
     Results,
+    RunOptions,
     Set,
     Verbose,
+    computing,
 )
 from strainsight_cli.printing import missing, prepare_streams, say, unwritten
 from strainsight_cli.status import show_plan
@@ -65,34 +60,22 @@ def about(version: Annotated[bool, typer.Option("--version", help="Print the ver
 
 
 @app.command(help="Run every stage that is not up to date.")
-def run(
-    config: ConfigFile,
-    force: Force = False,
-    dry_run: DryRun = False,
-    results: Results = DEFAULT_RESULTS,
-    as_json: Json = False,
-    overrides: Set = None,
-    jobs: Jobs = None,
-    dask: Dask = None,
-    verbose: Verbose = False,
-    quiet: Quiet = False,
-    log_level: LogLevel = None,
-) -> None:
-    with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
-        loaded = pipelines.with_last_test(config, overrides, results)
-        if loaded.data["kind"] == "suite":
-            from strainsight_cli import suites
+@computing
+def run(config: ConfigFile, options: RunOptions) -> None:
+    loaded = pipelines.with_last_test(config, options.overrides, options.results)
+    if loaded.data["kind"] == "suite":
+        from strainsight_cli import suites
 
-            at_once, where = suites.shared_out(loaded, jobs, dask)
-            works = suites.works_of(loaded, results, where)
-            if dry_run:
-                suites.show_suite(works, force, as_json, verbose)
-            else:
-                suites.run_suite(works, at_once, force, as_json, verbose)
-            return
-        work = replace(pipelines.work_of(loaded, results), where=Where(jobs, dask))
-        names = [stage.name for stage in work.stages]
-        _bring_up_to_date(work, names if force else [], dry_run, as_json, verbose, tables=names)
+        at_once, where = suites.shared_out(loaded, options.jobs, options.dask)
+        works = suites.works_of(loaded, options.results, where)
+        if options.dry_run:
+            suites.show_suite(works, options.force, options.as_json, options.verbose)
+        else:
+            suites.run_suite(works, at_once, options.force, options.as_json, options.verbose)
+        return
+    work = replace(pipelines.work_of(loaded, options.results), where=options.where)
+    names = [stage.name for stage in work.stages]
+    _bring_up_to_date(work, options, forced=names, tables=names)
 
 
 @app.command(help="Say which stages are up to date, and why the others are not.")
@@ -116,90 +99,7 @@ def status(
 app.command(help="Write an example that runs as it stands into this folder, or list them.")(example)
 
 
-@app.command(help="Write a commented config for your own deck.")
-def init(
-    deck: Annotated[Path, typer.Argument(metavar="DECK", help="Finite-element deck.")],
-    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Config to write.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
-    interactive: Annotated[
-        bool, typer.Option("-i", "--interactive", help="Ask in the terminal for what only you know.")
-    ] = False,
-    find: Annotated[
-        Literal["modulus", "load"] | None,
-        typer.Option("--find", help="The modulus from a measured load (default), or the load."),
-    ] = None,
-    material: Annotated[
-        str | None,
-        typer.Option("--material", help="For a deck without: steel, aluminium, titanium, or 'E, ν, ρ' in SI."),
-    ] = None,
-    held: Annotated[
-        str | None,
-        typer.Option("--held", help="For a deck without supports: 'set NAME', 'node ID', or 'x, y, z' [m] of a face."),
-    ] = None,
-    load: Annotated[
-        str | None, typer.Option("--load", help="Where the load acts: as --held, or 'deck_load NAME'.")
-    ] = None,
-    direction: Annotated[str | None, typer.Option("--direction", help="Of the load, 'x, y, z'.")] = None,
-    amplitude: Annotated[str | None, typer.Option("--amplitude", help="Of the load [N].")] = None,
-    frequency: Annotated[str | None, typer.Option("--frequency", help="Of the load [Hz].")] = None,
-    axis: Annotated[
-        str | None, typer.Option("--axis", help="Along which gauges point, 'x, y, z'; default: what strains most.")
-    ] = None,
-    keep: Annotated[int, typer.Option("--keep", min=1, help="Gauges to bond.")] = 4,
-    verbose: Verbose = False,
-) -> None:
-    with reported(verbose):
-        from strainsight.config.answers import Answers
-        from strainsight.config.template import template
-        from strainsight.errors import UserError
-
-        if not deck.is_file():
-            raise UserError("no such deck", where=str(deck), remedy="give the path of a finite-element deck")
-        if deck.suffix.lower() in (".yaml", ".yml"):
-            raise UserError(
-                "a config, not a deck",
-                where=str(deck),
-                remedy=f"to compute it: strainsight run {shlex.quote(str(deck))}; for a new one give the deck",
-            )
-        target = output or Path(f"{Path(deck.name.removesuffix('.gz')).stem}.yaml")
-        if os.path.lexists(target) and not force:
-            raise UserError("the file exists", where=str(target), remedy="give another one with -o FILE, or --force")
-        from strainsight.config.load import load_config
-        from strainsight.errors import ConfigError
-        from strainsight.stages.suggestion import suggestion
-        from strainsight.writing import write_file
-        from strainsight_cli import asking
-
-        relative = Path(os.path.relpath(deck.resolve(), target.resolve().parent)).as_posix()
-        found = suggestion(deck)
-        answers = Answers(
-            material=asking.material("--material", material) if material else None,
-            held=asking.support("--held", held, found) if held else None,
-            load=asking.place("--load", load, found) if load else None,
-            direction=asking.direction("--direction", direction) if direction else None,
-            amplitude=asking.positive("--amplitude", amplitude) if amplitude else None,
-            frequency=asking.positive("--frequency", frequency) if frequency else None,
-            find=find or "modulus",
-            axis=asking.direction("--axis", axis) if axis else None,
-            keep=keep,
-        )
-        asking.checked(found, answers)
-        if interactive:
-            answers = asking.asked(found, answers, find=find is not None)
-            if answers.spc is not None:
-                found = suggestion(deck, answers.spc)
-        target.parent.mkdir(parents=True, exist_ok=True)
-        write_file(target, template(relative, found, answers).encode())
-        try:
-            load_config(target)
-        except ConfigError:
-            first = "fill in what is blank and check the other lines marked ←"
-        else:
-            first = "check the lines marked ←"
-        if not found.solids:
-            nothing = "the deck has nothing to bond gauges on (solids, shells, sides of beams)"
-            first = f"{nothing}, unless mesh.matrices and gauges.given state it; {first}"
-        say(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
+app.command(help="Write a commented config for your own deck.")(init)
 
 
 @app.command(help="Check this machine: packages, solver, rendering, memory.")
@@ -222,47 +122,25 @@ def _add_stage(name: str, what: str) -> None:
     @app.command(
         name, short_help=f"{what}.", help=f"{what}. Runs the stages above first where they are not up to date."
     )
-    def command(
-        config: ConfigFile,
-        force: Force = False,
-        dry_run: DryRun = False,
-        results: Results = DEFAULT_RESULTS,
-        as_json: Json = False,
-        overrides: Set = None,
-        jobs: Jobs = None,
-        dask: Dask = None,
-        verbose: Verbose = False,
-        quiet: Quiet = False,
-        log_level: LogLevel = None,
-    ) -> None:
-        with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
-            work = replace(pipelines.work_of_one(config, results, overrides, name), where=Where(jobs, dask))
-            _one_stage(work, name, force, dry_run, as_json, verbose)
+    @computing
+    def command(config: ConfigFile, options: RunOptions) -> None:
+        _one_stage(pipelines.work_of_one(config, options.results, options.overrides, name), name, options)
 
 
 _IMPORTS = pipelines.STAGES["import"]
 
 
 @app.command("import", short_help=f"{_IMPORTS}.", help=f"{_IMPORTS}, and say what the model assumes.")
+@computing
 def import_(
     config: ConfigFile,
+    options: RunOptions,
     strict: Annotated[bool, typer.Option("--strict", help="End with 2 where there is a warning.")] = False,
-    force: Force = False,
-    dry_run: DryRun = False,
-    results: Results = DEFAULT_RESULTS,
-    as_json: Json = False,
-    overrides: Set = None,
-    jobs: Jobs = None,
-    dask: Dask = None,
-    verbose: Verbose = False,
-    quiet: Quiet = False,
-    log_level: LogLevel = None,
 ) -> None:
-    with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
-        work = replace(pipelines.work_of_one(config, results, overrides, "import"), where=Where(jobs, dask))
-        _one_stage(work, "import", force, dry_run, as_json, verbose)
-        if strict and not dry_run:
-            refuse_warned(work)
+    work = pipelines.work_of_one(config, options.results, options.overrides, "import")
+    _one_stage(work, "import", options)
+    if strict and not options.dry_run:
+        refuse_warned(work)
 
 
 for _name, _what in pipelines.STAGES.items():
@@ -280,8 +158,10 @@ app.command("figures", help="Write the figures of a run's page as SVG and PNG fi
 
 
 @app.command(help="Estimate loads, parameters and strains from the measurements of a test.")
+@computing
 def estimate(
     config: ConfigFile,
+    options: RunOptions,
     measurements: Annotated[
         Path | None,
         typer.Option(
@@ -301,77 +181,66 @@ def estimate(
             "--accept", help="Report σ even if the measurements are inconsistent with the model, and end with 0."
         ),
     ] = False,
-    force: Force = False,
-    dry_run: DryRun = False,
-    results: Results = DEFAULT_RESULTS,
-    as_json: Json = False,
-    overrides: Set = None,
-    jobs: Jobs = None,
-    dask: Dask = None,
-    verbose: Verbose = False,
-    quiet: Quiet = False,
-    log_level: LogLevel = None,
 ) -> None:
-    with saying(quiet, verbose, log_level, as_json or dry_run) as verbose:
-        from strainsight.config.keys import Override
-        from strainsight.config.load import kind_of
-        from strainsight.errors import ConfigError, UserError
+    from strainsight.config.keys import Override
+    from strainsight.config.load import kind_of
+    from strainsight.errors import ConfigError, UserError
 
-        asked: list[str | Override] = [*(overrides or ())]
+    asked: list[str | Override] = [*(options.overrides or ())]
 
-        if measurements is not None and kind_of(config) == "bench":
-            raise ConfigError(
-                "--measurements is of the estimate of a structure",
-                key="estimate.measured",
-                where=str(config),
-                remedy="name the file in the config of the bench, `estimate: {measured: {file: FILE, channels: …}}`, or another "
-                "run, `{measured: {from: RUN}}`",
-            )
-        if measurements is not None:
-            if not measurements.is_file():
-                beside = config.parent / measurements
-                remedy = f"--measurements starts from the folder that you are in, {Path.cwd()}"
-                if beside.is_file():
-                    remedy = f"did you mean {beside}? {remedy}"
-                raise UserError("no such file", where=str(measurements), key="--measurements", remedy=remedy)
-            # From the config's folder, as all paths of a config: no absolute path gets into the results.
-            relative = os.path.relpath(measurements.resolve(), config.resolve().parent)
-            asked.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
-        if allow_unobservable:
-            asked.append("estimate.allow_unobservable=true")
-        if accept:
-            asked.append("estimate.accept=true")
-        work = pipelines.work_of_one(config, results, asked, "estimate")
-        if "estimate" not in [stage.name for stage in work.stages]:
-            raise ConfigError(
-                "no measurements to estimate from",
-                key="estimate",
-                where=str(config),
-                remedy="add a section `estimate: {channels: [{gauge: G1, channel: NAME, unit: um/m}]}` to the config "
-                "(docs/estimation.md), and give --measurements FILE",
-            )
-        names = [stage.name for stage in work.stages]
-        then = "test" if page and "test" in names else ""
-        _one_stage(replace(work, where=Where(jobs, dask)), "estimate", force, dry_run, as_json, verbose, then)
+    if measurements is not None and kind_of(config) == "bench":
+        raise ConfigError(
+            "--measurements is of the estimate of a structure",
+            key="estimate.measured",
+            where=str(config),
+            remedy="name the file in the config of the bench, `estimate: {measured: {file: FILE, channels: …}}`, or another "
+            "run, `{measured: {from: RUN}}`",
+        )
+    if measurements is not None:
+        if not measurements.is_file():
+            beside = config.parent / measurements
+            remedy = f"--measurements starts from the folder that you are in, {Path.cwd()}"
+            if beside.is_file():
+                remedy = f"did you mean {beside}? {remedy}"
+            raise UserError("no such file", where=str(measurements), key="--measurements", remedy=remedy)
+        # From the config's folder, as all paths of a config: no absolute path gets into the results.
+        relative = os.path.relpath(measurements.resolve(), config.resolve().parent)
+        asked.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
+    if allow_unobservable:
+        asked.append("estimate.allow_unobservable=true")
+    if accept:
+        asked.append("estimate.accept=true")
+    work = pipelines.work_of_one(config, options.results, asked, "estimate")
+    if "estimate" not in [stage.name for stage in work.stages]:
+        raise ConfigError(
+            "no measurements to estimate from",
+            key="estimate",
+            where=str(config),
+            remedy="add a section `estimate: {channels: [{gauge: G1, channel: NAME, unit: um/m}]}` to the config "
+            "(docs/estimation.md), and give --measurements FILE",
+        )
+    names = [stage.name for stage in work.stages]
+    then = "test" if page and "test" in names else ""
+    _one_stage(work, "estimate", options, then)
 
 
-def _one_stage(work: Work, name: str, force: bool, dry_run: bool, as_json: bool, verbose: bool, then: str = "") -> None:
+def _one_stage(work: Work, name: str, options: RunOptions, then: str = "") -> None:
     """The stages up to this one, or one that comes after it, and its tables."""
     last = [stage.name for stage in work.stages].index(then or name)
-    upto = replace(work, stages=work.stages[: last + 1])
-    _bring_up_to_date(upto, [name] if force else [], dry_run, as_json, verbose, tables=[name])
+    upto = replace(work, stages=work.stages[: last + 1], where=options.where)
+    _bring_up_to_date(upto, options, forced=[name], tables=[name])
 
 
-def _bring_up_to_date(
-    work: Work, forced: list[str], dry_run: bool, as_json: bool, verbose: bool, tables: list[str]
-) -> None:
-    """Run what is not up to date; print a line a stage and, at the end, the tables of the stages named."""
-    if dry_run:
-        show_plan(work, forced, as_json, verbose)
+def _bring_up_to_date(work: Work, options: RunOptions, forced: list[str], tables: list[str]) -> None:
+    """Run what is not up to date, with --force the stages `forced` in any case; print a line a stage and, at the end, the tables
+    of the stages named."""
+    forced = forced if options.force else []
+    if options.dry_run:
+        show_plan(work, forced, options.as_json, options.verbose)
         return
-    with progress_bar(not as_json) as progress:
-        artefacts = bring_up_to_date(work, forced, as_json, verbose, say, progress)
-    if not as_json:
+    with progress_bar(not options.as_json) as progress:
+        artefacts = bring_up_to_date(work, forced, options.as_json, options.verbose, say, progress)
+    if not options.as_json:
         show_results(artefacts, tables)
     if code := exit_code(artefacts):
         raise typer.Exit(code)

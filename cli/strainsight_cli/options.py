@@ -4,10 +4,17 @@ from __future__ import annotations
 
 import os
 import shlex
+from collections.abc import Callable
+from dataclasses import dataclass, fields, replace
+from functools import wraps
+from inspect import Parameter, Signature, signature
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal, get_type_hints
 
 import typer
+
+from strainsight.runner.where import Where
+from strainsight_cli.failures import saying
 
 ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="Config file; `strainsight init DECK` writes one.")]
 Force = Annotated[bool, typer.Option("--force", help="Run it even if it is up to date (`run`: every stage).")]
@@ -50,3 +57,44 @@ def _no_link(folder: Path) -> Path:
         target = os.readlink(folder)
         raise typer.BadParameter(f"{folder} is a link to {target}; to write there: --results {shlex.quote(target)}")
     return folder
+
+
+@dataclass(frozen=True)
+class RunOptions:
+    """What all commands take that compute."""
+
+    force: Force = False
+    dry_run: DryRun = False
+    results: Results = DEFAULT_RESULTS
+    as_json: Json = False
+    overrides: Set = None
+    jobs: Jobs = None
+    dask: Dask = None
+    verbose: Verbose = False
+    quiet: Quiet = False
+    log_level: LogLevel = None
+
+    @property
+    def where(self) -> Where:
+        """Where sweeps run."""
+        return Where(self.jobs, self.dask)
+
+
+def computing(command: Callable[..., None]) -> Callable[..., None]:
+    """A command with the options of `RunOptions` behind its own, which gets them as `options` and prints at their level."""
+    hints = get_type_hints(RunOptions, include_extras=True)
+    shared = [
+        Parameter(f.name, Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name])
+        for f in fields(RunOptions)
+    ]
+    others = [p for p in signature(command, eval_str=True).parameters.values() if p.name != "options"]
+
+    @wraps(command)
+    def run(**arguments: Any) -> None:
+        options = RunOptions(**{name: arguments.pop(name) for name in hints})
+        with saying(options.quiet, options.verbose, options.log_level, options.as_json or options.dry_run) as verbose:
+            command(**arguments, options=replace(options, verbose=verbose))
+
+    run.__signature__ = Signature([*(p.replace(kind=Parameter.KEYWORD_ONLY) for p in others), *shared])  # type: ignore[attr-defined]
+    run.__annotations__ = {p.name: p.annotation for p in (*others, *shared)}
+    return run

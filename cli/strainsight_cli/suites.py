@@ -128,7 +128,7 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
 def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple[int, Where]:
     """How many runs go on at a time, and where the sweeps of each run: `--jobs` are the runs; else the suite says how many,
     and they share the cores."""
-    from strainsight.parallel.processes import cores
+    from strainsight.parallel import cores
 
     at_once = jobs or int(suite.data["jobs"])
     return at_once, Where(1 if jobs else max(1, cores() // at_once), dask)

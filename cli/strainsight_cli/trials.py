@@ -82,8 +82,7 @@ def solver() -> None:
     import numpy as np
     from scipy import sparse
 
-    from strainsight.fem.factorisation import factorise
-    from strainsight.fem.pardiso import name_mkl
+    from strainsight.fem.factorisation import factorise, name_mkl
 
     try:
         import pypardiso

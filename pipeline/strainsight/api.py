@@ -28,7 +28,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
 from strainsight.experiment.resources import silent
 from strainsight.mesh.model import Mesh
-from strainsight.parallel.sweep import Sweep, serial
+from strainsight.parallel import Sweep, serial
 from strainsight.records.placed import HotSpots, Observed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
@@ -38,7 +38,7 @@ if TYPE_CHECKING:
     from strainsight.experiment.layout.advice import Expectation
     from strainsight.experiment.structure.campaign import Campaign
     from strainsight.experiment.structure.estimation import Estimation
-    from strainsight.experiment.structure.placement import Placement
+    from strainsight.experiment.structure.placement import StructurePlacement
     from strainsight.experiment.structure.validation import Validation
 
 Gauges = Sequence[int] | np.ndarray
@@ -153,7 +153,7 @@ def observe(case: Case, reduced: Reduced, training: Training, screened: Screened
     return observed_of(case.config, reduced, training, screened, case)
 
 
-def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened) -> Placement:
+def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened) -> StructurePlacement:
     """The layout: elimination, exchanges, a bound on any other, and what it is expected to know.
 
     `.gauges` are its numbers, the most missed first, `.listed` where they are, `.expected.std` σ of every unknown relative to
@@ -161,10 +161,8 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
     from strainsight.experiment.structure.placement import placement_of
-    from strainsight.experiment.structure.problem import problem_of
 
-    problem = problem_of(case.config, case.files, reduced, training, screened)
-    return placement_of(case.config, mesh, reduced, problem, training, screened, case)
+    return placement_of(case.config, mesh, reduced, training, screened, case)
 
 
 def expect(

@@ -16,7 +16,7 @@ from strainsight.config.load import load_config
 from strainsight.errors import ConfigError, UserError
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.multibody.joints import JOINTS
-from strainsight.multibody.laws.kinds import LAWS
+from strainsight.multibody.laws import LAWS
 
 FULL = Path(__file__).parents[2] / "configs" / "bench-full.yaml"
 RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right")

@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from strainsight.config.base import Marker, Plausible, PlausibleBy, Unbounded, implausible, mark_of
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import BearingConfig
-from strainsight.config.estimate import DamageSettings, MeanStress, SNCurve, damage_problems
+from strainsight.config.estimate import DamageSettings, MeanStress, SNCurve
 from strainsight.config.keys import Override
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
@@ -69,18 +69,14 @@ def bounded(inside) -> bool:
 def test_every_number_of_every_config_has_a_plausible_range_or_a_reason_for_none():
     numbers = every_number()
     assert len(numbers) > 250
-    lacking = [
-        (model, name) for model, name, field, inside in numbers if not (mark_of(field, Marker) or bounded(inside))
-    ]
+    lacking = [(model, name) for model, name, field, inside in numbers if not (mark_of(field, Marker) or bounded(inside))]
     assert lacking == []
 
 
 def test_ranges_are_in_order_and_reasons_are_given():
     for _, _, field, _ in every_number():
         mark = mark_of(field, Marker)
-        ranges = (
-            mark.ranges.values() if isinstance(mark, PlausibleBy) else (mark,) if isinstance(mark, Plausible) else ()
-        )
+        ranges = mark.ranges.values() if isinstance(mark, PlausibleBy) else (mark,) if isinstance(mark, Plausible) else ()
         assert all(0 <= own.low < own.high for own in ranges)
         assert not isinstance(mark, Unbounded) or mark.reason
 
@@ -136,15 +132,11 @@ def test_lengths_are_compared_with_the_structure(tmp_path):
 def test_the_range_of_a_parameter_is_that_of_its_property(tmp_path):
     path = tmp_path / "own.yaml"
     path.write_text(PLACEMENT, encoding="utf-8")
-    found = list(
-        implausible(load_config(path, [f"parameters.E={E_IN_GPA}", "validate.truth.parameters.E=210.0"]).model)
-    )
+    found = list(implausible(load_config(path, [f"parameters.E={E_IN_GPA}", "validate.truth.parameters.E=210.0"]).model))
     assert [own.key for own in found] == ["parameters.E.guess", "parameters.E.range.0", "parameters.E.range.1"]
     assert found[0].remedy == "if 190 is in GPa, write 1.9e+11"
     factor = "{property: stiffness_factor, region: 1, guess: 1.0, range: [0.8, 1.3]}"
-    assert (
-        list(implausible(load_config(path, [f"parameters.E={factor}", "validate.truth.parameters.E=1.1"]).model)) == []
-    )
+    assert list(implausible(load_config(path, [f"parameters.E={factor}", "validate.truth.parameters.E=1.1"]).model)) == []
 
 
 # What pydantic finds is said of the keys as they stand in the file, with what the key is for or what was meant.
@@ -178,12 +170,7 @@ def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):
     ("entry", "key", "what", "remedy"),
     [
         ("bearing: a, inner: c", "outer", "missing", "outer: Frame of the outer ring, at the centre of the bearing."),
-        (
-            "bearing: a, outer: a, inner: c, size: 2",
-            "size",
-            "unknown key",
-            "known here: type, bearing, outer, inner, drag",
-        ),
+        ("bearing: a, outer: a, inner: c, size: 2", "size", "unknown key", "known here: type, bearing, outer, inner, drag"),
     ],
 )
 def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):
@@ -244,9 +231,7 @@ LINE = {"slope": 3.0, "stress": 1e8}
 )
 def test_what_does_not_fit_together_is_named(curve, mean, keys):
     settings = DamageSettings(curve=SNCurve(**(LINE | curve)), mean_stress=MeanStress(**mean))
-    assert [problem.key for problem in damage_problems(settings, "estimate.damage")] == [
-        f"estimate.damage.{key}" for key in keys
-    ]
+    assert [problem.key for problem in settings.problems()] == [*keys]
 
 
 def test_an_amplitude_is_half_a_range():

@@ -9,9 +9,17 @@ import numpy as np
 import pytest
 import rainflow as other
 
-from strainsight.damage.counting import rainflow
-from strainsight.damage.loops import FKM, GOODMAN
-from strainsight.damage.sums import Curve, MeanStress, damage_of, equivalent_range, interval_of, one_number
+from strainsight.damage import (
+    FKM,
+    GOODMAN,
+    Curve,
+    MeanStress,
+    damage_of,
+    equivalent_range,
+    interval_of,
+    one_number,
+    rainflow,
+)
 
 ONE_LINE = Curve(1e8, 2e6, 3.0)
 TWO_LINES = Curve(71e6, 2e6, 3.0, 5e6, 5.0, 1e8)

@@ -17,7 +17,7 @@ import yaml
 from strainsight import api
 from strainsight.config.load import load_config
 from strainsight.experiment.structure import placement
-from strainsight.experiment.structure.placement import Placement
+from strainsight.experiment.structure.placement import StructurePlacement
 from strainsight.experiment.structure.validation import Validation
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.plan import Job
@@ -230,7 +230,7 @@ def prepared(folder: Path, text: str, changes: Mapping[str, Any] = {}, *override
     return SimpleNamespace(case=case, mesh=mesh, reduced=reduced, training=training, screened=screened)
 
 
-def placed(own: SimpleNamespace) -> Placement:
+def placed(own: SimpleNamespace) -> StructurePlacement:
     return api.place(own.case, own.mesh, own.reduced, own.training, own.screened)
 
 

@@ -14,6 +14,7 @@ from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import Nuisances, discrepancy, no_nuisances
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import removed_of
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import draw_truth
 
 from .chain import (
@@ -45,7 +46,7 @@ def measured():
 def square(measured):
     """Bayes by brute force: log of prior times likelihood on a square of points, 0.8 σ apart."""
     model, P, _, y = measured
-    found = filter_bank(model, np.zeros(7), P, forces(), y, spacing=0.6, depth=20.0)
+    found = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model)), spacing=0.6, depth=20.0)
     mean, std = found.run.mean[-1, 0, 5:], found.run.std[-1, 0, 5:]
     axis = 0.8 * np.arange(-9, 10)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -75,7 +76,10 @@ def test_without_parameters_it_is_the_filter(accelerometers):
     mean, P, known = np.zeros(model.size), prior(model), np.zeros((60, 3, 0))
     _, y = draw_truth(model, mean, P, known, [1])
     y[7, 0, 1] = y[20, 0] = np.nan
-    found, run = filter_bank(model, mean, P, known, y[:, 0]).run, run_filter(model, mean, P, known, y)
+    found, run = (
+        filter_bank(BankRecord(model, mean, P, known, y[:, 0], no_nuisances(model))).run,
+        run_filter(model, mean, P, known, y),
+    )
     scale = np.sqrt(np.diagonal(run.last[0]))
     for name in ("mean", "std"):
         np.testing.assert_allclose(getattr(found, name) / scale, getattr(run, name) / scale, atol=1e-9)
@@ -91,7 +95,7 @@ def test_a_point_of_the_bank_is_the_filter_at_these_parameters():
     u = sine(model.h * np.arange(40), model.h, 1e4, 20.0)
     mean, P = np.zeros(model.size), prior(model, 0.05)
     _, y = draw_truth(model, mean, P, u, [2])
-    found = filter_bank(model, mean, P, u, y[:, 0])
+    found = filter_bank(BankRecord(model, mean, P, u, y[:, 0], no_nuisances(model)))
     inner = model.parameter_states.start
     posterior = []
     for p in found.point:
@@ -125,11 +129,11 @@ def crescent():
 
 def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step(monkeypatch):
     quiet, P, slow, y = crescent()
-    fine = filter_bank(quiet, np.zeros(7), P, slow, y, spacing=0.5, depth=10.0)
+    fine = filter_bank(BankRecord(quiet, np.zeros(7), P, slow, y, no_nuisances(quiet)), spacing=0.5, depth=10.0)
     expected, std = fine.posterior[0], np.sqrt(np.diag(fine.posterior[1]))
     for few, off, wider in ((bank.FEW, 0.05, 0.05), (1, 0.1, 0.1)):
         monkeypatch.setattr(bank, "FEW", few)
-        found = filter_bank(quiet, np.zeros(7), P, slow, y)
+        found = filter_bank(BankRecord(quiet, np.zeros(7), P, slow, y, no_nuisances(quiet)))
         mean, covariance = found.posterior
         np.testing.assert_allclose(mean, expected, atol=off * std.min())
         np.testing.assert_allclose(np.sqrt(np.diag(covariance)), std, rtol=wider)
@@ -157,11 +161,12 @@ def test_motion_as_it_is_read_is_off_by_all_of_a_constant():
     offset = np.array([[NOISE, 0.0], [0.0, 3 * NOISE]])
     nuisances = Nuisances(("first", "second"), np.zeros((2, 2, 4)), np.zeros((2, 2, 1)), offset)
 
-    def run(values, own=None):
-        return filter_bank(model, np.zeros(4), P, forces(), values, own).run
+    def run(values, own):
+        return filter_bank(BankRecord(model, np.zeros(4), P, forces(), values, own)).run
 
-    plain, found = run(y[:, 0]), run(y[:, 0], nuisances)
-    moved = np.stack([run(y[:, 0] + own).mean - plain.mean for own in offset])
+    none = no_nuisances(model)
+    plain, found = run(y[:, 0], none), run(y[:, 0], nuisances)
+    moved = np.stack([run(y[:, 0] + own, none).mean - plain.mean for own in offset])
     scale = plain.std.max(axis=0)
     np.testing.assert_allclose(found.mean / scale, plain.mean / scale, atol=1e-9)
     np.testing.assert_allclose(found.std, np.sqrt(plain.std**2 + np.sum(moved**2, axis=0)), rtol=1e-7)
@@ -184,7 +189,7 @@ def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
 
     def error(factors, stiffer):
         y, x = readings(factors, stiffer)
-        return filter_bank(model, np.zeros(4), P, forces(steps), y).run.mean[:, 0] - x
+        return filter_bank(BankRecord(model, np.zeros(4), P, forces(steps), y, no_nuisances(model))).run.mean[:, 0] - x
 
     if source == "damping":
         ends = [[error(np.exp(s * size * 0.1 * mode), 1.0) for s in (1, -1)] for mode in np.eye(2)]
@@ -193,7 +198,8 @@ def test_what_another_motion_adds_is_the_slope_of_the_error(source, sizes):
     slope = np.stack([(ahead - back) / (2 * size) for ahead, back in ends], axis=1)
     y, _ = readings(np.ones(2), 1.0)
     found, plain = (
-        filter_bank(model, np.zeros(4), P, forces(steps), y, own).run.std[:, 0] for own in (nuisances, None)
+        filter_bank(BankRecord(model, np.zeros(4), P, forces(steps), y, own)).run.std[:, 0]
+        for own in (nuisances, no_nuisances(model))
     )
     added = np.sum(slope**2, axis=1)
     np.testing.assert_allclose((found**2 - plain**2) / added.max(axis=0), added / added.max(axis=0), atol=2e-4)
@@ -209,16 +215,18 @@ def test_constants_that_are_learned_are_states_of_the_filter():
         ("first", "second"), np.zeros((2, 2, 5)), np.zeros((2, 2, 1)), offset, damping=0.0, stiffness=0.0, learned=True
     )
     options = {"spacing": 0.6, "depth": 20.0}
-    bank = filter_bank(model, np.zeros(7), P, forces(), y, learned, **options)
+    bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, learned), **options)
     whole = np.diag(np.concatenate([np.diag(P), std**2]))
-    states = filter_bank(model, np.zeros(9), whole, forces(), y, biased=np.arange(2), **options)
+    states = filter_bank(
+        BankRecord(model, np.zeros(9), whole, forces(), y, no_nuisances(model), biased=np.arange(2)), **options
+    )
     scale = np.sqrt(np.diag(P))
     np.testing.assert_allclose(bank.run.mean[:, 0] / scale, states.run.mean[:, 0, :7] / scale, atol=2e-6)
     np.testing.assert_allclose(bank.run.std[1:, 0] / states.run.std[1:, 0, :7], 1.0, atol=1e-5)
     one, other = (
-        smooth_bank(model, start, P_own, forces(), y, own, found, at)
+        smooth_bank(BankRecord(model, start, P_own, forces(), y, own, biased=at), found)
         for start, P_own, own, found, at in (
-            (np.zeros(7), P, learned, bank, None),
+            (np.zeros(7), P, learned, bank, np.zeros(0, dtype=int)),
             (np.zeros(9), whole, no_nuisances(model), states, np.arange(2)),
         )
     )
@@ -241,7 +249,7 @@ def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged
     size = 0.3 * np.sqrt(np.nanmean(y**2, axis=0))
     noisier = replace(model, r=model.r + size**2 * model.h)
     found, plain = (
-        filter_bank(own, mean, P, u, y, replace(no_nuisances(own), discrepancy=share))
+        filter_bank(BankRecord(own, mean, P, u, y, replace(no_nuisances(own), discrepancy=share)))
         for own, share in ((model, 0.3), (noisier, 0.0))
     )
     np.testing.assert_allclose(found.weight, plain.weight, rtol=1e-9)
@@ -271,11 +279,11 @@ def test_sigma_holds_where_an_unknown_load_acts_otherwise():
         inner = replace(model.model, input_shape=model.model.input_shape + rng.standard_normal() * nuisances.shape[0])
         truth, y = draw_truth(replace(model, model=inner), mean, P, forces(), [b])
         truth, y = truth[:, 0], y[:, 0]
-        bank = filter_bank(model, mean, P, forces(), y, nuisances)
-        exact = filter_bank(model, mean, P, forces(), y)
+        bank = filter_bank(BankRecord(model, mean, P, forces(), y, nuisances))
+        exact = filter_bank(BankRecord(model, mean, P, forces(), y, no_nuisances(model)))
         for run, found in ((bank.run, with_it), (exact.run, without)):
             found.append((run.mean[-1, 0, 5:] - truth[-1, 5:]) / run.std[-1, 0, 5:])
-        later = smooth_bank(model, mean, P, forces(), y, nuisances, bank)
+        later = smooth_bank(BankRecord(model, mean, P, forces(), y, nuisances), bank)
         of_load.append(np.mean(((later.mean[:, 0, 4] - truth[:, 4]) / later.std[:, 0, 4]) ** 2))
     np.testing.assert_allclose(np.sqrt(np.mean(np.square(with_it), axis=0)), 1.0, atol=3 / np.sqrt(2 * draws))
     assert np.sqrt(np.mean(np.square(without), axis=0)).max() > 1.5
@@ -304,16 +312,20 @@ def test_a_constant_force_that_acts_otherwise_is_an_unknown_load(column, paramet
     wider = np.diag(np.insert(np.diag(P), 4, 25.0))
     _, y = draw_truth(other, np.zeros(states + 1), wider, force, [3])
     options, there = {"spacing": 0.8, "depth": 14.0}, np.delete(np.arange(states + 1), 4)
-    found = filter_bank(one, np.zeros(states), P, force, y[:, 0], nuisances, **options)
-    expected = filter_bank(other, np.zeros(states + 1), wider, force, y[:, 0], **options)
+    found = filter_bank(BankRecord(one, np.zeros(states), P, force, y[:, 0], nuisances), **options)
+    expected = filter_bank(
+        BankRecord(other, np.zeros(states + 1), wider, force, y[:, 0], no_nuisances(other)), **options
+    )
     std = expected.run.std[1:, 0, there]
     np.testing.assert_allclose(found.run.mean[1:, 0] / std, expected.run.mean[1:, 0, there] / std, atol=1e-4)
     np.testing.assert_allclose(found.run.std[1:, 0] / std, 1.0, atol=1e-4)
     np.testing.assert_allclose(found.run.whitened, expected.run.whitened, atol=1e-4)
     assert found.run.log_likelihood[0] == pytest.approx(expected.run.log_likelihood[0], abs=1e-3)
     assert 5.0 * found.nuisances[0][0] == pytest.approx(expected.run.mean[-1, 0, 4], abs=1e-3)
-    smoothed = smooth_bank(one, np.zeros(states), P, force, y[:, 0], nuisances, found)
-    by_states = smooth_bank(other, np.zeros(states + 1), wider, force, y[:, 0], no_nuisances(other), expected)
+    smoothed = smooth_bank(BankRecord(one, np.zeros(states), P, force, y[:, 0], nuisances), found)
+    by_states = smooth_bank(
+        BankRecord(other, np.zeros(states + 1), wider, force, y[:, 0], no_nuisances(other)), expected
+    )
     std = by_states.std[1:, 0, there]
     off = (0.03, 0.01) if parameters else (1e-6, 1e-6)
     np.testing.assert_allclose(smoothed.mean[1:, 0] / std, by_states.mean[1:, 0, there] / std, atol=off[0])

@@ -19,6 +19,7 @@ from strainsight.estimation.conditional import (
 )
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import measure
+from strainsight.estimation.record import BankRecord
 from strainsight.loads.input_models import Oscillator
 from strainsight.rom.modal_step import simulate
 
@@ -136,7 +137,7 @@ def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
     own = replace(constants(model), learned=learned)
     P, x = start(7), nominal()
     P[5:, 5:] = np.diag([0.01**2, 0.01**2])
-    run = filter_bank(model, believed(model), P, forces()[..., :1], readings(x), own).run
+    run = filter_bank(BankRecord(model, believed(model), P, forces()[..., :1], readings(x), own)).run
     claim = bank_claim(model, x, forces(), P, own)
     np.testing.assert_allclose(claim.std[1:, 0, 4:], run.std[1:, 0, 4:], rtol=2e-2)
     np.testing.assert_allclose(sum(claim.budget.values()), claim.std[:, 0] ** 2, rtol=1e-7)

@@ -15,6 +15,8 @@ from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances
 from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.parallel_filters import Data
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import Biased, Driven, draw_truth
 from strainsight.estimation.smoother import Wanted, smooth
 from strainsight.fem.affine import AffineOperator
@@ -45,8 +47,8 @@ def both(model, y, nuisances):
     y = y.copy()
     for at in MISSING:
         y[at] = np.nan
-    bank = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
-    later = smooth_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances, bank)
+    bank = filter_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances))
+    later = smooth_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances), bank)
     return [(own.mean[:, 0], own.std[:, 0]) for own in (bank.run, later)]
 
 
@@ -122,7 +124,8 @@ def test_without_constants_the_smoother_is_that_of_rauch_tung_and_striebel():
     one = linear_models(model, np.zeros((1, 0)), none)
     begin = np.zeros((1, 5)), P, np.zeros((1, 0, 5))
     known, noise = forces(STEPS), np.broadcast_to(model.noise, (STEPS, 2))
-    found = consider_smoothed(one, begin, known.reshape(STEPS, -1), known.sum(axis=1), y[:, 0], noise)
+    data = Data(known.reshape(STEPS, -1), known.sum(axis=1), y[:, 0], noise, np.zeros(2))
+    found = consider_smoothed(one, begin, data)
     expected = smooth(model, run_filter(model, np.zeros(5), P, known, y[:, 0], keep="all"))
     std = expected.std[:, 0]
     np.testing.assert_allclose(found.x[0] / std, expected.mean[:, 0] / std, atol=1e-9)
@@ -135,8 +138,8 @@ def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
     for noise in (1.0, 1e-1, 1e-2):
         quiet = replace(model, r=model.r * noise**2)
         _, y = draw_truth(quiet, np.zeros(5), first, known, [3])
-        bank = filter_bank(quiet, np.zeros(5), first, known, y[:, 0], own)
-        later = smooth_bank(quiet, np.zeros(5), first, known, y[:, 0], own, bank)
+        bank = filter_bank(BankRecord(quiet, np.zeros(5), first, known, y[:, 0], own))
+        later = smooth_bank(BankRecord(quiet, np.zeros(5), first, known, y[:, 0], own), bank)
         assert (later.std <= bank.run.std * (1 + 1e-6)).all()
 
 
@@ -152,13 +155,15 @@ def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
     _, y = draw_truth(model, mean, first, known, [3])
     samples, last = y[:, 0], len(y)
     samples[7, 0], samples[15] = np.nan, np.nan
-    bank = filter_bank(model, mean, first, known, samples, own)
-    whole = smooth_bank(model, mean, first, known, samples, own, bank)
+    bank = filter_bank(BankRecord(model, mean, first, known, samples, own))
+    whole = smooth_bank(BankRecord(model, mean, first, known, samples, own), bank)
     rows = np.random.default_rng(1).standard_normal((3, model.size))
     wanted = Wanted(rows, np.array([4, 1]), np.array([0, 6, 7, last]))
     monkeypatch.setattr(consider_smoother, "KEPT", 7 * linear_models(model, np.zeros((3, 1)), own).kept_a_step)
     shares = []
-    found = smooth_bank(model, mean, first, known, samples, own, bank, wanted=wanted, progress=shares.append)
+    found = smooth_bank(
+        BankRecord(model, mean, first, known, samples, own), bank, wanted=wanted, progress=shares.append
+    )
     close = partial(np.testing.assert_allclose, rtol=1e-9, atol=1e-15)
     close(found.mean, whole.mean)
     close(found.std, whole.std)
@@ -197,7 +202,7 @@ def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
     """All readings are one Gaussian at every θ: drifts are one more covariance of it, and one more regression."""
     model, y = measured()
     P, columns = start(), FELT.reshape(3, -1).T
-    bank = filter_bank(model, np.zeros(7), P, forces(), y, drifts(), spacing=0.6, depth=20.0)
+    bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, drifts()), spacing=0.6, depth=20.0)
     mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
     axis = 0.7 * np.arange(-11, 12)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -214,15 +219,15 @@ def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
     np.testing.assert_allclose(mean / std, expected / std, atol=1e-6)
     np.testing.assert_allclose(std, np.sqrt(w @ (point - expected) ** 2), rtol=1e-6)
     np.testing.assert_allclose(bank.nuisances[0], w @ nu, atol=1e-5)
-    exact = filter_bank(model, np.zeros(7), P, forces(), y).run
+    exact = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model))).run
     assert (np.abs(exact.mean[-1, 0, 5:] - mean) > 0.5 * std).any()
 
 
 def test_motion_that_learns_drifts_is_the_regression_on_all_samples():
     model, P = loaded_chain(), start()[:5, :5]
     y, own = measured()[1], drifts(learned=True)
-    bank = filter_bank(model, np.zeros(5), P, forces(), y, own)
-    later = smooth_bank(model, np.zeros(5), P, forces(), y, own, bank)
+    bank = filter_bank(BankRecord(model, np.zeros(5), P, forces(), y, own))
+    later = smooth_bank(BankRecord(model, np.zeros(5), P, forces(), y, own), bank)
     mean, covariance = joint(np.zeros(2), start())
     columns = FELT.reshape(3, -1).T
     whole, rows = covariance + columns @ columns.T, covariance[-2:].copy()

@@ -12,6 +12,7 @@ from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.fault_search import diagnosed, examined
 from strainsight.estimation.faults import ANGLES, FORESEEN, Fault, shifted
 from strainsight.estimation.peak import peak_of
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.suspect import BROAD, Suspect, explained
 
@@ -44,7 +45,8 @@ def suspect(model, P, known, samples, turned_row=None):
         rows[0] = 0
         rows[0, :, :2] = turned_row
     mean = np.zeros(model.size)
-    return Suspect(model, mean, P, known, samples, no_nuisances(model), NO_OFFSETS, None, rows, turned)
+    record = model, mean, P, known, samples, no_nuisances(model)
+    return Suspect(*record, turned_rows=rows, turned=turned, load=np.arange(known.shape[-1]))
 
 
 @pytest.fixture(scope="module")
@@ -115,8 +117,8 @@ def test_laplace_at_the_peak_is_what_the_bank_integrates():
     steps = 200
     _, y = draw_truth(model, np.zeros(6), P, forces(steps), [5])
     none = no_nuisances(model)
-    bank = filter_bank(model, np.zeros(6), P, forces(steps), y[:, 0])
-    peak = peak_of(model, np.zeros(6), P, forces(steps), y[:, 0], none, NO_OFFSETS, None)
+    bank = filter_bank(BankRecord(model, np.zeros(6), P, forces(steps), y[:, 0], no_nuisances(model)))
+    peak = peak_of(BankRecord(model, np.zeros(6), P, forces(steps), y[:, 0], none, NO_OFFSETS, None))
     assert peak.evidence == pytest.approx(float(bank.run.log_likelihood[0]), abs=0.1)
     mean, std = bank.run.mean[-1, 0, 4:], bank.run.std[-1, 0, 4:]
     np.testing.assert_array_less(np.abs(peak.point - mean), 0.3 * std)
@@ -192,7 +194,8 @@ def test_a_turned_gauge_is_named_with_its_angle_and_not_as_a_factor(four):
         return read(angle), no_nuisances(model)
 
     mean = np.zeros(model.size)
-    given = Suspect(straight, mean, P, forces(LONG), samples, no_nuisances(model), NO_OFFSETS, None, rows, turned)
+    record, load = (straight, mean, P, forces(LONG), samples, no_nuisances(model)), np.arange(1)
+    given = Suspect(*record, turned_rows=rows, turned=turned, load=load)
     found = examined(given)
     assert found.contradicts
     assert found.named.fault == Fault("angle", 0, 60.0)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from strainsight.estimation.bank import filter_records
-from strainsight.estimation.bank_filters import bank_record
+from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.fault_search import examined
 from strainsight.estimation.faults import (
     FORESEEN,
@@ -23,8 +23,9 @@ from strainsight.estimation.faults import (
     shifted,
     undone,
 )
-from strainsight.estimation.load_faults import KnownLoads
-from strainsight.estimation.reduced import Settled, draw_truth
+from strainsight.estimation.load_faults import without_load_fault
+from strainsight.estimation.record import BankRecord, Settled
+from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.suspect import explained
 
 from ..shared import slowly
@@ -215,23 +216,26 @@ def test_evidence_is_that_of_the_record_with_the_right_load(record):
 
 def test_a_birge_ratio_bounds_how_often_a_grid_is_laid(record):
     quiet = replace(record.model, r=1e-2 * record.model.r)
-    late = bank_record(quiet, held(WIDE[:-7]), record.samples, record.nuisances, None)
-    claimed, widened = (
-        filter_records([late], record.mean, record.covariance, birge_ratio=ratio)[0] for ratio in (1.0, 1.5)
-    )
+    late = replace(record, model=quiet, known=held(WIDE[:-7]))
+    claimed, widened = (filter_records([late], birge_ratio=ratio)[0] for ratio in (1.0, 1.5))
     assert widened.laid < claimed.laid / 3
     (mean,), ((variance,),) = widened.posterior
     assert variance > 1.5**2 * claimed.posterior[1][0, 0]
     assert abs(mean - claimed.posterior[0][0]) < np.sqrt(variance)
 
 
+def loaded(model, known, samples, tones):
+    return BankRecord(
+        model, np.zeros(model.size), np.eye(model.size), known, samples, no_nuisances(model), settled=tones
+    )
+
+
 def test_swapped_loads_are_exchanged_with_their_tones():
     known = ANY.standard_normal((20, 3, 4))
     tones = Settled(np.array([2.0]), ANY.standard_normal((1, 3, 4)) + 0j, np.zeros(2))
-    loads = KnownLoads(known, np.array([0, 1, 0, 1]), tones, np.zeros((20, 1)))
-    model = driven_chain()
-    found = loads.without(Fault("swapped", 0, 1, of_load=True), model)
-    np.testing.assert_array_equal(found.held, known[..., [1, 0, 3, 2]])
+    given = loaded(driven_chain(), known, np.zeros((20, 1)), tones)
+    found = without_load_fault(given, np.array([0, 1, 0, 1]), Fault("swapped", 0, 1, of_load=True))
+    np.testing.assert_array_equal(found.known, known[..., [1, 0, 3, 2]])
     np.testing.assert_array_equal(found.settled.held, tones.held[..., [1, 0, 3, 2]])
 
 
@@ -242,10 +246,10 @@ def test_a_delay_moves_steps_and_tones_alike(n):
     sine = held(np.cos(w * t)[:, None])
     W = np.zeros((1, 3, 1), dtype=complex)
     W[0, 0], W[0, 1] = 1.0, np.exp(1j * w * model.h) - 1
-    loads = KnownLoads(sine, np.zeros(1, dtype=int), Settled(np.array([w]), W, np.zeros(2)), np.zeros((40, 2)))
-    found = loads.without(Fault("late", 0, n, of_load=True), model)
+    given = loaded(model, sine, np.zeros((40, 2)), Settled(np.array([w]), W, np.zeros(2)))
+    found = without_load_fault(given, np.zeros(1, dtype=int), Fault("late", 0, n, of_load=True))
     inside = slice(0, 37) if n > 0 else slice(3, None)
     by_tones = np.real(found.settled.held[0] * np.exp(1j * w * model.h * np.arange(40))[:, None, None])
-    np.testing.assert_allclose(found.held[inside], by_tones[inside], atol=1e-12)
+    np.testing.assert_allclose(found.known[inside], by_tones[inside], atol=1e-12)
     missing = np.isnan(found.samples).all(axis=1)
     np.testing.assert_array_equal(np.flatnonzero(missing), [37, 38, 39] if n > 0 else [0, 1, 2])

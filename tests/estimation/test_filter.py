@@ -16,7 +16,7 @@ from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import step
 from strainsight.estimation.reduced import Driven, draw_truth
 from strainsight.estimation.smoother import smooth
-from strainsight.estimation.update import belief_of, covariance_factor, pivoted_factors, predict, update
+from strainsight.estimation.update import Transition, belief_of, covariance_factor, joseph, pivoted_factors, predict
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.loads.linearisation import linearise
 
@@ -126,7 +126,7 @@ def test_steady_covariance_tends_to_the_continuous_one_at_first_order(inputs, pa
         gain = ahead @ whitened.T @ np.linalg.inv(whitened @ ahead @ whitened.T + np.eye(4) / h)
         steady = (ahead - gain @ whitened @ ahead) * np.outer(scale, scale)
         again = predict(steady[None], A, model.process)
-        _, again, _ = update(x[None], again, model.H, model.r[None] / h, np.zeros((1, 4)))
+        again, _, _ = joseph(again, model.H, model.r[None] / h, np.nan)
         d = np.sqrt(np.diag(limit)) * scale
         np.testing.assert_allclose(again[0] / np.outer(d, d), steady / np.outer(d, d), atol=1e-7)
         differences.append(np.abs(steady / np.outer(d, d) - limit * np.outer(scale, scale) / np.outer(d, d)).max())
@@ -338,10 +338,10 @@ def test_what_innovations_are_expected_to_be_is_their_covariance(form):
     n, m = 6, 2
     P, before, process = (X @ X.T for X in rng.normal(size=(3, n, 3)))
     A, H, R = rng.normal(size=(1, n, n)), rng.normal(size=(1, m, n)), np.array([[0.3, 0.02]])
-    L = belief_of(form, P[None]).expected(A, process, before, H, R, 0.1)[0]
+    L = belief_of(form, P[None]).expected(Transition(A, process, before), H, R, 0.1)[0]
     S = H[0] @ (A[0] @ (P + before) @ A[0].T + process) @ H[0].T + np.diag(R[0])
     np.testing.assert_allclose(L @ L.T, S, rtol=1e-12)
     assert np.all(np.diag(L) > 0)
     assert L[0, 1] == 0
     with pytest.raises(NumericalError, match=r"not positive definite at 0\.1 s"):
-        belief_of(form, P[None]).expected(A, process, before, np.zeros((1, m, n)), 0 * R, 0.1)
+        belief_of(form, P[None]).expected(Transition(A, process, before), np.zeros((1, m, n)), 0 * R, 0.1)

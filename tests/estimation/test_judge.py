@@ -11,8 +11,9 @@ from strainsight.errors import ConfigError
 from strainsight.estimation import bank_filters
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import _linear_about, no_nuisances
-from strainsight.estimation.judge import noise_alone, with_free_loads
+from strainsight.estimation.judge import noise_alone
 from strainsight.estimation.parallel_filters import LinearModels, plain_motion
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import draw_truth
 from strainsight.loads.input_models import (
     WALK,
@@ -56,7 +57,7 @@ def case():
 def test_they_are_judged_by_what_no_load_could_cause(case):
     """A square of points 0.9 σ apart, each of one dense density of all readings."""
     model, P, y = case
-    bank = filter_bank(model, np.zeros(7), P, forces(), y, spacing=0.8, depth=16.0)
+    bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model)), spacing=0.8, depth=16.0)
     mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
     axis = 0.9 * np.arange(-6, 7)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -68,7 +69,8 @@ def test_they_are_judged_by_what_no_load_could_cause(case):
     np.testing.assert_allclose(mean / std, expected / std, atol=1e-4)
     np.testing.assert_allclose(std, np.sqrt(w @ (point - expected) ** 2), rtol=1e-4)
     # the first spring, on which a load of any size may pull, is known by how that was stated to move
-    stated = filter_bank(replace(model, free_loads=False), np.zeros(7), P, forces(), y).run.std[-1, 0, 5:]
+    walked = replace(model, free_loads=False)
+    stated = filter_bank(BankRecord(walked, np.zeros(7), P, forces(), y, no_nuisances(walked))).run.std[-1, 0, 5:]
     assert std[0] > 5 * stated[0]
     assert std[1] == pytest.approx(stated[1], rel=0.02)
 
@@ -92,7 +94,7 @@ def test_gains_beside_them_are_integrated_out():
     none = no_nuisances(model)
     rows = spread * np.eye(2)[:, :, None] * np.pad(ROWS, [(0, 0), (0, 3)])
     gains = replace(none, source=("gain", "gain"), D=rows, E=np.zeros((2, 2, 1)), offset=np.zeros((2, 2)))
-    bank = filter_bank(model, np.zeros(6), P[np.ix_(states, states)], held, y, gains)
+    bank = filter_bank(BankRecord(model, np.zeros(6), P[np.ix_(states, states)], held, y, gains))
     (mean,), cov = bank.posterior
     nu, nu_std = bank.nuisances[0], np.sqrt(np.diag(bank.nuisances[1]))
     std, noise = np.sqrt(cov[0, 0]), NOISE**2 * np.eye(2 * steps)
@@ -159,13 +161,13 @@ LOADS = [
 def test_how_free_a_load_is_does_not_depend_on_how_stiff_it_was_stated():
     model, at = chain(), 4
     for factor in (1e-3, 1.0, 30.0):
-        Q = with_free_loads(replace(model, Q=model.Q * factor), STEPS).Q
+        Q = replace(model, Q=model.Q * factor).with_free_loads(STEPS).Q
         assert Q[at, at] == pytest.approx(line(STEPS), rel=1e-12)
         np.testing.assert_array_equal(np.delete(np.diag(Q), at), factor * np.delete(np.diag(model.Q), at))
     sets = model.Q * np.array([1.0, 1e6])[:, None, None]
-    np.testing.assert_allclose(with_free_loads(replace(model, Q=sets), STEPS).Q[:, at, at], [line(STEPS), 1e6 * KAPPA])
+    np.testing.assert_allclose(replace(model, Q=sets).with_free_loads(STEPS).Q[:, at, at], [line(STEPS), 1e6 * KAPPA])
     with pytest.raises(ConfigError, match="frequency of unknown is None"):
-        with_free_loads(replace(model, unknowns=replace(model.unknowns, frequency={})), STEPS)
+        replace(model, unknowns=replace(model.unknowns, frequency={})).with_free_loads(STEPS)
 
 
 @pytest.mark.parametrize("model", LOADS, ids=str)
@@ -220,15 +222,9 @@ def test_the_mean_is_that_of_unit_readings_one_after_the_other():
 
 def test_where_nothing_changes_any_more_steps_are_those_before():
     model = replace(chain(), free_loads=True)
-    problem = bank_filters.BankProblem(
-        (bank_filters.bank_record(replace(model, every=2), forces(800), np.zeros((400, 2)), damping(model), None),),
-        np.zeros(7),
-        start(),
-        np.zeros(0, dtype=int),
-        1.0,
-        6.0,
-        judged=True,
-    )
+    first = replace(model, every=2), np.zeros(7), start()
+    record = BankRecord(*first, forces(800), np.zeros((400, 2)), damping(model))
+    problem = bank_filters.BankProblem((record,), judged=True)
     (found,) = problem.noise_alone
     pairs = found.reshape(400, 2, -1).sum(axis=1)
     np.testing.assert_allclose(pairs[200:300], np.tile(pairs[250], (100, 1)), rtol=1e-6)
@@ -247,7 +243,7 @@ def test_noise_does_not_speak_for_a_damping():
     means = []
     for seed in range(2):
         y = truth[1:, 0] @ model.H.T + NOISE * np.random.default_rng(seed).standard_normal((steps, 2))
-        bank = filter_bank(model, np.zeros(6), P, forces(steps), y, damping(model))
+        bank = filter_bank(BankRecord(model, np.zeros(6), P, forces(steps), y, damping(model)))
         means.append(bank.nuisances[0])
     left = np.sqrt(np.diag(bank.nuisances[1]))
     assert np.all(np.abs(np.mean(means, axis=0)) < 1.4 * left / np.sqrt(2))

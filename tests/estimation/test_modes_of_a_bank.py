@@ -14,6 +14,7 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.columns import Columns, weakest
 from strainsight.estimation.conditional import linear_models, no_nuisances, tuned
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import draw_truth
 from strainsight.fem.affine import AffineOperator
 from strainsight.sensors.candidates import ACCELERATION
@@ -95,7 +96,7 @@ def moments(w, values):
 
 def test_parameters_beside_it_are_bayes(case):
     kind, model, P, nuisances, y, w, point, _ = case
-    found = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
+    found = filter_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances))
     mean, std = moments(w, point)
     off, wider = {"damping": (0.05, 0.01), "frequency": (0.1, 0.05)}[kind]
     assert abs(found.run.mean[-1, 0, 4] - mean[0]) < off * std[0]
@@ -109,8 +110,8 @@ def test_parameters_beside_it_are_bayes(case):
 def test_the_motion_that_is_learned_is_too(case):
     kind, model, P, nuisances, y, w, _, motion = case
     nuisances = replace(nuisances, learned=True)
-    found = filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances)
-    own = smooth_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances, found)
+    found = filter_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances))
+    own = smooth_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances), found)
     mean, std = moments(w, motion)
     off, wider = {"damping": (0.1, 0.05), "frequency": (0.2, 0.1)}[kind]
     assert np.sqrt(np.mean(((own.mean[1:, 0, :4] - mean) / std.max(axis=0)) ** 2)) < off
@@ -121,7 +122,9 @@ def test_the_motion_that_is_learned_is_too(case):
 
 def test_a_damping_that_is_as_it_is_meant_to_be_is_not_looked_for():
     model, P, y, tolerances = damped(driven=True)
-    assert not filter_bank(model, np.zeros(5), P, forces(40), y, replace(tolerances, damping=1e-3)).about.any()
+    assert not filter_bank(
+        BankRecord(model, np.zeros(5), P, forces(40), y, replace(tolerances, damping=1e-3))
+    ).about.any()
 
 
 def damped(driven):
@@ -138,8 +141,8 @@ def damped(driven):
 @pytest.mark.parametrize("driven", [True, False])
 def test_parameters_alone_are_those_of_a_whole_pass(driven):
     model, P, y, nuisances = damped(driven)
-    whole = filter_bank(model, np.zeros(model.size), P, forces(40), y, nuisances)
-    alone = filter_bank(model, np.zeros(model.size), P, forces(40), y, nuisances, keep="parameters")
+    whole = filter_bank(BankRecord(model, np.zeros(model.size), P, forces(40), y, nuisances))
+    alone = filter_bank(BankRecord(model, np.zeros(model.size), P, forces(40), y, nuisances), keep="parameters")
     assert whole.about.any()
     for name in ("about", "point", "weight", "nu", "left"):
         np.testing.assert_allclose(getattr(alone, name), getattr(whole, name), rtol=1e-9, atol=1e-12)
@@ -209,7 +212,7 @@ def test_a_modulus_that_resonances_alone_tell_is_known_no_better_than_twice_the_
 
     def std(nuisances):
         P = np.diag([1e-16] * 4 + [0.3**2])
-        return filter_bank(model, np.zeros(5), P, forces(STEPS), y, nuisances).run.std[-1, 0, 4]
+        return filter_bank(BankRecord(model, np.zeros(5), P, forces(STEPS), y, nuisances)).run.std[-1, 0, 4]
 
     assert std(exact) < 0.1 * SPREAD
     prior = (2 * SPREAD) ** -2 + 0.3**-2
@@ -291,7 +294,7 @@ def test_parameters_that_samples_cannot_part_keep_what_was_known_of_them(likelih
     """The likelihood of four springs in parallel is that of their sum: against 300 000 draws of the prior, weighed by it."""
     y, log_likelihood = likelihood
     model, P = five(std)
-    bank = filter_bank(model, np.zeros(10), P, forces(), y)
+    bank = filter_bank(BankRecord(model, np.zeros(10), P, forces(), y, no_nuisances(model)))
     draws = np.random.default_rng(1).standard_normal((300_000, 5)) * np.sqrt(np.diag(P)[5:])
     first = np.log(np.mean(np.exp(draws[:, :4]), axis=1))
     there = (np.abs(first) < 0.6) & (np.abs(draws[:, 4]) < 0.25)
@@ -315,7 +318,7 @@ def test_with_constants_they_find_what_a_lattice_finds(monkeypatch, learned):
     y[3, 0, 1] = y[9, 0] = np.nan
 
     def bank():
-        return filter_bank(model, np.zeros(7), P, known, y[:, 0], own)
+        return filter_bank(BankRecord(model, np.zeros(7), P, known, y[:, 0], own))
 
     lattice = bank()
     monkeypatch.setattr("strainsight.estimation.bank.FEW", 1)
@@ -334,8 +337,8 @@ def test_with_constants_they_find_what_a_lattice_finds(monkeypatch, learned):
 def test_the_smoother_begins_where_the_filter_ends(likelihood):
     (y, _), (model, P) = likelihood, five(0.1)
     own = no_nuisances(model)
-    bank = filter_bank(model, np.zeros(10), P, forces(), y, own)
-    later = smooth_bank(model, np.zeros(10), P, forces(), y, own, bank)
+    bank = filter_bank(BankRecord(model, np.zeros(10), P, forces(), y, own))
+    later = smooth_bank(BankRecord(model, np.zeros(10), P, forces(), y, own), bank)
     std = bank.run.std[-1, 0]
     np.testing.assert_allclose(later.mean[-1, 0] / std, bank.run.mean[-1, 0] / std, atol=0.05)
     np.testing.assert_allclose(later.std[-1, 0], std, rtol=0.03)
@@ -345,4 +348,4 @@ def test_the_smoother_begins_where_the_filter_ends(likelihood):
 def test_readings_of_another_model_are_refused_and_not_followed_without_end(likelihood):
     (y, _), (model, P) = likelihood, five(0.2)
     with pytest.raises(NumericalError):
-        filter_bank(model, np.zeros(10), P, forces(), 1e3 * y)
+        filter_bank(BankRecord(model, np.zeros(10), P, forces(), 1e3 * y, no_nuisances(model)))

@@ -13,6 +13,7 @@ from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import constant_acceleration, constant_step, measure, step, surface_reading
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
@@ -205,14 +206,16 @@ def test_bank_is_bayes_by_brute_force_and_the_other_filters_are_near():
     y = samples(model, 0.12, 7)
     mean, std = by_brute_force(model, y)
     assert abs(mean - 0.12) < 3 * std
-    bank = filter_bank(model, np.zeros(5), START, forces(), y, no_nuisances(model))
+    bank = filter_bank(BankRecord(model, np.zeros(5), START, forces(), y, no_nuisances(model)))
     assert bank.run.mean[-1, 0, 4] == pytest.approx(mean, abs=0.01 * std)
     assert bank.run.std[-1, 0, 4] == pytest.approx(std, rel=0.01)
-    later = smooth_bank(model, np.zeros(5), START, forces(), y, no_nuisances(model), bank)
+    later = smooth_bank(BankRecord(model, np.zeros(5), START, forces(), y, no_nuisances(model)), bank)
     assert later.mean[0, 0, 4] == pytest.approx(mean, abs=0.01 * std)
     for run in (run_filter, run_sigma_points):
         other = run(model, np.zeros(5), START, forces(), y)
         assert other.mean[-1, 0, 4] == pytest.approx(mean, abs=0.3 * std)
         assert other.std[-1, 0, 4] == pytest.approx(std, rel=0.1)
-    blind = filter_bank(replace(model, change=NO_CHANGE), np.zeros(5), START, forces(), y, no_nuisances(model))
+    blind = filter_bank(
+        BankRecord(replace(model, change=NO_CHANGE), np.zeros(5), START, forces(), y, no_nuisances(model))
+    )
     assert abs(blind.run.mean[-1, 0, 4] - mean) > 2 * std

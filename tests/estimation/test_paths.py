@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag
 
-from strainsight.damage.sums import Curve, damage_of, interval_of
+from strainsight.damage import Curve, damage_of, interval_of
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import draw_truth, driven_with_offsets
 from strainsight.estimation.smoother import smooth, smoother_errors
 
@@ -50,10 +51,10 @@ def test_instants_belong_together_as_in_the_whole_posterior(by):
     expected = dense(model, y)
     if by == "bank":
         none = no_nuisances(model)
-        bank = filter_bank(model, np.zeros(5), P, known, y, none)
-        parts = bank_paths(model, np.zeros(5), P, known, y, none, bank, COUNT, 1)
+        bank = filter_bank(BankRecord(model, np.zeros(5), P, known, y, none))
+        parts = bank_paths(BankRecord(model, np.zeros(5), P, known, y, none), bank, COUNT, 1)
         x = np.concatenate([part.state for part in parts])
-        middle = smooth_bank(model, np.zeros(5), P, known, y, none, bank).mean[:, 0]
+        middle = smooth_bank(BankRecord(model, np.zeros(5), P, known, y, none), bank).mean[:, 0]
     else:
         run = run_filter(model, np.zeros(5), P, known, y, "all")
         x = smoother_errors(driven_with_offsets(model, known), run, COUNT, np.random.default_rng(1))
@@ -68,10 +69,10 @@ def drawn_paths(model, known, own):
     """The bank, what its smoother claims, and histories (COUNT, T + 1, n) and parameters (COUNT, k) drawn from it."""
     first, mean = start(model.size), believed(model)
     given = model, mean, first, known, measured(model, known, first, mean), own
-    bank = filter_bank(*given)
-    parts = list(bank_paths(*given, bank, COUNT, 1))
+    bank = filter_bank(BankRecord(*given))
+    parts = list(bank_paths(BankRecord(*given), bank, COUNT, 1))
     x, p = (np.concatenate([getattr(part, name) for part in parts]) for name in ("state", "parameter"))
-    return given, bank, smooth_bank(*given, bank), x, p
+    return given, bank, smooth_bank(BankRecord(*given), bank), x, p
 
 
 @pytest.mark.parametrize("learned", [*slowly(False), True])
@@ -125,7 +126,7 @@ def test_what_is_carried_to_drawn_parameters_is_what_the_smoother_finds_there():
         there = centre + side * np.sqrt(spread[0])
         points = {"point": np.array([there - 1e-6, there + 1e-6]), "weight": np.full(2, 0.5)}
         narrow = replace(bank, **points, nu=np.zeros((2, 0)), left=np.zeros((2, 0, 0)))
-        exact = smooth_bank(*given, narrow).mean[:, 0, :5]
+        exact = smooth_bank(BankRecord(*given), narrow).mean[:, 0, :5]
         z = (p[:, 0] - centre[0]) / np.sqrt(spread[0, 0])
         near = np.abs(z - side) < 0.1
         off = (x[near].mean(axis=0) - exact) / claimed.std[:, 0, :5]
@@ -135,10 +136,10 @@ def test_what_is_carried_to_drawn_parameters_is_what_the_smoother_finds_there():
 def test_a_seed_is_a_set_of_draws_and_a_part_of_the_states_is_that_part():
     model, known = loaded_chain(), forces(STEPS)
     y, none = measured(model, known, P, np.zeros(5)), no_nuisances(model)
-    bank = filter_bank(model, np.zeros(5), P, known, y, none)
+    bank = filter_bank(BankRecord(model, np.zeros(5), P, known, y, none))
 
     def drawn(seed, **more):
-        return next(bank_paths(model, np.zeros(5), P, known, y, none, bank, 50, seed, **more)).state
+        return next(bank_paths(BankRecord(model, np.zeros(5), P, known, y, none), bank, 50, seed, **more)).state
 
     np.testing.assert_array_equal(drawn(1), drawn(1))
     np.testing.assert_array_equal(drawn(1)[:, :, :2], drawn(1, states=slice(0, 2)))
@@ -163,15 +164,15 @@ def test_the_interval_holds_the_truth_in_95_of_100_records():
     for record in range(RECORDS):
         x, y = draw_truth(model, mean, first, known, [1000 + record])
         true = damage_of(spring_forces(x[:, 0], x[-1, 0, -1]), CURVE).miner
-        bank = filter_bank(model, mean, first, known, y[:, 0], none)
+        bank = filter_bank(BankRecord(model, mean, first, known, y[:, 0], none))
         drawn = [
             damage_of(spring_forces(own, p[0]), CURVE).miner
-            for part in bank_paths(model, mean, first, known, y[:, 0], none, bank, DRAWS, record)
+            for part in bank_paths(BankRecord(model, mean, first, known, y[:, 0], none), bank, DRAWS, record)
             for own, p in zip(part.state, part.parameter, strict=True)
         ]
         found = interval_of(np.array(drawn))
         inside.append((found.low <= true) & (true <= found.high))
-        later = smooth_bank(model, mean, first, known, y[:, 0], none, bank).mean[:, 0]
+        later = smooth_bank(BankRecord(model, mean, first, known, y[:, 0], none), bank).mean[:, 0]
         low.append(damage_of(spring_forces(later, later[-1, -1]), CURVE).miner < true)
     share = np.mean(inside, axis=0)
     assert (share >= 0.90).all(), share

@@ -9,12 +9,11 @@ import pytest
 from scipy.linalg import expm
 
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.claim import bank_claim
 from strainsight.estimation.conditional import Nuisances, no_nuisances
 from strainsight.estimation.peak import MOST_SCANNED, peak_of, resonance_widths, scan_lattice
-from strainsight.estimation.reduced import Settled, start_errors
+from strainsight.estimation.record import BankRecord, Settled, start_errors
 from strainsight.rom.model import Damping
 
 from ..shared import slowly
@@ -83,7 +82,7 @@ def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise)
     y = readings_from_rest([truth], force)[0] + noise * np.random.default_rng(1).standard_normal((150, 2))
     density = log_density(lambda p: readings_from_rest(p, force), y, noise)
     model = model_of(noise)
-    peak = peak_of(model, np.zeros(5), prior(1e-9), held(force), y, no_nuisances(model), NO_OFFSETS, None)
+    peak = peak_of(BankRecord(model, np.zeros(5), prior(1e-9), held(force), y, no_nuisances(model), NO_OFFSETS, None))
     weight = np.exp(density - density.max())
     std = np.sqrt(np.cov(VALUES, aweights=weight))
     assert peak.point[0] == pytest.approx(VALUES[np.argmax(density)], abs=0.3 * std)
@@ -102,7 +101,7 @@ def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, 
     weight /= weight.sum()
     model = model_of(noise)
     known, tone = tone_of(phase, 40)
-    bank = filter_bank(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone)
+    bank = filter_bank(BankRecord(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone))
     mean, covariance = bank.posterior
     expected = weight @ VALUES
     std = np.sqrt(weight @ (VALUES - expected) ** 2)
@@ -116,7 +115,7 @@ def test_a_sharp_peak_between_the_points_of_the_first_lattice_is_found(noise):
     truth, phase = -0.3, 0.7
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     model, (known, tone) = model_of(noise), tone_of(phase, 40)
-    bank = filter_bank(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone)
+    bank = filter_bank(BankRecord(model, np.zeros(5), prior(1.0), known, y, no_nuisances(model), settled=tone))
     mean, covariance = bank.posterior
     std = np.sqrt(covariance[0, 0])
     assert std < 1e-3 * STD
@@ -135,8 +134,8 @@ def test_the_peak_of_a_settled_motion_is_linear_about_the_damping_of_its_record(
     exact = model_of(noise)
     damped = replace(exact, model=replace(exact.model, damping=exact.model.damping.scaled((factor, factor))))
     uncertain = replace(no_nuisances(damped), damping=0.5)
-    peak = peak_of(damped, np.zeros(5), prior(1.0), known, y, uncertain, NO_OFFSETS, tone)
-    best = peak_of(exact, np.zeros(5), prior(1.0), known, y, no_nuisances(exact), NO_OFFSETS, tone)
+    peak = peak_of(BankRecord(damped, np.zeros(5), prior(1.0), known, y, uncertain, NO_OFFSETS, tone))
+    best = peak_of(BankRecord(exact, np.zeros(5), prior(1.0), known, y, no_nuisances(exact), NO_OFFSETS, tone))
     assert peak.about is not None
     assert peak.about[0] == pytest.approx(-np.log(factor) / 0.5, abs=0.01)
     assert peak.point[0] == pytest.approx(best.point[0], abs=1e-4)
@@ -149,12 +148,14 @@ def test_widths_of_resonances_are_those_of_finite_differences():
         return np.sqrt(np.linalg.eigvalsh(sum(values[own] * STIFFNESS[own] for own in values)))
 
     model = driven_chain()
-    record = bank_record(model, np.zeros((1000, 3, 1)), np.zeros((1000, 2)), no_nuisances(model), None)
+    record = BankRecord(
+        model, np.zeros(5), prior(1.0), np.zeros((1000, 3, 1)), np.zeros((1000, 2)), no_nuisances(model)
+    )
     omega = frequencies("k1", 0.0)
     for name, width in zip(("k1", "k2"), resonance_widths([record]), strict=True):
         moved = (frequencies(name, 1e-5) - frequencies(name, -1e-5)) / 2e-5
         assert width == pytest.approx(np.min(2 * RATIO * omega / np.abs(moved)), rel=1e-6)
-    short = replace(record, data=replace(record.data, known=record.data.known[:10]))
+    short = replace(record, known=record.known[:10])
     np.testing.assert_array_less(resonance_widths([record]), resonance_widths([short]))
 
 
@@ -251,12 +252,12 @@ def test_filter_and_smoother_are_those_that_waited_from_rest(learned):
     waited = np.concatenate([np.full((LEAD, 2), np.nan), y])
     still, moving, zero = settled_prior(model, 1e-9), settled_prior(model, 1.0), np.zeros(5)
     known, longer = force(np.arange(STEPS)), force(np.arange(-LEAD, STEPS))
-    found = filter_bank(model, zero, moving, known, y, nuisances, settled=SETTLED, **EXACT)
-    expected = filter_bank(model, zero, still, longer, waited, nuisances, **EXACT)
+    found = filter_bank(BankRecord(model, zero, moving, known, y, nuisances, settled=SETTLED), **EXACT)
+    expected = filter_bank(BankRecord(model, zero, still, longer, waited, nuisances), **EXACT)
     for one, other in zip(found.posterior, expected.posterior, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6)
-    smoothed = smooth_bank(model, zero, moving, known, y, nuisances, found, settled=SETTLED)
-    by_waiting = smooth_bank(model, zero, still, longer, waited, nuisances, expected)
+    smoothed = smooth_bank(BankRecord(model, zero, moving, known, y, nuisances, settled=SETTLED), found)
+    by_waiting = smooth_bank(BankRecord(model, zero, still, longer, waited, nuisances), expected)
     # a smoother takes its slopes along one motion, the mean over the parameters, which begins a little otherwise
     for own, other, alike in ((found.run, expected.run, 1e-6), (smoothed, by_waiting, 5e-3)):
         scale = np.abs(own.mean).max(axis=0)
@@ -275,7 +276,7 @@ def test_what_is_expected_is_what_the_bank_claims_on_exact_readings():
     both = np.concatenate([known, 0 * known], axis=2)
     claim = bank_claim(model, x, both, settled_prior(model, 1.0), nuisances, SETTLED)
     bank = filter_bank(
-        model, np.zeros(5), settled_prior(model, 1.0), known, x[1:, :2] @ ROWS.T, nuisances, settled=SETTLED
+        BankRecord(model, np.zeros(5), settled_prior(model, 1.0), known, x[1:, :2] @ ROWS.T, nuisances, settled=SETTLED)
     )
     np.testing.assert_allclose(claim.std[-1, 0], bank.run.std[-1, 0], rtol=0.02)
     unknown = bank_claim(model, x, both, settled_prior(model, 1.0), nuisances)

@@ -12,8 +12,9 @@ from strainsight.estimation import suspect as suspects
 from strainsight.estimation.conditional import known_ends, no_nuisances
 from strainsight.estimation.faults import misfits
 from strainsight.estimation.load_faults import residual_pattern
+from strainsight.estimation.record import Settled
 from strainsight.estimation.record_check import SPIKE, check_record, spikes_of
-from strainsight.estimation.reduced import Settled, draw_truth
+from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.suspect import at_rest, loudest_stretches, moving_part_of, part_of, with_intensity
 
 from ..shared import slowly

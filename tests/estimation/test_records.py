@@ -10,9 +10,9 @@ from scipy.linalg import block_diag
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import FOLLOWED, filter_bank, filter_records
-from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances, each_its_own, no_nuisances
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import draw_truth
 
 from .chain import NOISE, ROWS, STEPS, H, chain, driven_chain, driven_start, forces, loaded_chain, start, states
@@ -77,8 +77,8 @@ def measured():
 
 
 def campaign(model, P, y, own, **more):
-    records = [bank_record(model, held_of(r), y[r], own[r], None) for r in range(2)]
-    return filter_records(records, np.zeros(len(P)), P, **more)
+    records = [BankRecord(model, np.zeros(len(P)), P, held_of(r), y[r], own[r]) for r in range(2)]
+    return filter_records(records, **more)
 
 
 @pytest.fixture(scope="module")
@@ -136,7 +136,7 @@ def test_one_record_smooths_by_what_the_other_says_of_constants(measured):
     _, mean, covariance = conditioned(np.zeros(2), np.concatenate([y.ravel() for y in measured]))
     first = 0
     for r, bank in enumerate(banks):
-        later = smooth_bank(model, np.zeros(5), P, held_of(r), measured[r], own[r], bank)
+        later = smooth_bank(BankRecord(model, np.zeros(5), P, held_of(r), measured[r], own[r]), bank)
         span = slice(first, first + 5 * (LENGTHS[r] + 1))
         expected, std = mean[span].reshape(-1, 5), np.sqrt(np.diag(covariance)[span]).reshape(-1, 5)
         np.testing.assert_allclose(later.mean[:, 0] / std, expected / std, atol=1e-7)
@@ -148,9 +148,9 @@ def test_motion_as_it_is_read_knows_nothing_of_other_records(measured):
     model, P, own = loaded_chain(), start()[:5, :5], nuisances(learned=False)
     alone = Nuisances(("gain", "offset", "offset"), np.zeros((3, 2, 5)), np.zeros((3, 2, 1)), np.vstack([SHARED, OWN]))
     for r, bank in enumerate(campaign(model, P, measured, own)):
-        by_itself = filter_bank(model, np.zeros(5), P, held_of(r), measured[r], alone)
+        by_itself = filter_bank(BankRecord(model, np.zeros(5), P, held_of(r), measured[r], alone))
         args = model, np.zeros(5), P, held_of(r), measured[r]
-        one, other = smooth_bank(*args, own[r], bank), smooth_bank(*args, alone, by_itself)
+        one, other = smooth_bank(BankRecord(*args, own[r]), bank), smooth_bank(BankRecord(*args, alone), by_itself)
         for found, expected in ((bank.run, by_itself.run), (one, other)):
             std = expected.std.max(axis=0)
             np.testing.assert_allclose(found.mean / std, expected.mean / std, atol=1e-9)
@@ -162,8 +162,8 @@ def test_histories_have_the_moments_of_the_smoother_and_the_constants_in_common(
     banks = campaign(model, start(), measured, own)
     parts = []
     for r, bank in enumerate(banks):
-        args = model, np.zeros(7), start(), held_of(r), measured[r], own[r], bank
-        drawn = next(bank_paths(*args, count, 1, record=r))
+        args = BankRecord(model, np.zeros(7), start(), held_of(r), measured[r], own[r]), bank
+        drawn = next(bank_paths(*args, count, 1, number=r))
         later = smooth_bank(*args)
         std = later.std[1:, 0, :5]
         off = (drawn.state[:, 1:].mean(axis=0) - later.mean[1:, 0, :5]) / std
@@ -182,8 +182,9 @@ def test_the_order_of_records_does_not_matter(measured):
     model = chain()
 
     def posterior(order, **more):
-        records = [bank_record(model, held_of(r), measured[r], nuisances()[i], None) for i, r in enumerate(order)]
-        mean, covariance = filter_records(records, np.zeros(7), start(), **more)[0].posterior
+        first = model, np.zeros(7), start()
+        records = [BankRecord(*first, held_of(r), measured[r], nuisances()[i]) for i, r in enumerate(order)]
+        mean, covariance = filter_records(records, **more)[0].posterior
         return mean, np.sqrt(np.diag(covariance))
 
     for more, close in (({"spacing": 0.5, "depth": 20.0}, 1e-6), ({}, 1e-2)):
@@ -200,9 +201,9 @@ def test_records_may_differ_in_step_and_noise(measured):
     P = driven_start()
 
     def posterior(second, held):
-        records = [bank_record(model, held_of(0), measured[0], own, None)]
-        records.append(bank_record(second, held, measured[1], own, None))
-        banks = filter_records(records, np.zeros(6), P)
+        records = [BankRecord(model, np.zeros(6), P, held_of(0), measured[0], own)]
+        records.append(BankRecord(second, np.zeros(6), P, held, measured[1], own))
+        banks = filter_records(records)
         assert banks[1].run.time[-1] == pytest.approx(LENGTHS[1] * H)
         return banks[0].posterior
 
@@ -238,8 +239,9 @@ def driven(noise):
 
 def stiffness_of(model, P, y, renewed=()):
     own = each_its_own(gains(), len(y), renewed)
-    records = [bank_record(model, slow(), each, its, None) for each, its in zip(y, own, strict=True)]
-    mean, covariance = filter_records(records, np.zeros(len(P)), P)[0].posterior
+    first = model, np.zeros(len(P)), P
+    records = [BankRecord(*first, slow(), each, its) for each, its in zip(y, own, strict=True)]
+    mean, covariance = filter_records(records)[0].posterior
     return float(mean[0]), float(np.sqrt(covariance[0, 0]))
 
 
@@ -283,10 +285,10 @@ def test_a_record_beyond_the_model_is_refused():
 
 def test_a_birge_ratio_of_root_two_makes_one_record_of_two_equal_ones(measured):
     """ln p(y, y | θ) / 2 = ln p(y | θ)."""
-    record = bank_record(chain(), held_of(0), measured[0], no_nuisances(chain()), None)
+    record = BankRecord(chain(), np.zeros(7), start(), held_of(0), measured[0], no_nuisances(chain()))
     options = {"spacing": 0.5, "depth": 14.0}
-    one = filter_records([record], np.zeros(7), start(), **options)[0]
-    two = filter_records([record, record], np.zeros(7), start(), **options, birge_ratio=np.sqrt(2))[0]
+    one = filter_records([record], **options)[0]
+    two = filter_records([record, record], **options, birge_ratio=np.sqrt(2))[0]
     assert two.laid < FOLLOWED
     std = np.sqrt(np.diag(one.posterior[1]))
     np.testing.assert_allclose(two.posterior[0], one.posterior[0], atol=2e-3 * std.min())

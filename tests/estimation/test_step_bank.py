@@ -16,7 +16,7 @@ from strainsight.estimation.compiled import vectors
 from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.parallel_filters import advance, filters_of, plain_motion
+from strainsight.estimation.parallel_filters import Data, advance, filters_of, plain_motion
 from strainsight.estimation.step_bank import StepBank, filter_constants
 from strainsight.runner.where import Where, opened
 
@@ -214,7 +214,8 @@ PROCESS, H, R = np.diag([0.5, 0.2]), np.array([[1.0, 0.0], [0.5, 1.0]]), np.arra
 def passed(filters, samples, keep):
     L = len(samples)
     known = np.zeros((L, 0))
-    return advance(plain_models(A, PROCESS, H), filters, known, known, samples, np.tile(R, (L, 1)), np.zeros(2), keep)
+    data = Data(known, known, samples, np.tile(R, (L, 1)), np.zeros(2))
+    return advance(plain_models(A, PROCESS, H), filters, data, keep)
 
 
 @pytest.mark.parametrize("before", [0, 30, 200])
@@ -235,7 +236,8 @@ def test_what_decays_ends_at_zero_and_not_among_the_least_numbers_that_slow_a_pr
     models = plain_models(A, never, H)
     filters = filters_of(models, np.ones((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     known = np.zeros((3000, 0))
-    found = advance(models, filters, known, known, np.full((3000, 2), np.nan), np.tile(R, (3000, 1)), np.zeros(2), True)
+    data = Data(known, known, np.full((3000, 2), np.nan), np.tile(R, (3000, 1)), np.zeros(2))
+    found = advance(models, filters, data, True)
     for of in (found.states.x, found.states.P):
         assert np.all(of[0, -1] == 0)
         assert np.abs(of[of != 0]).min() > np.finfo(float).tiny
@@ -251,8 +253,8 @@ def test_threads_change_no_bit(monkeypatch):
     for jobs in (1, 2, 3):
         filters = filters_of(at, np.zeros((B, n)), np.eye(n), np.zeros((B, d, n)))
         with opened(Where(jobs=jobs)):
-            read = known.reshape(40, -1), known_ends(known, own), samples, np.ones((40, m)), np.zeros(m)
-            found.append(advance(at, filters, *read, True))
+            data = Data(known.reshape(40, -1), known_ends(known, own), samples, np.ones((40, m)), np.zeros(m))
+            found.append(advance(at, filters, data, True))
     for other in found[1:]:
         np.testing.assert_array_equal(other.fit, found[0].fit)
         np.testing.assert_array_equal(other.states.P, found[0].states.P)
@@ -262,8 +264,9 @@ def test_loops_are_compiled_once_for_arrays_of_any_kind():
     samples = np.asfortranarray(np.random.default_rng(1).standard_normal((5, 2)))
     filters = filters_of(plain_models(A, PROCESS, H), np.zeros((1, 2)), np.eye(2), np.zeros((1, 0, 2)))
     known, noise = np.zeros((5, 0)), np.broadcast_to(R, (5, 2))
-    advance(plain_models(A, PROCESS, H), filters, known, known, samples, noise, np.zeros(2), True)
-    advance(plain_models(A, PROCESS, H), filters, known, known, samples[::-1], np.tile(R, (5, 1)), np.zeros(2), False)
+    data = Data(known, known, samples, noise, np.zeros(2))
+    advance(plain_models(A, PROCESS, H), filters, data, True)
+    advance(plain_models(A, PROCESS, H), filters, replace(data, samples=samples[::-1], noise=np.tile(R, (5, 1))), False)
     assert len(take_steps.signatures) == 1
 
 
@@ -289,9 +292,8 @@ def test_a_step_of_modes_apart_is_that_of_full_matrices():
         filters = filters_of(
             each, np.zeros((3, n)), start_of()[:n, :n], np.zeros((3, each.nuisances, n)), consider=True
         )
-        found.append(
-            advance(each, filters, known.reshape(50, -1), known_ends(known, own), samples, R, np.zeros(m), True)
-        )
+        data = Data(known.reshape(50, -1), known_ends(known, own), samples, R, np.zeros(m))
+        found.append(advance(each, filters, data, True))
     for name in ("fit", "expected", "S", "slope"):
         one, other = (getattr(own, name) for own in found)
         np.testing.assert_allclose(one, other, rtol=1e-8, atol=1e-10 * np.abs(other).max())

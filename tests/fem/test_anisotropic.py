@@ -15,15 +15,13 @@ from strainsight.fem.checks import check_mesh
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.nodal_forces import pressure
-from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.recovery import facet_strain, surface_model, surface_state
 from strainsight.mesh.additions import with_face, with_properties
 from strainsight.mesh.anisotropic import Anisotropic, Orientation, orthotropic, stiffness_fault
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.kinds import ELEMENTS
-from strainsight.mesh.scaling import scaled
-from strainsight.mesh.units import to_si
+from strainsight.mesh.units import rescaled, scaled, to_si
 from strainsight.records.mesh import MeshColumns
 
 from ..anisotropy import CONSTANTS, TURN, flexibility, strains, tensor, triclinic, turned, work, works_of
@@ -178,7 +176,7 @@ def test_units_and_size_take_the_axes_with_them(box):
     millimetres = replace(
         mesh,
         position=1e3 * mesh.position,
-        orientations={1: away.resized(1e3)},
+        orientations={1: rescaled(away, 1e3)},
         anisotropic={1: replace(mesh.anisotropic[1], stiffness=1e-6 * mesh.anisotropic[1].stiffness, density=1.6e-9)},
     )
     K, same, double = (assemble_stiffness(own) for own in (mesh, to_si(millimetres, "mm", "t"), scaled(mesh, 2.0)))

@@ -16,8 +16,7 @@ from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.fem.nodal_forces import body_forces
 from strainsight.fem.patch import Incidence, patch_around
-from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.recovery import facet_strain, surface_model, surface_state
 from strainsight.mesh.additions import with_material, with_properties
 from strainsight.mesh.anisotropic import STACKED, Anisotropic, CompositeSolid, Layer, Orientation, orthotropic
 from strainsight.mesh.coordinates import BASIC
@@ -27,10 +26,9 @@ from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import Material
 from strainsight.mesh.properties import value_of
 from strainsight.mesh.sanity import sanity_warnings
-from strainsight.mesh.scaling import scaled
 from strainsight.mesh.subdivision import refined
 from strainsight.mesh.thin import Lamina
-from strainsight.mesh.units import to_si
+from strainsight.mesh.units import scaled, to_si
 from strainsight.records.mesh import MeshColumns
 from strainsight.rom.inertia import scalar_mass
 

@@ -12,9 +12,8 @@ from scipy import sparse
 
 from strainsight import memory
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem import complex_factor, factorisation, pardiso
-from strainsight.fem.complex_factor import factorise_complex
-from strainsight.fem.factorisation import factorise
+from strainsight.fem import factorisation
+from strainsight.fem.factorisation import factorise, factorise_complex
 
 
 def spd(n=400, seed=0, units=0.0):
@@ -116,17 +115,17 @@ def test_every_solution_is_as_good_as_the_arithmetic_without_refinement():
 def test_too_little_memory_is_refused_before_it_is_taken(monkeypatch, available):
     """1 MB is less than the matrix itself needs; with 20 MB PARDISO's analysis can say that its factor needs more."""
     phases = []
-    interface = pardiso.interface
+    interface = factorisation.interface
 
     def watched(solver, upper):
         call = interface(solver, upper)
         return lambda phase, B, X: phases.append(phase) or call(phase, B, X)
 
-    monkeypatch.setattr(pardiso, "interface", watched)
+    monkeypatch.setattr(factorisation, "interface", watched)
     monkeypatch.setattr(memory, "available_memory", lambda: available)
     with pytest.raises(UserError, match=r"27000 unknowns.*: .* GiB of memory are needed, .* GiB are available"):
         factorise(laplacian(30))
-    assert phases == ([] if available < 2e6 else [pardiso.ANALYSE])
+    assert phases == ([] if available < 2e6 else [factorisation.ANALYSE])
 
 
 GROWTH = """
@@ -138,7 +137,7 @@ def resident():
     return int((memory.PROC / "self" / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
 
 noted = []
-pardiso.require_memory = lambda needed, what: noted.append((needed, resident()))
+factorisation.require_memory = lambda needed, what: noted.append((needed, resident()))
 factor = factorise(laplacian(40))
 announced, before = noted[0]
 print(factor.size, announced, resident() - before)
@@ -169,9 +168,9 @@ def test_solutions_do_not_depend_on_the_number_of_threads():
 import numpy as np
 from tests.fem.test_factorisation import laplacian
 from strainsight.fem.factorisation import factorise
-from strainsight.fem import pardiso
+from strainsight.fem import factorisation
 A, B = laplacian(28), np.random.default_rng(0).standard_normal((28**3, 4))
-library = pardiso.solver_of(pardiso.POSITIVE_DEFINITE).libmkl
+library = factorisation.solver_of(factorisation.POSITIVE_DEFINITE).libmkl
 found = []
 for threads in (1, 2):
     library.MKL_Set_Num_Threads(threads)
@@ -191,7 +190,7 @@ def test_a_complex_factor_solves_and_refuses_what_it_cannot(monkeypatch):
         factorise_complex(sparse.csr_array(np.diag([1.0 + 0j, 0.0])))
     with pytest.raises(NumericalError):
         factorise_complex(sparse.csr_array(np.ones((2, 2), dtype=complex)))
-    monkeypatch.setattr(complex_factor, "SUPERLU_LIMIT", 10)
-    monkeypatch.setattr(complex_factor, "_pardiso", lambda upper: (_ for _ in ()).throw(ImportError()))
+    monkeypatch.setattr(factorisation, "SUPERLU_LIMIT", 10)
+    monkeypatch.setattr(factorisation, "_pardiso", lambda upper: (_ for _ in ()).throw(ImportError()))
     with pytest.raises(UserError, match="PARDISO"):
         factorise_complex(sparse.csr_array(A))

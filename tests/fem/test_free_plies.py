@@ -14,8 +14,7 @@ from strainsight.experiment.structure.damage import surface_places
 from strainsight.experiment.structure.references import load_slopes
 from strainsight.fem.affine import Parameter
 from strainsight.fem.model import build_model
-from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.recovery import facet_strain, surface_model, surface_state
 from strainsight.fem.thin import thin_operators
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Region

@@ -9,7 +9,7 @@ import pytest
 from scipy.sparse.linalg import eigsh
 
 from strainsight.fem.assembly import assemble
-from strainsight.fem.element_matrices import element_masses, element_stiffnesses
+from strainsight.fem.elasticity import element_masses, element_stiffnesses
 from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
 from strainsight.mesh.kinds.solids import HEX8, PYRA5

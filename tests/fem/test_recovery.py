@@ -12,15 +12,14 @@ from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble
 from strainsight.fem.nodal_forces import tractions
 from strainsight.fem.patch import Incidence, forced_nodes, held_components, patch_around
-from strainsight.fem.recovery import bubble_amplitudes, facet_strain
-from strainsight.fem.stress import principal, surface_model, surface_state, von_mises
-from strainsight.fem.submodel import refined_submodel, submodel, with_spread_forces
+from strainsight.fem.recovery import bubble_amplitudes, facet_strain, principal, surface_model, surface_state, von_mises
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.solids import HEX8
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import candidates
+from strainsight.sensors.hot_spots import refined_submodel, submodel, with_spread_forces
 from strainsight.sensors.rows import channel_matrix
 
 from ..bodies import body, held, moved, with_nodes

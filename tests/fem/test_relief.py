@@ -14,10 +14,10 @@ from strainsight.errors import UserError
 from strainsight.fem.affine import Parameter
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.equations import turning_nodes
+from strainsight.fem.factorisation import factorise_free, pinned, relief_of
 from strainsight.fem.model import build_model
 from strainsight.fem.modes import modes
 from strainsight.fem.pieces import stiff_pieces
-from strainsight.fem.relief import factorise_free, pinned, relief_of
 from strainsight.fem.support import rigid_body_motions, rigid_motions
 from strainsight.mesh.joins import AveragingElement, PointMass, RigidElement
 from strainsight.mesh.thin import ShellBlock, ShellSection

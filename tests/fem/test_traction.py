@@ -28,8 +28,7 @@ from strainsight.mesh.additions import face_springs, node_springs, with_face
 from strainsight.mesh.connectivity import merged
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import RigidElement, Springs
-from strainsight.mesh.scaling import scaled
-from strainsight.mesh.units import to_si
+from strainsight.mesh.units import scaled, to_si
 from strainsight.rom.reduction import only_scales
 from strainsight.sensors.edges import obstacles
 from strainsight.sensors.faces import Pick, faces_of, picked

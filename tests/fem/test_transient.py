@@ -13,7 +13,7 @@ from scipy.linalg import eigh, expm
 
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem import complex_factor
+from strainsight.fem import factorisation
 from strainsight.fem import transient as module
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.constraints import Constraint
@@ -180,7 +180,7 @@ def test_without_pardiso_superlu_gives_the_same(monkeypatch):
     def missing(upper):
         raise ImportError
 
-    monkeypatch.setattr(complex_factor, "_pardiso", missing)
+    monkeypatch.setattr(factorisation, "_pardiso", missing)
     np.testing.assert_allclose(transient(*given).reading, once, rtol=1e-11, atol=1e-13 * np.abs(once).max())
 
 

@@ -59,7 +59,7 @@ def read_measurement(path: Path, choice: int, sandboxed: bool = True) -> None:
     """The channels on the clock of a filter; a table now and then as a load's history."""
     from strainsight.config.loads import Recorded
     from strainsight.experiment.recorded import recorded
-    from strainsight.measurements import hdf5_file
+    from strainsight.measurements import reader
     from strainsight.measurements.assemble import assemble
     from strainsight.measurements.calibration import ChannelSettings
     from strainsight.measurements.reader import read_recording
@@ -76,7 +76,7 @@ def read_measurement(path: Path, choice: int, sandboxed: bool = True) -> None:
     else:
         channels = ("a",)
     if path.suffix == ".h5" and not sandboxed:
-        recording = hdf5_file.read_hdf5(path, channels, time="time", sandboxed=False)
+        recording = reader.read_binary("hdf5", path, channels, time="time", sandboxed=False)
     else:
         recording = read_recording(path, channels, time=time, time_unit=(None, None, "s")[choice % 3])
     settings = {name: ChannelSettings("um/m", override=choice % 2 > 0) for name in channels}

@@ -29,7 +29,7 @@ from .seeds import ROOT
 HDF5 = (".h5", ".med", ".h5m", ".cgns")
 """The library below these ends the process once in some hundred damaged files."""
 OUTSIDE = "outside its folder"
-CHILDREN = ("strainsight.measurements.hdf5_file", "strainsight.decks.other.load")
+CHILDREN = ("strainsight.measurements.reader", "strainsight.decks.other.load")
 """What readers start."""
 
 

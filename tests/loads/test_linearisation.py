@@ -10,8 +10,8 @@ from scipy.linalg import sqrtm
 
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import Coefficient, Newton
-from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator, rate_matrix
-from strainsight.loads.linearisation import Unknowns, augment_rows, linearisation_instants, linearise, measurement_rows
+from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator, Unknowns, rate_matrix
+from strainsight.loads.linearisation import augment_rows, linearisation_instants, linearise, measurement_rows
 from strainsight.loads.observability import (
     balanced_units,
     least_gauges,

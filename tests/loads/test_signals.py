@@ -18,14 +18,16 @@ from strainsight.loads.histories import (
     density,
     evaluate,
     fill_gaps,
+    gap,
     hold_coefficients,
     interpolate,
     join_by_lines,
+    motion,
     noise_density,
     share_above,
+    swing,
     tones_of,
 )
-from strainsight.loads.motion import gap, motion, swing
 from strainsight.rom.modal_step import oscillator_step
 from strainsight.rom.model import Damping
 

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.measurements import daq_file
-from strainsight.measurements.daq_file import read_daq
+from strainsight.measurements import reader
+from strainsight.measurements.reader import read_binary
 
 from ..refusals import expect_refusal
 from .written import A, B, T, mat5, mat73, mdf, signal, tdms, waveform
@@ -37,7 +37,7 @@ def kind_of(path):
 
 def read(path, sandboxed=False):
     time = ("t", "s") if kind_of(path) == "mat" else (None, None)
-    return read_daq(kind_of(path), path, ["G1", "G2"], time=time[0], time_unit=time[1], sandboxed=sandboxed)
+    return read_binary(kind_of(path), path, ["G1", "G2"], time=time[0], time_unit=time[1], sandboxed=sandboxed)
 
 
 def refused(path, said="", **options):
@@ -71,15 +71,15 @@ def test_a_file_that_was_cut(tmp_path, name, share):
 
 @pytest.mark.parametrize(("kind", "package"), [("mdf", "asammdf"), ("tdms", "npTDMS")])
 def test_a_package_that_is_not_installed_is_named_with_its_extra(tmp_path, monkeypatch, kind, package):
-    monkeypatch.setattr(daq_file, "find_spec", lambda name: None)
+    monkeypatch.setattr(reader, "find_spec", lambda name: None)
     (tmp_path / NAMES[kind]).write_bytes(b"x")
     with pytest.raises(UserError, match=f"read by {package}, which is not installed") as caught:
-        read_daq(kind, tmp_path / NAMES[kind], ["G1"])
+        read_binary(kind, tmp_path / NAMES[kind], ["G1"])
     assert caught.value.remedy == 'install it: pip install "strainsight[daq]"'
 
 
 def test_no_package_is_asked_for_a_mat_file(tmp_path, monkeypatch):
-    monkeypatch.setattr(daq_file, "find_spec", lambda name: None)
+    monkeypatch.setattr(reader, "find_spec", lambda name: None)
     np.testing.assert_array_equal(read(FILES["5.mat"](tmp_path / "a.mat")).channels["G1"], A)
 
 
@@ -88,7 +88,7 @@ def test_whatever_a_library_raises_ends_in_a_sentence(tmp_path, monkeypatch, err
     def signals(path, names):
         raise error
 
-    monkeypatch.setattr(daq_file, "import_module", lambda name: SimpleNamespace(signals=signals))
+    monkeypatch.setattr(reader, "import_module", lambda name: SimpleNamespace(signals=signals))
     refused(
         FILES["a.tdms"](tmp_path / "a.tdms"),
         "more memory" if isinstance(error, MemoryError) else "cannot be read as TDMS: ",

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import sys
+from dataclasses import replace
 
 import h5py
 import numpy as np
 import pytest
 
-from strainsight import memory, processes
+from strainsight import child_reader, memory, processes
 from strainsight.errors import UserError
-from strainsight.measurements import hdf5_datasets, hdf5_file
-from strainsight.measurements.hdf5_file import read_hdf5
+from strainsight.measurements import hdf5_datasets, reader
+from strainsight.measurements.reader import read_binary
 
 from ..refusals import expect_refusal
 
@@ -55,7 +56,7 @@ def test_datasets_of_any_depth_type_and_storage(make):
         "filled": np.where(np.arange(100) % 7 == 0, np.nan, A), "table[2]": 2 * A, "table[1]": A,
     }  # fmt: skip
     for clock in ("time", "table[0]"):
-        recording = read_hdf5(path, list(expected), time=clock, sandboxed=False)
+        recording = read_binary("hdf5", path, list(expected), time=clock, sandboxed=False)
         np.testing.assert_allclose(recording.time, T, rtol=1e-15)
         for name, values in expected.items():
             np.testing.assert_array_equal(recording.channels[name], values)
@@ -116,7 +117,7 @@ def test_what_cannot_be_imported_is_refused(make, fault):
     content, said = FAULTS[fault]
     path = make(content if callable(content) else lambda file: [file.__setitem__(*item) for item in content.items()])
     with expect_refusal(UserError, said, remedy="") as caught:
-        read_hdf5(path, ["a"], time="time", sandboxed=False)
+        read_binary("hdf5", path, ["a"], time="time", sandboxed=False)
     assert "test.h5" in caught.value.where
 
 
@@ -126,9 +127,13 @@ def test_a_time_without_unit_or_with_holes_is_refused(make):
 
     path = make(fill)
     with pytest.raises(UserError, match="does not say the unit of its time"):
-        read_hdf5(path, [], time="time", sandboxed=False)
+        read_binary("hdf5", path, [], time="time", sandboxed=False)
     with pytest.raises(UserError, match="sample 4 of the time is missing"):
-        read_hdf5(path, [], time="time", time_unit="s", sandboxed=False)
+        read_binary("hdf5", path, [], time="time", time_unit="s", sandboxed=False)
+
+
+def limited(monkeypatch, seconds):
+    monkeypatch.setitem(reader.LIBRARIES, "hdf5", replace(reader.LIBRARIES["hdf5"], seconds=seconds))
 
 
 HANGS = "import time; time.sleep(60)"
@@ -137,12 +142,12 @@ HANGS = "import time; time.sleep(60)"
 @pytest.mark.parametrize("does", ["import os; os.abort()", f"print('ready', flush=True); {HANGS}"])
 def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(make, monkeypatch, does):
     path = make(lambda file: file.__setitem__("a", A))
-    monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", does])
-    for limit in ("START_LIMIT", "TIME_LIMIT"):
-        monkeypatch.setattr(hdf5_file, limit, 0.5)
+    monkeypatch.setattr(reader, "COMMAND", [sys.executable, "-c", does])
+    monkeypatch.setattr(child_reader, "START_LIMIT", 0.5)
+    limited(monkeypatch, 0.5)
     monkeypatch.setattr(processes, "LONGER", 1.0)
     with pytest.raises(UserError, match="crashed, or did not come to an end"):
-        read_hdf5(path, ["a"], time="time")
+        read_binary("hdf5", path, ["a"], time="time")
 
 
 BUSY = "import time, sys; sys.stdin.read(); print('ready', flush=True)\nwhile True: pass"
@@ -150,11 +155,11 @@ BUSY = "import time, sys; sys.stdin.read(); print('ready', flush=True)\nwhile Tr
 
 def test_the_limit_is_one_of_processor_time(make, monkeypatch):
     path = make(lambda file: file.__setitem__("a", A))
-    monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", BUSY])
-    monkeypatch.setattr(hdf5_file, "TIME_LIMIT", 0.5)
+    monkeypatch.setattr(reader, "COMMAND", [sys.executable, "-c", BUSY])
+    limited(monkeypatch, 0.5)
     monkeypatch.setattr(processes, "LONGER", 1e6)
     with pytest.raises(UserError, match="crashed, or did not come to an end"):
-        read_hdf5(path, ["a"], time="time")
+        read_binary("hdf5", path, ["a"], time="time")
 
 
 def test_a_reader_that_waits_for_its_disk_is_not_taken_for_a_damaged_file(make, monkeypatch):
@@ -162,13 +167,13 @@ def test_a_reader_that_waits_for_its_disk_is_not_taken_for_a_damaged_file(make, 
     answers = (
         "import sys, time, json\nsys.stdin.read()\n"
         "def say(text): print(text, flush=True)\n"
-        "say('ready'); say(json.dumps({'declared': [16, 16]}))\n"
-        "for i in range(2): time.sleep(0.6); say(json.dumps({'samples': 2, 'unit': 's'})); "
+        "say('ready'); say(json.dumps({'declared': [16, 16], 'arrays': []}))\n"
+        "for i in range(2): time.sleep(0.6); say(json.dumps({'unit': 's', 'arrays': [['<f8', [2]]]})); "
         "sys.stdout.buffer.write(b'\\0' * 15 + b'?'); sys.stdout.flush()\n"
     )
-    monkeypatch.setattr(hdf5_file, "COMMAND", [sys.executable, "-c", answers])
-    monkeypatch.setattr(hdf5_file, "TIME_LIMIT", 0.2)
-    assert read_hdf5(path, ["a"], time="time").time.shape == (2,)
+    monkeypatch.setattr(reader, "COMMAND", [sys.executable, "-c", answers])
+    limited(monkeypatch, 0.2)
+    assert read_binary("hdf5", path, ["a"], time="time").time.shape == (2,)
 
 
 def test_time_and_memory_follow_from_what_the_file_declares(make, monkeypatch):
@@ -190,13 +195,13 @@ def test_time_and_memory_follow_from_what_the_file_declares(make, monkeypatch):
 
 def test_sandboxed_and_here_give_the_same(make):
     path = make(lambda file: file.__setitem__("µ", A))
-    apart, here = (read_hdf5(path, ["µ"], time="time", sandboxed=choice) for choice in (True, False))
+    apart, here = (read_binary("hdf5", path, ["µ"], time="time", sandboxed=choice) for choice in (True, False))
     np.testing.assert_array_equal(apart.channels["µ"], here.channels["µ"])
     assert (apart.units, apart.source) == (here.units, here.source)
     said = []
     for choice in (True, False):
         with pytest.raises(UserError) as caught:
-            read_hdf5(path, ["mu"], time="time", sandboxed=choice)
+            read_binary("hdf5", path, ["mu"], time="time", sandboxed=choice)
         said.append(str(caught.value))
     assert said[0] == said[1]
 
@@ -204,6 +209,6 @@ def test_sandboxed_and_here_give_the_same(make):
 def test_a_rate_takes_the_place_of_the_time(tmp_path):
     with h5py.File(tmp_path / "a.h5", "w") as file:
         file["a"] = [1.0, np.nan, 3.0]
-    recording = read_hdf5(tmp_path / "a.h5", ["a"], rate=10.0, sandboxed=False)
+    recording = read_binary("hdf5", tmp_path / "a.h5", ["a"], rate=10.0, sandboxed=False)
     np.testing.assert_array_equal(recording.time, [0, 0.1, 0.2])
     np.testing.assert_array_equal(recording.channels["a"], [1.0, np.nan, 3.0])

@@ -8,7 +8,7 @@ import pytest
 import scipy.sparse
 
 from strainsight.errors import UserError
-from strainsight.measurements.daq_file import read_daq
+from strainsight.measurements.reader import read_binary
 
 from ..refusals import expect_refusal
 from .written import COUNT, A, B, T, mat5, mat73
@@ -28,7 +28,7 @@ RIG = {
 
 
 def read(path, channels, **options):
-    return read_daq("mat", path, channels, **options, sandboxed=False)
+    return read_binary("mat", path, channels, **options, sandboxed=False)
 
 
 @pytest.fixture(params=WRITERS)

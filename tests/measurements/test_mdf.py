@@ -8,8 +8,7 @@ import pytest
 from strainsight.errors import UserError
 from strainsight.measurements.assemble import assemble
 from strainsight.measurements.calibration import ChannelSettings
-from strainsight.measurements.daq_file import read_daq
-from strainsight.measurements.reader import read_recording
+from strainsight.measurements.reader import read_binary, read_recording
 
 from ..refusals import expect_refusal
 from .written import COUNT, A, B, T, mdf, signal
@@ -18,7 +17,7 @@ pytest.importorskip("asammdf")
 
 
 def read(path, channels, **options):
-    return read_daq("mdf", path, channels, **options, sandboxed=False)
+    return read_binary("mdf", path, channels, **options, sandboxed=False)
 
 
 def two_groups(path):
@@ -110,7 +109,7 @@ RAW = np.arange(COUNT) % 40
 def converted(tmp_path, rule, raw=RAW, version="4.10", **more):
     path = tmp_path / ("a.mf4" if version > "4" else "a.mdf")
     mdf(path, ("rig", [signal("G1", raw, conversion=rule, **more)]), version=version)
-    return read_daq("mdf", path, ["G1"], sandboxed=False).channels["G1"]
+    return read_binary("mdf", path, ["G1"], sandboxed=False).channels["G1"]
 
 
 def table(name, keys, values):
@@ -194,7 +193,7 @@ def test_a_rule_that_is_damaged_is_refused(tmp_path):
     content[at + 8 : at + 16] = (1 << 40).to_bytes(8, "little")
     path.write_bytes(content)
     with pytest.raises(UserError, match="the conversion rule of 'G1' cannot be read"):
-        read_daq("mdf", path, ["G1"], sandboxed=False)
+        read_binary("mdf", path, ["G1"], sandboxed=False)
 
 
 @pytest.mark.parametrize(("code", "name"), [(7, "exponential"), (8, "logarithmic"), (99, "of type 99")])
@@ -208,4 +207,4 @@ def test_a_rule_that_programs_read_differently_is_refused(tmp_path, code, name):
     content[at + 2 : at + 4] = (46 + 56).to_bytes(2, "little")
     path.write_bytes(content)
     with pytest.raises(UserError, match=f"'G1' has a conversion rule that is not supported, {name}"):
-        read_daq("mdf", path, ["G1"], sandboxed=False)
+        read_binary("mdf", path, ["G1"], sandboxed=False)

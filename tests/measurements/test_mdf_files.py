@@ -6,14 +6,15 @@ import os
 import sys
 import tempfile
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from strainsight import processes
 from strainsight.errors import UserError
-from strainsight.measurements import daq_file
-from strainsight.measurements.daq_file import read_daq
+from strainsight.measurements import reader
+from strainsight.measurements.reader import read_binary
 
 from .written import A, B, T, mdf, signal
 
@@ -85,7 +86,7 @@ def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
     path = make(tmp_path / ("a.zip" if make is zipped else "a.mf4"))
     there = sorted(os.listdir(tmp_path))
     content = path.read_bytes()
-    recording = read_daq("mdf", path, ["G1", "G2"], sandboxed=False)
+    recording = read_binary("mdf", path, ["G1", "G2"], sandboxed=False)
     np.testing.assert_allclose(recording.time, T, atol=1e-12)
     np.testing.assert_array_equal(recording.channels["G1"], A)
     np.testing.assert_array_equal(recording.channels["G2"], B if make is unsorted else 0.5 * B + 3)
@@ -106,24 +107,24 @@ def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
 def test_an_archive_that_is_refused_leaves_nothing(tmp_path, temporary, make, message):
     path = make(tmp_path / "a.zip")
     with pytest.raises(UserError, match=message):
-        read_daq("mdf", path, ["G1"], sandboxed=False)
+        read_binary("mdf", path, ["G1"], sandboxed=False)
     assert os.listdir(temporary) == []
 
 
 HANGS = """
 import time
-from strainsight.measurements import daq_file, mdf
+from strainsight.measurements import mdf, reader
 mdf._places = lambda file: time.sleep(60)
-daq_file.answer(daq_file.reading("mdf"), (*daq_file.LIBRARIES["mdf"].modules, daq_file.LIBRARIES["mdf"].reader))
+reader.answer_for("mdf")
 """
 """A reader that does not come back from an open file."""
 
 
 def test_a_reader_that_is_killed_leaves_nothing(tmp_path, temporary, monkeypatch):
-    monkeypatch.setattr(daq_file, "COMMAND", [sys.executable, "-P", "-c", HANGS])
-    monkeypatch.setattr(daq_file, "TIME_LIMIT", 1.0)
+    monkeypatch.setattr(reader, "COMMAND", [sys.executable, "-P", "-c", HANGS])
+    monkeypatch.setitem(reader.LIBRARIES, "mdf", replace(reader.LIBRARIES["mdf"], seconds=1.0))
     monkeypatch.setattr(processes, "LONGER", 1.0)
     path = not_finalized(tmp_path / "a.mf4")
     with pytest.raises(UserError, match="crashed, or did not come to an end"):
-        read_daq("mdf", path, ["G1"])
+        read_binary("mdf", path, ["G1"])
     assert os.listdir(temporary) == []

@@ -129,7 +129,7 @@ def watch(event, arguments):
         events.append([event, repr(arguments)[:200], caller])
 from pathlib import Path
 from strainsight.errors import UserError
-from strainsight.measurements.daq_file import reading
+from strainsight.measurements.reader import reading
 import asammdf.blocks.v4_blocks, strainsight.measurements.mdf
 def caught(*arguments, **options):
     events.append(["numexpr", repr(arguments)[:200], ""])

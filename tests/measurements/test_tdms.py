@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.measurements.daq_file import read_daq
-from strainsight.measurements.reader import read_recording
+from strainsight.measurements.reader import read_binary, read_recording
 
 from ..refusals import expect_refusal
 from .written import A, B, T, tdms, waveform
@@ -17,7 +16,7 @@ START = np.datetime64("2025-01-06T10:00:00.000000")
 
 
 def read(path, channels, **options):
-    return read_daq("tdms", path, channels, **options, sandboxed=False)
+    return read_binary("tdms", path, channels, **options, sandboxed=False)
 
 
 def test_values_units_and_time(tmp_path):

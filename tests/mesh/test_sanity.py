@@ -21,8 +21,7 @@ from strainsight.mesh.additions import (
 from strainsight.mesh.joins import PointMass, Relation
 from strainsight.mesh.model import CellBlock, Material, Mesh, Region
 from strainsight.mesh.sanity import empty_regions, sanity_warnings, unused_nodes
-from strainsight.mesh.scaling import scaled
-from strainsight.mesh.units import LENGTH, USUAL_UNITS, mixed_units, to_si
+from strainsight.mesh.units import LENGTH, USUAL_UNITS, mixed_units, scaled, to_si
 
 
 def tetrahedron(length: float = 1.0, E: float = 2.1e11, rho: float = 7850.0) -> Mesh:

@@ -14,8 +14,8 @@ from strainsight.errors import DeckError
 from strainsight.fem.checks import check_geometry, check_materials
 from strainsight.fem.mass import mass_properties
 from strainsight.mesh.sanity import empty_regions, sanity_warnings, unused_nodes
-from strainsight.mesh.scaling import scaled
 from strainsight.mesh.section_shapes import SHAPES, section_of_shape
+from strainsight.mesh.units import scaled
 
 from ..refusals import expect_refusal
 

@@ -12,7 +12,7 @@ from strainsight.multibody.bodies import FlexibleBody, Frame, RigidBody
 from strainsight.multibody.forces import Gravity, Load, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.initial import Pose, project_position, project_velocity, state
 from strainsight.multibody.joints import spherical
-from strainsight.multibody.laws.springs import LinearLaw, bushing, spring, torsion
+from strainsight.multibody.laws import LinearLaw, bushing, spring, torsion
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.system import assemble
 from strainsight.rom.inertia import InertiaInvariants

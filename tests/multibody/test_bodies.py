@@ -7,14 +7,12 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import InfeasibleError
-from strainsight.multibody.bodies import Frame, RigidBody, mass_matrix
+from strainsight.multibody.bodies import Frame, RigidBody, as_inertia, inertia_load, mass_matrix
 from strainsight.multibody.coupled import coupled_modes, growth
 from strainsight.multibody.forces import Gravity, PointForce
-from strainsight.multibody.inertia import as_inertia, inertia_load
 from strainsight.multibody.initial import Pose, state, static_equilibrium
 from strainsight.multibody.joints import fixed, revolute
-from strainsight.multibody.laws.actuators import follower_force
-from strainsight.multibody.laws.springs import torsion
+from strainsight.multibody.laws import follower_force, torsion
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.step import sensitivities, step
 from strainsight.multibody.system import assemble

@@ -7,16 +7,15 @@ import numpy as np
 import pytest
 
 from strainsight.multibody.accelerations import balance
+from strainsight.multibody.bearing.element import BearingLaw
 from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.compiled import arrays, blocks, equations, matrix, newton, stages
 from strainsight.multibody.compiled.arrays import compiled
 from strainsight.multibody.forces import CompiledLaw, Gravity, RelativeElement
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import coincidence, revolute
-from strainsight.multibody.laws.kinds import LAWS
-from strainsight.multibody.laws.springs import LinearLaw
+from strainsight.multibody.laws import LAWS, LinearLaw
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.step import sensitivities, step
 from strainsight.multibody.system import assemble
@@ -151,13 +150,13 @@ def natural_step(system, q, v, u, h, theta, w=0.0, iterations=12):
     scale = np.concatenate([1 / system.metric, 1 / (h * system.metric), np.full(2 * m, 1.0)])
     for _ in range(iterations):
         new, speed, mu, lam = np.split(z, [n, 2 * n, 2 * n + m])
-        at = balance(system, new, speed, (speed - v) / h, mu, lam, u, theta)
+        at = balance(system, new, speed, u, theta, a=(speed - v) / h, lam=lam, mu=mu)
         r1 = d2 * ((new - q) / h - speed) + at.B.T @ mu
         r3 = at.B @ speed + (0.0 if at.driven is None else at.driven.rate)
         r = np.concatenate([r1, at.load - at.B.T @ lam - w, r3, at.phi])
         z = z - scale * np.linalg.solve(jacobian(system, at, h) * scale, r)
     new, speed, mu, lam = np.split(z, [n, 2 * n, 2 * n + m])
-    return new, speed, mu, lam, balance(system, new, speed, (speed - v) / h, mu, lam, u, theta)
+    return new, speed, mu, lam, balance(system, new, speed, u, theta, a=(speed - v) / h, lam=lam, mu=mu)
 
 
 def natural_slopes(system, q, v, u, h, theta, w=0.0):

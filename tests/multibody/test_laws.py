@@ -9,8 +9,7 @@ from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.forces import Gravity, Load, RelativeElement
 from strainsight.multibody.initial import Pose, state, static_equilibrium
 from strainsight.multibody.joints import prismatic, revolute
-from strainsight.multibody.laws.kinds import LAWS
-from strainsight.multibody.laws.springs import bushing, spring, torsion
+from strainsight.multibody.laws import LAWS, bushing, spring, torsion
 from strainsight.multibody.relations import place
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import simulate

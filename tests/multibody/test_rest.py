@@ -21,7 +21,7 @@ from strainsight.multibody.initial import (
     static_equilibrium,
 )
 from strainsight.multibody.joints import Joint, fixed, prismatic, revolute, spherical
-from strainsight.multibody.laws.springs import LinearLaw, spring, torsion
+from strainsight.multibody.laws import LinearLaw, spring, torsion
 from strainsight.multibody.relations import bearing_displacements, coincidence, dot, place
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.step import step

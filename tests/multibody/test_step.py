@@ -13,7 +13,7 @@ from strainsight.multibody.coupled import SHARE, followed, missed, relative_erro
 from strainsight.multibody.forces import Gravity, Load, PointForce, RelativeElement
 from strainsight.multibody.initial import Pose, state
 from strainsight.multibody.joints import prismatic, revolute, spherical
-from strainsight.multibody.laws.springs import bushing
+from strainsight.multibody.laws import bushing
 from strainsight.multibody.relations import place
 from strainsight.multibody.simulate import simulate, simulate_controlled
 from strainsight.multibody.step import advance, step

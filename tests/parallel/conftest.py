@@ -92,6 +92,6 @@ def doomed(tmp_path) -> Iterator[Cluster]:
 @pytest.fixture
 def eager(monkeypatch) -> None:
     """Other processes at once, however little there is to do."""
-    from strainsight.parallel import processes
+    from strainsight import parallel
 
-    monkeypatch.setattr(processes, "WORTH", 0.0)
+    monkeypatch.setattr(parallel, "WORTH", 0.0)

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
+from strainsight import parallel
 from strainsight.experiment.structure import reduction
-from strainsight.parallel import processes
 from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -48,7 +48,7 @@ def alone(config) -> dict[str, tuple[str, str]]:
 
 @pytest.mark.slow
 def test_two_processes_write_the_same_artefacts(config, alone, eager, monkeypatch):
-    spread, sent, in_threads = processes._spread, [], reduction.in_threads
+    spread, sent, in_threads = parallel._spread, [], reduction.in_threads
 
     def seen(task, points, shared, count, keep):
         sent.append(task.__name__)
@@ -61,8 +61,8 @@ def test_two_processes_write_the_same_artefacts(config, alone, eager, monkeypatc
 
         return in_threads(asked)
 
-    monkeypatch.setattr(processes, "_spread", seen)
     monkeypatch.setattr(reduction, "in_threads", counted)
+    monkeypatch.setattr(parallel, "_spread", seen)
     done = run(config, "two", "--jobs", "2")
     assert done.exit_code == 0, done.output
     assert artefacts(config, "two") == alone

@@ -15,7 +15,7 @@ import sweep_tasks as tasks
 
 from strainsight.contrib import dask_cluster as module
 from strainsight.errors import ConfigError, StrainsightError, UserError
-from strainsight.parallel.sweep import serial, watched
+from strainsight.parallel import serial, watched
 from strainsight.runner.where import Where, opened
 
 pytest.importorskip("distributed")

@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 import sweep_tasks as tasks
 
+from strainsight import parallel
 from strainsight.errors import ConfigError
-from strainsight.parallel import processes
-from strainsight.parallel.sweep import in_threads, mapped, serial, side_by_side, threads, watched
+from strainsight.parallel import in_threads, mapped, serial, side_by_side, threads, watched
 from strainsight.runner.where import Where, opened
 
 pytestmark = pytest.mark.usefixtures("eager")
@@ -30,7 +30,7 @@ def test_two_processes_find_the_same_bits_in_the_same_order():
 
 
 def test_little_work_stays_here(monkeypatch):
-    monkeypatch.setattr(processes, "WORTH", 5.0)
+    monkeypatch.setattr(parallel, "WORTH", 5.0)
     with opened(Where(2)) as sweep:
         assert set(sweep(tasks.process, list(range(5)), None)) == {os.getpid()}
 

@@ -12,12 +12,13 @@ import pytest
 from scipy.linalg import eigh, matrix_balance, solve_continuous_lyapunov
 
 from strainsight.fem.affine import AffineOperator
-from strainsight.loads.linearisation import Unknowns, augment_rows, gauge_intensity, linearise, process_intensity
-from strainsight.placement.elimination import Scenario, whole_pool_weight
-from strainsight.placement.scenario import solve_pool
+from strainsight.loads.input_models import Unknowns
+from strainsight.loads.linearisation import augment_rows, gauge_intensity, linearise, process_intensity
+from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.rom.model import Damping, ReducedModel
 
 from ..structures import beam_curvature, beam_matrices, clamped_beam
+from .whole_pools import whole_pool_weight
 
 E0, RHO0, LENGTH, WIDTH, HEIGHT = 2.0e11, 7850.0, 2.0, 0.10, 0.20
 

@@ -13,12 +13,12 @@ from strainsight.placement import branch_and_bound as module
 from strainsight.placement import branch_and_bound as room
 from strainsight.placement.branch_and_bound import Node, Search, branch_and_bound
 from strainsight.placement.certificate import cut_at
-from strainsight.placement.elimination import eliminate
 from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
 from .conftest import COMBINED, beam_of, costs_of, every_set, pools_of, scenarios_of
+from .whole_pools import eliminate
 
 
 def agrees(found, costs):

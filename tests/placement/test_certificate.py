@@ -12,12 +12,12 @@ from scipy.optimize import LinearConstraint, NonlinearConstraint, linprog, minim
 from strainsight.errors import NumericalError
 from strainsight.placement import certificate as module
 from strainsight.placement.certificate import Cut, certify, cut_at, lowest
-from strainsight.placement.elimination import eliminate
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import Region, cheapest, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 
 from .conftest import beam_of, every_set, scenarios_of
+from .whole_pools import eliminate
 
 
 def walks(q, unit):

@@ -13,15 +13,16 @@ from strainsight.errors import InfeasibleError
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.certificate import certify
 from strainsight.placement.criteria import CRITERIA, Metric, criterion_of
-from strainsight.placement.elimination import Scenario, eliminate, eliminate_from
+from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.exchange import exchange, fill
 from strainsight.placement.failure import loss_if_one_fails, robust_set
 from strainsight.placement.increment import gauge_gradients
 from strainsight.placement.limits import as_limits
-from strainsight.placement.scenario import loop_of, solve_pool
+from strainsight.placement.scenario import Scenario, loop_of, solve_pool
 
 from .conftest import COMBINED, beam_of, oracle, scenarios_of
 from .variances import metric_of
+from .whole_pools import eliminate
 
 NAMES = [criterion.name for criterion in CRITERIA]
 EVERY = pytest.mark.parametrize("criterion", NAMES)

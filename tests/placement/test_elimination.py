@@ -11,17 +11,18 @@ import pytest
 from scipy.linalg import solve_continuous_are
 
 from strainsight.errors import InfeasibleError
-from strainsight.loads.linearisation import Unknowns, augment_rows, linearise, process_intensity
+from strainsight.loads.input_models import Unknowns
+from strainsight.loads.linearisation import augment_rows, linearise, process_intensity
 from strainsight.placement import elimination
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.criteria import Criterion, WorstEigenvalue
-from strainsight.placement.elimination import eliminate, whole_pool_weight
 from strainsight.placement.exchange import exchange
 from strainsight.placement.increment import removal
 from strainsight.placement.scenario import Scenario, solve_pool, thesis_weight
 from strainsight.placement.score import score
 
 from .conftest import beam_of, covariance_in_digits, oracle, scenarios_of
+from .whole_pools import eliminate, whole_pool_weight
 
 
 def test_it_is_lazy(monkeypatch):

@@ -13,7 +13,7 @@ from strainsight.placement import exchange as filling
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.criteria import CRITERIA, Metric
-from strainsight.placement.elimination import eliminate, eliminate_from
+from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.exchange import exchange, fill
 from strainsight.placement.failure import robust_set
 from strainsight.placement.limits import as_limits, limits_of
@@ -22,6 +22,7 @@ from strainsight.placement.score import alike, gains, score, worth_keeping
 from strainsight.placement.witness import Remaining, twin_groups
 
 from .conftest import COMBINED, beam_of, costs_of, oracle, pools_of, scenarios_of
+from .whole_pools import eliminate
 
 
 @pytest.mark.parametrize("instants", [(63,), (55, 871)])

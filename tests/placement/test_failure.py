@@ -10,9 +10,8 @@ import pytest
 
 from strainsight.errors import NumericalError
 from strainsight.ordering import TIE
-from strainsight.placement import failure, score
+from strainsight.placement import failure, scenario
 from strainsight.placement.branch_and_bound import branch_and_bound
-from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import LossSearch, loss_if_one_fails, measure, robust_set
 from strainsight.placement.limits import limits_of
@@ -20,6 +19,7 @@ from strainsight.placement.scenario import solve_pool
 
 from ..shared import slowly
 from .conftest import COMBINED, beam_of, blind_sideways, costs_of, every_set, oracle, pools_of, scenarios_of
+from .whole_pools import eliminate
 
 
 def one_swap_away(gauges, pool, fixed=()):
@@ -99,14 +99,14 @@ def test_a_start_with_a_fatal_gauge_is_replaced():
 def test_a_failure_whose_covariance_is_not_solved_is_not_called_a_lost_unknown(monkeypatch):
     pools = tuple(solve_pool(s) for s in scenarios_of(beam_of(8), ("Fz",), ("E",)))
     plain = loss_if_one_fails(pools, [1, 4, 6])
-    solve = score.subset_covariance
+    solve = scenario.subset_covariance
 
     def unsolved(pool, gauges):
         if list(gauges) == [1, 6]:
             raise NumericalError("solved to 1e-7 only")
         return solve(pool, gauges)
 
-    monkeypatch.setattr(score, "subset_covariance", unsolved)
+    monkeypatch.setattr(scenario, "subset_covariance", unsolved)
     loss = loss_if_one_fails(pools, [1, 4, 6])
     assert np.isfinite(plain).all()
     assert np.isnan(loss[1])
@@ -253,8 +253,8 @@ def test_where_there_is_room_the_gauge_of_the_least_bound_is_added(aggregate):
 @pytest.mark.parametrize("aggregate", ["mean", "worst"])
 def test_every_solve_after_a_failure_is_counted_and_none_begins_beyond_the_limit(aggregate, monkeypatch):
     case, calls = drawn(3, aggregate), []
-    solve = score.subset_covariance
-    monkeypatch.setattr(score, "subset_covariance", lambda *asked: calls.append(1) or solve(*asked))
+    solve = scenario.subset_covariance
+    monkeypatch.setattr(scenario, "subset_covariance", lambda *asked: calls.append(1) or solve(*asked))
     start = [0, 1, 2, 3]
     whole = case.search(limits_of(8, 4))
     _, _, swaps = whole.swapped(start)

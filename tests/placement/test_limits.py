@@ -10,7 +10,6 @@ import pytest
 from strainsight.errors import InfeasibleError
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.certificate import certify
-from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange, fill
 from strainsight.placement.failure import loss_if_one_fails, robust_set
 from strainsight.placement.limits import Swaps, as_limits, limits_of
@@ -19,6 +18,7 @@ from strainsight.placement.scenario import Scenario, solve_pool, subset_covarian
 from ..shared import slowly
 from .conftest import COMBINED, beam_of, oracle, scenarios_of
 from .rules import CASES, NEAR, POOL, Rules
+from .whole_pools import eliminate
 
 EVERY = [units for k in range(1, 6) for units in combinations(range(POOL), k)]
 

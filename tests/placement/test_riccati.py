@@ -7,17 +7,18 @@ import numpy as np
 import pytest
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.placement import doubling, riccati
-from strainsight.placement.doubling import factor_after, steady_factor
-from strainsight.placement.information import information
+from strainsight.placement import riccati
 from strainsight.placement.riccati import (
     adjoint_lyapunov,
     balance,
     close_loop,
+    factor_after,
+    information,
     lyapunov,
     relative_residual,
     solve_anew,
     solve_care,
+    steady_factor,
 )
 from strainsight.placement.scenario import Scenario, loop_of, solve_pool, subset_covariance
 
@@ -234,7 +235,7 @@ def test_it_is_where_a_filter_comes_to_by_plain_steps(noise, damping, enough):
     P = covariance(A, H, N)
     np.testing.assert_allclose(after, before, rtol=1e-12)  # it has come there
     std = np.sqrt(np.diag(after))
-    assert np.abs((P - after) / np.outer(std, std)).max() < doubling.ACCEPTED
+    assert np.abs((P - after) / np.outer(std, std)).max() < riccati.ACCEPTED_IN_STEPS
 
 
 @pytest.mark.parametrize("ratio", [1e-6, 1e-3, 1.0, 1e3, 1e6])
@@ -284,7 +285,7 @@ def test_what_is_not_detected_or_not_reached_is_found_by_a_test_and_not_by_diver
 
 def test_accuracy_that_is_not_reached_is_reported_with_its_size_and_is_no_advice(monkeypatch):
     A, H, N = system(3, 0.3, 1.0)
-    monkeypatch.setattr(doubling, "MOST_DOUBLINGS", 3)
+    monkeypatch.setattr(riccati, "MOST_DOUBLINGS", 3)
     with pytest.raises(NumericalError, match=r"solved to \d\.\de-\d\d only") as refused:
         steady_factor(A, H, N)
     assert refused.value.exit_code == 1

@@ -10,10 +10,10 @@ import pytest
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.criteria import CRITERIA, Metric
-from strainsight.placement.elimination import Step, eliminate, known_to_go, least_missed
+from strainsight.placement.elimination import Step, known_to_go, least_missed
 from strainsight.placement.failure import robust_set
-from strainsight.placement.information import CANCELLED, Information, as_information, information
 from strainsight.placement.limits import limits_of
+from strainsight.placement.riccati import CANCELLED, Information, as_information, information
 from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refined, solve_pool, subset_covariance
 from strainsight.placement.score import score, scores
 from strainsight.placement.witness import Remaining
@@ -21,6 +21,7 @@ from strainsight.placement.witness import Remaining
 from .conftest import COMBINED, beam_of, blind_sideways, costs_of, oracle, pools_of, scenarios_of
 from .rules import PAIRS, POOL, PRICE, Rules, zone
 from .variances import variance
+from .whole_pools import eliminate
 
 
 def wandering(channels, unknowns):
@@ -132,7 +133,7 @@ def test_a_set_that_is_not_solved_is_not_called_one_that_cannot_tell(monkeypatch
     def refuse(*_):
         raise NumericalError("not solved")
 
-    monkeypatch.setattr("strainsight.placement.score.subset_covariance", refuse)
+    monkeypatch.setattr("strainsight.placement.scenario.subset_covariance", refuse)
     found = scores(by_criteria(pools, [0]), [1, 2, 3], np.array([0]), np.ones(1))
     assert np.isnan([*found.cost.values(), *found.std]).all()
 

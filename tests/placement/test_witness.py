@@ -10,14 +10,14 @@ import pytest
 from strainsight.errors import InfeasibleError
 from strainsight.placement import elimination as room
 from strainsight.placement import layouts, witness
-from strainsight.placement.elimination import Scenario, eliminate
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import limits_of
-from strainsight.placement.scenario import solve_pool
+from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.placement.score import score
 
 from ..shared import slowly
 from .conftest import beam_of, scenarios_of
+from .whole_pools import eliminate
 
 
 def scattered(count, distance, seed=3):

@@ -17,7 +17,7 @@ import numpy as np  # noqa: F401
 import scipy.linalg  # noqa: F401
 
 from strainsight.config.load import load_config
-from strainsight.fem import pardiso
+from strainsight.fem import factorisation
 from strainsight.runner.plan import Job
 from strainsight.runner.runner import run
 from strainsight.stages.bench.pipeline import bench_stages
@@ -44,5 +44,5 @@ if __name__ == "__main__":
         sys.modules["pypardiso"] = None  # type: ignore[assignment]
         warnings.filterwarnings("ignore", message="PARDISO is not available")
     if plan["compatible"]:  # the product sets the branch itself, over what MKL_CBWR says
-        pardiso._MKL_CBWR_AVX2 = pardiso._MKL_CBWR_AUTO = MKL_CBWR_COMPATIBLE
+        factorisation._MKL_CBWR_AVX2 = factorisation._MKL_CBWR_AUTO = MKL_CBWR_COMPATIBLE
     run_all(Path(plan["results"]), plan["runs"])

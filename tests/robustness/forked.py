@@ -21,7 +21,7 @@ NEEDED = (
     *(f"strainsight.stages.bench.{name}" for name in ("pipeline", "import_bodies", "reduce", "place", "simulate")),
     *(f"strainsight.stages.bench.{name}" for name in ("estimate", "field", "report")),
     "strainsight.runner.runner",
-    "strainsight.fem.pardiso",
+    "strainsight.fem.factorisation",
     "rich.console",
     "rich.table",
     "matplotlib.figure",

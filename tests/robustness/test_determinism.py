@@ -95,7 +95,7 @@ SOLVED = """
 import sys
 import numpy as np
 from scipy import sparse
-from strainsight.fem.pardiso import pardiso
+from strainsight.fem.factorisation import pardiso
 
 line = sparse.diags_array([-np.ones(11), 2.1 * np.ones(12), -np.ones(11)], offsets=[-1, 0, 1])
 one = sparse.eye_array(12)
@@ -119,7 +119,7 @@ np.savez(sys.argv[1], single=found[0][0], many=found[0][1])
 COMPLEX_FIRST = """
 import numpy as np
 from scipy import sparse
-from strainsight.fem.complex_factor import factorise_complex
+from strainsight.fem.factorisation import factorise_complex
 factorise_complex(sparse.csr_array(sparse.diags_array([2.0 + 1j] * 50)))(np.ones(50, dtype=complex))
 """
 

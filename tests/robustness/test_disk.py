@@ -109,8 +109,8 @@ def test_a_read_only_folder_is_reported_and_can_be_looked_at(mounts, project, re
 
 COMMAND = """
 import sys
-from strainsight.parallel import processes
-processes.WORTH = 0.0  # other processes at once, however little there is to do
+from strainsight import parallel
+parallel.WORTH = 0.0  # other processes at once, however little there is to do
 from strainsight_cli.main import main
 if __name__ == "__main__":
     main()

@@ -46,25 +46,25 @@ with reported():
 """
 WORKERS = """
 import math, os, sys, time
-from strainsight.parallel import processes
+from strainsight import parallel
 
 def task(folder, point):
     if point:
         open(os.path.join(folder, str(os.getpid())), "w").close()
         time.sleep(600)
 
-processes.WORTH = 0.0
-processes.in_processes(2, lambda: math.inf)(task, range(9), sys.argv[1])
+parallel.WORTH = 0.0
+parallel.in_processes(2, lambda: math.inf)(task, range(9), sys.argv[1])
 """
 APART = """
 import sys
-from strainsight.measurements import daq_file
+from strainsight.measurements import reader
 from strainsight_cli.failures import reported
 
-daq_file.COMMAND = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(60)"]
+reader.COMMAND = [sys.executable, "-c", "import time; print('ready', flush=True); time.sleep(60)"]
 with reported():
     print("starts", flush=True)
-    daq_file.read_daq("mat", __import__("pathlib").Path(daq_file.__file__), ["a"], time="t")
+    reader.read_binary("mat", __import__("pathlib").Path(reader.__file__), ["a"], time="t")
 """
 LOCKED = """
 import gc, os, signal, time

@@ -19,11 +19,11 @@ import pytest
 from scipy.linalg import solve_discrete_are
 from typer.testing import CliRunner
 
+from strainsight import parallel
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import Driven
 from strainsight.estimation.run import FilterRun
-from strainsight.parallel import processes
 from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
 
@@ -185,7 +185,7 @@ def test_the_filter_over_many_steps(capsys):
 
 @pytest.mark.slow
 def test_placements_in_one_process(project, capsys, monkeypatch):
-    monkeypatch.setattr(processes, "WORTH", 5.0)  # whole runs may have sweeps by others
+    monkeypatch.setattr(parallel, "WORTH", 5.0)  # whole runs may have sweeps by others
     runner, results = CliRunner(), str(project / "again")
     folder = project / "again" / "beam"
 

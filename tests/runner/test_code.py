@@ -67,7 +67,7 @@ def test_another_source_of_a_module_within_makes_another_code_and_one_beside_doe
 
 def test_what_is_loaded_by_name_and_what_a_page_is_drawn_with_are_code():
     estimate, report = (plan_module.closure(f"strainsight.stages.{name}") for name in ("estimate", "report"))
-    assert {f"strainsight.measurements.{name}" for name in ("mdf", "tdms", "mat", "hdf5_file")} <= estimate
+    assert {f"strainsight.measurements.{name}" for name in ("mdf", "tdms", "mat", "hdf5_datasets")} <= estimate
     parts = {path.relative_to(ROOT).as_posix() for path in ROOT.rglob("*") if path.suffix in (".css", ".js")}
     assert len(parts) >= 6
     benches = plan_module.closure("strainsight.stages.bench.report")

@@ -10,7 +10,7 @@ import pytest
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.joins import Relation
 from strainsight.sensors.access import opposite, room
-from strainsight.sensors.bridges import PATTERNS, bridges
+from strainsight.sensors.bonded import PATTERNS, bridges
 from strainsight.sensors.candidates import candidates
 from strainsight.sensors.edges import carrier, carrier_clearance, crowded, obstacles, room_for
 from strainsight.sensors.rows import channel_rows

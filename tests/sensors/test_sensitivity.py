@@ -8,8 +8,7 @@ from scipy.spatial.transform import Rotation
 
 from strainsight.errors import UserError
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
-from strainsight.sensors.bonded import BondedEntry, bonded
-from strainsight.sensors.bridges import bridges
+from strainsight.sensors.bonded import BondedEntry, bonded, bridges
 from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, candidates, motion_candidates, principal_angles
 from strainsight.sensors.installation import InstallationStd, sensitivity_rows
 from strainsight.sensors.rows import channel_rows, installation_axes, misplaced

@@ -18,7 +18,7 @@ from strainsight.config.bench.checks import bench_problems
 from strainsight.config.bench.connections import Axis, Force, Frames
 from strainsight.multibody.bodies import Frame
 from strainsight.multibody.forces import Load, RelativeElement
-from strainsight.multibody.laws.kinds import LAWS
+from strainsight.multibody.laws import LAWS
 from strainsight.multibody.relations import offset
 from strainsight.runner.artefact import Artefact
 from strainsight.stages.bench.pipeline import bench_stages

@@ -16,7 +16,7 @@ from strainsight.errors import StrainsightError
 from strainsight.experiment.bench.reduction import BodyMotion, instants, points
 from strainsight.experiment.bench.reduction import pictures as field_of
 from strainsight.experiment.resources import silent
-from strainsight.parallel.sweep import serial
+from strainsight.parallel import serial
 from strainsight.records.bench import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read

@@ -166,10 +166,9 @@ def by_radau(folder, loads, time):
     _, own, sensors = parts(folder)
     system = own.system
     n, m = system.size, system.constrained
-    still, none = np.zeros(n), np.zeros(m)
 
     def rate(t, x):
-        at = balance(system, x[:n], x[n:], still, none, none, loads(t), own.theta)
+        at = balance(system, x[:n], x[n:], loads(t), own.theta)
         KKT = np.block([[at.mass, -at.B.T], [at.B, np.zeros((m, m))]])
         return np.concatenate([x[n:], np.linalg.solve(KKT, np.concatenate([-at.load, -at.B_rate @ x[n:]]))[:n]])
 

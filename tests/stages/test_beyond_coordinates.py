@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import linear_models
+from strainsight.estimation.record import BankRecord
 from strainsight.experiment.structure.nuisances import nuisances_of
 from strainsight.experiment.structure.problem import filter_model, sample_std
 from strainsight.experiment.structure.references import parameters_of
@@ -99,7 +100,7 @@ def test_strain_where_no_gauge_is_lies_within_sigma_of_drawn_loads(beam, treat):
     whole = np.zeros((len(rows), size + f))
     whole[:, :n], whole[:, size:] = rows[:, :n], rows[:, n:]
     truth = truth_of(own.case.config, own.mesh, None, own.reduced, own.training, own.problem, own.case)
-    loading = loading_of(own.problem.settle, list(own.problem.signals.values()), found.h, len(found.known))
+    loading = loading_of(own.problem.run.settle, list(own.problem.run.signals.values()), found.h, len(found.known))
     errors, sigmas, without = [], [], []
     for realisation in range(1, 101):
         reading = found.again(realisation)
@@ -107,8 +108,8 @@ def test_strain_where_no_gauge_is_lies_within_sigma_of_drawn_loads(beam, treat):
         y = reading[1:] + noise * sample_std(own.problem, found.chosen, found.h)
         nuisances = nuisances_of(own.tolerated, model, found.chosen, behind=True)
         args = (model, np.zeros(size), found.covariance, found.known, y)
-        bank = filter_bank(*args, nuisances, settled=found.settled)
-        later = smooth_bank(*args, nuisances, bank, settled=found.settled)
+        bank = filter_bank(BankRecord(*args, nuisances, settled=found.settled))
+        later = smooth_bank(BankRecord(*args, nuisances, settled=found.settled), bank)
         there = truth.again(realisation, own.gauges)
         motion = there.motion(loading)
         errors.append(later.mean[:, 0] @ whole.T - motion.q @ beside(own, there.field()).T)

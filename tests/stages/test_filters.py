@@ -259,7 +259,7 @@ def test_instants_in_what_a_start_from_rest_has_set_off_are_reported(beam, chang
     small = beam(changes)
     problem = small.problem
     at = placed_instants(problem, problem.model.reference, problem.x, small.case.config.place, 1)
-    message = ringing_in_words(problem.settle, problem.loading, problem.model, at)
+    message = ringing_in_words(problem.run.settle, problem.loading, problem.model, at)
     assert message.startswith("2 of 2 instants") is warned
     if changes.get("train.settle") == 0.01:
         assert message in api.place(small.case, small.mesh, small.reduced, small.training, small.screened).advice

@@ -17,7 +17,6 @@ from strainsight.experiment.layout.task import root_of
 from strainsight.experiment.structure.screening import COHERENCE
 from strainsight.placement.certificate import Certificate, certify
 from strainsight.placement.criteria import Trace
-from strainsight.placement.elimination import eliminate
 from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import loss_if_one_fails
 from strainsight.placement.limits import limits_of
@@ -25,6 +24,7 @@ from strainsight.placement.score import score
 
 from ..edges.beam import TIP, bricks, prepared
 from ..placement.conftest import beam_of, last, oracle, scenarios_of
+from ..placement.whole_pools import eliminate
 
 
 def test_a_robust_layout_loses_less_in_its_worst_failure_and_both_say_what():

@@ -12,6 +12,8 @@ import yaml
 
 from strainsight.config.estimate import Estimate
 from strainsight.estimation.bank import filter_bank
+from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import draw_truth
 from strainsight.experiment.recorded import _calibration
 from strainsight.experiment.structure.diagnosed import judgement_of
@@ -85,7 +87,7 @@ def followed(message, samples):
 def error_over_sigma(truth, samples):
     """RMS error of the load over its σ, filtered."""
     model, P, load, _ = truth
-    run = filter_bank(model, np.zeros(5), P, forces(LONG), samples).run
+    run = filter_bank(BankRecord(model, np.zeros(5), P, forces(LONG), samples, no_nuisances(model))).run
     return float(np.sqrt(np.mean(((run.mean[1:, 0, LOAD] - load) / run.std[1:, 0, LOAD]) ** 2)))
 
 

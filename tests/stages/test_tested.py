@@ -12,7 +12,7 @@ from typer.testing import CliRunner
 
 from strainsight.errors import UserError
 from strainsight.experiment.structure.surface import largest_principal, largest_reading
-from strainsight.fem.element_matrices import SHEARS
+from strainsight.fem.elasticity import SHEARS
 from strainsight.records.estimated import Estimated
 from strainsight.records.record import read
 from strainsight.runner.artefact import Artefact

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Collection, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from math import inf
 from typing import Annotated, Any, get_args
 
@@ -47,13 +47,13 @@ def _parts(*annotations: Any) -> Iterator[Any]:
         yield from _parts(*get_args(item))
 
 
-def _leaves(key: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """The values that mappings and lists hold, with their keys."""
-    if not isinstance(value, dict | tuple):
+def _leaves(key: str, value: Any, vectors: bool = False) -> Iterator[tuple[str, Any]]:
+    """The values that mappings and lists hold, with their keys; vectors: a list of numbers is one."""
+    if not isinstance(value, dict | tuple) or (vectors and isinstance(value, tuple) and isinstance(value[0], float)):
         yield key, value
         return
     for place, item in value.items() if isinstance(value, dict) else enumerate(value):
-        yield from _leaves(f"{key}.{place}", item)
+        yield from _leaves(f"{key}.{place}", item, vectors)
 
 
 @dataclass(frozen=True)
@@ -94,6 +94,12 @@ def known(key: str, name: str, names: Collection[str], what: str) -> Iterator[Pr
     if name not in names:
         listed = ", ".join(names) or "none"
         yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known here: {listed}"))
+
+
+def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
+    """A problem unless the first corner is the lower one."""
+    if any(low >= high for low, high in zip(*box, strict=True)):
+        yield Problem(key, "the lower corner is not below the upper one", "give [[lowest], [highest]] x, y, z")
 
 
 UNITS = {
@@ -252,7 +258,9 @@ Text = Annotated[str, Field(min_length=1)]
 Positive = Annotated[float, Field(gt=0)]
 NotNegative = Annotated[float, Field(ge=0)]
 Vector = tuple[float, float, float]
-DirectionVector = Annotated[Vector, Unbounded("only the direction counts")]
+DIRECTION = Unbounded("only the direction counts")
+DirectionVector = Annotated[Vector, DIRECTION]
+"""Not of length zero (`section_problems`)."""
 Point = Annotated[Vector, Plausible(0.0, 1e4, "m")]
 Size = Annotated[Positive, SIZE]
 TimeStep = Annotated[Positive, Plausible(1e-7, 10.0, "s")]
@@ -269,6 +277,63 @@ class Section(BaseModel):
     """A mapping of the config: no unknown keys, no coercion, no NaN, not to be changed."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
+
+    def problems(self) -> Iterator[Problem]:
+        """Contradictions between the fields of this section, by keys that begin in it."""
+        yield from ()
+
+
+def section_problems(section: Section, above: str = "") -> Iterator[Problem]:
+    """Contradictions within a section and all below it, and directions of length zero; above: dotted key of the section."""
+    for problem in section.problems():
+        yield replace(problem, key=f"{above}.{problem.key}".strip("."))
+    for name, field in type(section).model_fields.items():
+        directed = mark_of(field, Unbounded) is DIRECTION
+        for key, value in _leaves(f"{above}.{field.alias or name}".removeprefix("."), getattr(section, name), directed):
+            if isinstance(value, Section):
+                yield from section_problems(value, key)
+            elif directed and isinstance(value, tuple) and not any(value):
+                yield Problem(key, "a vector of length zero", "give a vector such as [1, 0, 0]")
+
+
+class TimeSpan(Section):
+    """The length and the time step of a run."""
+
+    duration: Duration = Field(description="Length of the run [s].")
+    time_step: TimeStep = Field(description="Time step [s].")
+
+
+class NamedRun(Section):
+    """What every run has."""
+
+    name: RunName = Field(description="Name of the run; its results go to results/NAME.")
+    seed: Seed = Field(0, description="Seed of everything that is drawn at random [-].")
+
+
+PARALLEL = 1e-6
+"""sin² of the least angle between the two axes of a system, 0.06°."""
+
+
+class CoordinateSystem(Section):
+    """A right-handed system, z = x × y."""
+
+    origin: Point = Field((0.0, 0.0, 0.0), description="Its origin [m; of a datum in the deck's unit of length].")
+    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of x [-].")
+    y: DirectionVector = Field(
+        (0.0, 1.0, 0.0), description="A direction in the plane of x and y, on the side of y [-]."
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        """Its two directions span a plane."""
+        x, y = self.x, self.y
+        along = sum(a * b for a, b in zip(x, y, strict=True))
+        if any(x) and any(y) and along**2 >= (1 - PARALLEL) * sum(a * a for a in x) * sum(b * b for b in y):
+            yield Problem("y", f"{list(y)} runs along x, {list(x)}", "give another direction in the plane of x and y")
+
+
+def expert(*default: Any, **settings: Any) -> Any:
+    """A `Field` that no shipped example sets: the template leaves it out, and the reference has it among the expert keys."""
+    return Field(*default, json_schema_extra={"expert": True}, **settings)
 
 
 def with_defaults(section: type[Section], description: str) -> Any:

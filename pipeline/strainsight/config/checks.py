@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from strainsight.config.base import Problem, known, undivided
+from strainsight.config.base import Problem, known, section_problems, undivided
 from strainsight.config.checks_gauges import gauge_problems
 from strainsight.config.checks_model import model_problems
-from strainsight.config.estimate import Estimate, GaugeChannel, damage_problems
+from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
 from strainsight.config.loads import CaseLoad, LoadSignal, MultiSine, Settle, Sine, Sweep, load_case_problems
 from strainsight.config.placement import PlacementConfig
@@ -23,6 +23,7 @@ ONE = "or estimate one record with estimate.file"
 
 def problems(config: PlacementConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of a config."""
+    yield from section_problems(config)
     yield from model_problems(config)
     yield from gauge_problems(config)
     stated = {name: load.signal for name, load in config.loads.items()}
@@ -238,8 +239,6 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
     """Names of `estimate` that nothing would read."""
     if config.estimate is None:
         return
-    if config.estimate.damage is not None:
-        yield from damage_problems(config.estimate.damage, "estimate.damage")
     for name in config.estimate.initial_std:
         yield from known(f"estimate.initial_std.{name}", name, config.place.estimate, "unknown")
     yield from record_problems(config, config.estimate)

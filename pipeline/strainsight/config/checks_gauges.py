@@ -5,8 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from strainsight.config.base import Problem
-from strainsight.config.gauges import AbsoluteNoise, AxisDirection, BondedBridge, Gauges, type_problems
-from strainsight.config.layout import FOR_EXAMPLE, NO_LENGTH, zone_problems
+from strainsight.config.gauges import AbsoluteNoise, BondedBridge, Gauges, type_problems
 from strainsight.config.placement import PlacementConfig
 
 LARGEST_NOISE = 0.01
@@ -17,7 +16,7 @@ LARGEST_ROSETTE = 3
 
 def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Contradictions between the fields that make the candidates and the limits of a layout."""
-    gauges, place = config.gauges, config.place
+    gauges = config.gauges
     yield from _given(config)
     if isinstance(gauges.noise_std, AbsoluteNoise) and (value := gauges.noise_std.value) > LARGEST_NOISE:
         yield Problem(
@@ -25,22 +24,13 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
             f"{value:g} m/m are {100 * value:g} % of strain",
             f"give it in m/m: {value:g} um/m are {1e-6 * value:.1e}",
         )
-    yield from _directions(gauges)
+    yield from _rosette(gauges)
     if gauges.direction is not None:
         yield from type_problems(gauges, len(gauges.direction.angles) if gauges.rosette else 1)
-    yield from zone_problems("gauges.include", gauges.include)
-    yield from zone_problems("gauges.exclude", gauges.exclude)
     for name, sensors in config.motion_sensors.items():
-        for i, axis in enumerate(sensors.axes):
-            if axis != "normal" and not any(axis):
-                yield Problem(f"motion_sensors.{name}.axes.{i}", NO_LENGTH, FOR_EXAMPLE)
         directions = [axis if axis == "normal" else _unit(axis) for axis in sensors.axes]
         if any(a in directions[:i] for i, a in enumerate(directions)):
             yield Problem(f"motion_sensors.{name}.axes", "two axes are the same direction", "remove one of them")
-        yield from zone_problems(f"motion_sensors.{name}.include", sensors.include)
-        yield from zone_problems(f"motion_sensors.{name}.exclude", sensors.exclude)
-    if place.symmetry is not None and not any(place.symmetry.normal):
-        yield Problem("place.symmetry.normal", NO_LENGTH, FOR_EXAMPLE)
     yield from _mirrored(config)
     yield from _bridges(config)
     yield from _count(config)
@@ -86,25 +76,12 @@ def _given(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem(key, f"{what}, and gauges.given is there", "remove the key", at_key=True)
 
 
-def _directions(gauges: Gauges) -> Iterator[Problem]:
-    direction = gauges.direction
-    if isinstance(direction, AxisDirection) and not any(direction.axis):
-        yield Problem("gauges.direction.axis", "an axis of length zero", FOR_EXAMPLE)
-    if direction is not None:
-        yield from _angles("gauges.direction.angles", direction.angles)
-        if gauges.rosette and len(direction.angles) < 2:
-            yield Problem(
-                "gauges.rosette", "a rosette of one grid", "give gauges.direction.angles, such as [0, 45, 90]"
-            )
-    if direction is not None and len(direction.angles) > LARGEST_ROSETTE and gauges.rosette:
-        yield Problem("gauges.direction.angles", f"a rosette of {len(direction.angles)} grids", "give at most three")
-    for i, bonded in enumerate(gauges.fixed):
-        if isinstance(bonded, BondedBridge):
-            yield from _bridge(f"gauges.fixed.{i}.arms", bonded)
-            continue
-        if not any(bonded.direction):
-            yield Problem(f"gauges.fixed.{i}.direction", NO_LENGTH, FOR_EXAMPLE)
-        yield from _angles(f"gauges.fixed.{i}.angles", bonded.angles)
+def _rosette(gauges: Gauges) -> Iterator[Problem]:
+    grids = 0 if gauges.direction is None or not gauges.rosette else len(gauges.direction.angles)
+    if grids == 1:
+        yield Problem("gauges.rosette", "a rosette of one grid", "give gauges.direction.angles, such as [0, 45, 90]")
+    if grids > LARGEST_ROSETTE:
+        yield Problem("gauges.direction.angles", f"a rosette of {grids} grids", "give at most three")
 
 
 def _bridges(config: PlacementConfig) -> Iterator[Problem]:
@@ -122,43 +99,11 @@ def _bridges(config: PlacementConfig) -> Iterator[Problem]:
         )
 
 
-def _bridge(key: str, bridge: BondedBridge) -> Iterator[Problem]:
-    if problem := bridge_problem([arm.sign for arm in bridge.arms]):
-        yield Problem(key, f"a bridge of {problem[0]}", problem[1])
-    for k, arm in enumerate(bridge.arms):
-        if not any(arm.direction):
-            yield Problem(f"{key}.{k}.direction", NO_LENGTH, FOR_EXAMPLE)
-
-
-def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
-    """What arms with these signs have that a Wheatstone bridge has not, and the remedy; None: they are one."""
-    count = f"{len(signs)} arm{'s' * (len(signs) != 1)}"
-    if len(signs) < 2:
-        return count, "give two to four arms; one alone is a gauge: position, direction"
-    if not {*signs} <= {1, -1}:
-        return f"an arm of sign {next(s for s in signs if s not in (1, -1)):g}", "give 1 or -1"
-    for sign in (1, -1):
-        if (alike := list(signs).count(sign)) > 2:
-            return (
-                f"{alike} arms of sign {sign}",
-                "give at most two of either sign: arms 1 and 3 raise the output, 2 and 4 lower it",
-            )
-    if 1 not in signs:
-        return f"{count}, none of sign 1", "turn all signs, and state sign: -1 of the channel in estimate"
-    return None
-
-
 def _unit(axis: Sequence[float]) -> tuple[float, ...]:
     """The direction of an axis without its length and sign, rounded."""
     length = sum(x * x for x in axis) ** 0.5 or 1.0
     first = next((x for x in axis if x), 1.0)
     return tuple(round(x / length * (1 if first > 0 else -1), 9) + 0.0 for x in axis)
-
-
-def _angles(key: str, angles: Sequence[float]) -> Iterator[Problem]:
-    # A gauge turned by half a turn is the same gauge.
-    if len({angle % 180 for angle in angles}) < len(angles):
-        yield Problem(key, "two angles are the same direction", "remove one of them")
 
 
 def _mirrored(config: PlacementConfig) -> Iterator[Problem]:

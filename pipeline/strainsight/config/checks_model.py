@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator
 
-from strainsight.config.base import Problem, exactly_one
-from strainsight.config.checks_material import DAMPING, damping_problems, material_problems, plane_problems
-from strainsight.config.layout import FOR_EXAMPLE, NO_LENGTH, box_problem
-from strainsight.config.loads import Load, Recorded, signal_problems
-from strainsight.config.mesh import ElementSection, MeshFile, Results, Support
-from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
+from strainsight.config.base import Problem
+from strainsight.config.mesh import Results
+from strainsight.config.placement import GuessFrom, PlacementConfig, RayleighDamping
+from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import did_you_mean
+
+DAMPING = "damping_factor"
 
 
 def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -140,7 +140,6 @@ RESERVED = {"constant", "factors", "roots", "weights"}  # what stands beside the
 def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Contradictions between the fields that make the model."""
     yield from _names(config)
-    yield from _mesh(config.mesh)
     yield from _free(config)
     yield from _static(config)
     yield from damping_problems(config)
@@ -148,10 +147,8 @@ def model_problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from matrix_problems(config)
     yield from result_problems(config)
     for name, parameter in config.parameters.items():
-        yield from _parameter(f"parameters.{name}", parameter, config.name)
-    for name, load in config.loads.items():
-        yield from load_problems(f"loads.{name}", load)
-    yield from plane_problems("report.datum", config.report.datum.x, config.report.datum.y)
+        if isinstance(parameter.guess, GuessFrom) and parameter.guess.source == config.name:
+            yield Problem(f"parameters.{name}.guess.from", "a run cannot take a guess from itself", "name another run")
 
 
 def _static(config: PlacementConfig) -> Iterator[Problem]:
@@ -178,22 +175,6 @@ def _names(config: PlacementConfig) -> Iterator[Problem]:
         for name in names:
             if name in RESERVED:
                 yield Problem(f"{section}.{name}", f"the name '{name}' is taken", "choose another name", at_key=True)
-
-
-def _parameter(key: str, parameter: MaterialParameter, run: str) -> Iterator[Problem]:
-    low, high = parameter.range
-    if low >= high:
-        yield Problem(
-            f"{key}.range", f"the lowest value {low:g} is not below the highest {high:g}", "give [lowest, highest]"
-        )
-    elif isinstance(parameter.guess, float | int) and not low <= parameter.guess <= high:
-        yield Problem(
-            f"{key}.guess",
-            f"{parameter.guess:g} lies outside the range {low:g} to {high:g}",
-            f"widen {key}.range, or guess within it",
-        )
-    if isinstance(parameter.guess, GuessFrom) and parameter.guess.source == run:
-        yield Problem(f"{key}.guess.from", "a run cannot take a guess from itself", "name another run")
 
 
 def _places(config: PlacementConfig) -> Iterator[Problem]:
@@ -223,64 +204,6 @@ def _places(config: PlacementConfig) -> Iterator[Problem]:
             )
 
 
-def _mesh(mesh: MeshFile) -> Iterator[Problem]:
-    for name, face in mesh.faces.items():
-        if not (face.near or face.normal or face.box or face.radius):
-            what = "says of no face which it is"
-            yield Problem(f"mesh.faces.{name}", what, "give near, normal, box or radius", at_key=True)
-        if face.normal is not None and not any(face.normal):
-            yield Problem(f"mesh.faces.{name}.normal", NO_LENGTH, FOR_EXAMPLE)
-        if face.box is not None:
-            yield from box_problem(f"mesh.faces.{name}.box", face.box)
-    for name, section in mesh.sections.items():
-        yield from _section(f"mesh.sections.{name}", section)
-    if mesh.sections and mesh.matrices is not None:
-        yield Problem("mesh.sections", "stiffness and mass are those of mesh.matrices", "remove the key", at_key=True)
-    for i, support in enumerate(mesh.supports):
-        yield from exactly_one(f"mesh.supports.{i}", {"node": support.node, "set": support.set})
-        yield from _springs(f"mesh.supports.{i}", support, mesh)
-    claimed: dict[object, str] = {}
-    for name, material in mesh.materials.items():
-        for region in ("all",) if isinstance(material.regions, str) else material.regions:
-            if (other := claimed.setdefault(region, name)) != name:
-                yield Problem(
-                    f"mesh.materials.{name}.regions", f"region {region} is of material {other} too", "keep one"
-                )
-        yield from material_problems(f"mesh.materials.{name}", material)
-    if len(mesh.materials) > 1 and "all" in claimed:
-        yield Problem(f"mesh.materials.{claimed['all']}.regions", "'all' beside other materials", "name the regions")
-
-
-def _section(key: str, own: ElementSection) -> Iterator[Problem]:
-    """The section of shells, or that of beams or rods."""
-    yield from exactly_one(key, {"thickness": own.thickness, "area": own.area})
-    of_beams = {
-        "second_moments": own.second_moments,
-        "torsion": own.torsion,
-        "direction": own.direction,
-        "size": own.size,
-    }
-    if own.area is None:
-        for name in (name for name, value in of_beams.items() if value is not None):
-            yield Problem(f"{key}.{name}", "is of beams, which have an area", "remove the key", at_key=True)
-    elif own.offset:
-        yield Problem(f"{key}.offset", "is of shells, which have a thickness", "remove the key", at_key=True)
-    elif own.second_moments is None:
-        for name in (name for name in ("direction", "size") if of_beams[name] is not None):
-            what = "is of beams, which have second_moments; this is a rod"
-            yield Problem(f"{key}.{name}", what, "give second_moments, or remove the key", at_key=True)
-    else:
-        yy, zz, yz = (*own.second_moments, 0.0)[:3]
-        if yz**2 >= yy * zz:
-            what = f"∫yz dA of {yz:g} m⁴ is too large for ∫y² dA and ∫z² dA, {yy:g} and {zz:g} m⁴"
-            yield Problem(f"{key}.second_moments", what, "its square is below their product in every section")
-        for name, remedy in (("torsion", "give J [m⁴]"), ("direction", "give a vector such as [0, 0, 1]")):
-            if of_beams[name] is None:
-                yield Problem(f"{key}.{name}", "missing: beams need it beside second_moments", remedy, at_key=True)
-    if own.direction is not None and not any(own.direction):
-        yield Problem(f"{key}.direction", NO_LENGTH, FOR_EXAMPLE)
-
-
 def _free(config: PlacementConfig) -> Iterator[Problem]:
     """What a structure without supports cannot have: where it is depends on its whole past, and on nothing that is modelled."""
     if not config.mesh.free:
@@ -291,85 +214,29 @@ def _free(config: PlacementConfig) -> Iterator[Problem]:
         yield Problem(f"motion_sensors.{name}", f"{sensors.quantity} {what}", soft, at_key=True)
 
 
-def _springs(key: str, support: Support, mesh: MeshFile) -> Iterator[Problem]:
-    """Springs of a support."""
-    given = support.stiffness
-    if given is None:
-        return
-    values = given if isinstance(given, tuple) else (given,)
-    if min(values) < 0 or max(values) == 0:
-        yield Problem(f"{key}.stiffness", "no positive stiffness", "give one in N/m; without `stiffness` it is held")
-    if isinstance(given, tuple) and support.components != (1, 2, 3):
-        yield Problem(
-            f"{key}.components", "three stiffnesses are those along x, y and z", "remove the key", at_key=True
-        )
-    turned = {component > 3 for component in support.components}
-    if len(turned) > 1:
-        yield Problem(f"{key}.components", "one stiffness for [N/m] and [N m/rad]", "make two supports of it")
-    if True in turned and support.set in mesh.faces:
-        yield Problem(f"{key}.components", "a face has no rotations", "give the stiffness of translations, or a node")
-    if mesh.matrices is not None:
-        yield Problem(f"{key}.stiffness", "the stiffness is that of mesh.matrices", "put the spring there", at_key=True)
-
-
-def load_problems(key: str, load: Load) -> Iterator[Problem]:
-    places = {"node": load.node, "set": load.set, "deck_load": load.deck_load}
-    of_mass = {"gravity": load.gravity, "rotation": load.rotation}
-    if any(of_mass.values()):
-        yield from _on_all_mass(key, load, of_mass, places)
-        yield from _signal(key, load)
-        return
-    yield from exactly_one(key, places)
-    if load.factor and load.deck_load is None:
-        yield Problem(f"{key}.factor", "is of a load of the deck", "remove the key, or name a deck_load", at_key=True)
-    kinds = {"moment": load.moment, "bearing": load.bearing, "pressure": load.pressure}
-    if given := [name for name, value in kinds.items() if value is not None]:
-        yield from _instead(key, load, given, kinds[given[0]])
-    elif load.direction is None and load.deck_load is None:
-        yield Problem(f"{key}.direction", "missing", "give a vector such as [0, 0, 1]", at_key=True)
-    elif load.direction is not None and load.deck_load is not None:
-        yield Problem(f"{key}.direction", "a load of the deck has its own direction", "remove the key", at_key=True)
-    elif load.direction is not None and not any(load.direction):
-        yield Problem(f"{key}.direction", "a direction of length zero", "give a vector such as [0, 0, 1]")
-    yield from _signal(key, load)
-
-
-def _on_all_mass(key: str, load: Load, of_mass: Mapping[str, object], places: Iterable[str]) -> Iterator[Problem]:
-    """Gravity or a rotation, which acts everywhere."""
-    kind, *others = [name for name, value in of_mass.items() if value is not None]
-    rest = (*places, "direction", "moment", "bearing", "pressure", "factor")
-    for name in (*others, *(name for name in rest if getattr(load, name) is not None)):
-        yield Problem(f"{key}.{name}", f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
-    vector = load.gravity if load.rotation is None else load.rotation.axis
-    if vector is not None and not any(vector):
-        where = f"{key}.gravity" if load.rotation is None else f"{key}.rotation.axis"
-        yield Problem(where, "a vector of length zero", "give a vector such as [0, 0, -1]")
-
-
-def _signal(key: str, load: Load) -> Iterator[Problem]:
-    yield from signal_problems(f"{key}.signal", load.signal)
-    if not load.known and isinstance(load.signal, Recorded) and load.process_noise.frequency is None:
-        yield Problem(
-            f"{key}.process_noise",
-            "an unknown load from a recorded signal needs a typical frequency",
-            f"give {key}.process_noise.frequency [Hz]",
-            at_key=True,
-        )
-
-
-def _instead(key: str, load: Load, given: Sequence[str], value: object) -> Iterator[Problem]:
-    """What stands instead of a direction."""
-    kind = given[0]
-    if len(given) > 1:
-        yield Problem(f"{key}.{given[1]}", f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
-    if load.deck_load is not None:
-        what = "a load of the deck is no moment" if kind == "moment" else "a load of the deck has its own forces"
-        yield Problem(f"{key}.{kind}", what, "remove the key", at_key=True)
-    elif load.direction is not None:
-        own = {"moment": "a moment has an axis", "bearing": "a bearing load has a vector of its own"}
-        what = f"{own.get(kind, 'a pressure acts inward')} and no direction"
-        yield Problem(f"{key}.direction", what, "remove one of the two keys", at_key=True)
-    if isinstance(value, tuple) and not any(value):
-        yield Problem(f"{key}.{kind}", "an axis of length zero", "give a vector such as [0, 0, 1]")
-    if kind != "moment" and load.set is None:
-        yield Problem(f"{key}.{kind}", "acts on a face", "give `set` the name of one of mesh.faces", at_key=True)
+def damping_problems(config: PlacementConfig) -> Iterator[Problem]:
+    """Of parameters that are a damping_factor."""
+    names = [name for name, own in config.parameters.items() if own.property == DAMPING]
+    for name in names[1:]:
+        what = f"the damping is multiplied by {names[0]} already"
+        yield Problem(f"parameters.{name}", what, "keep one of the two", at_key=True)
+    for name in names:
+        own = config.parameters[name]
+        if own.region is not None:
+            what = f"a {DAMPING} multiplies `damping` in every mode: it has no region"
+            yield Problem(f"parameters.{name}.region", what, "remove the key")
+        law = config.damping
+        none = not (law.alpha or law.beta) if isinstance(law, RayleighDamping) else not law.ratio
+        if none:
+            what = f"a {DAMPING} of no damping (`damping` is zero)"
+            yield Problem(f"parameters.{name}.property", what, "give `damping` what is expected, such as ratio: 0.01")
+        spread = tolerances_of(config.tolerances).damping
+        if name in config.place.estimate and spread > 1:
+            what = (
+                f"one factor of all modes, which each may be damped {spread:g} times more or less (tolerances.damping)"
+            )
+            remedy = "state that they keep their ratios, tolerances: {damping: 1}, or do not estimate it"
+            yield Problem(f"parameters.{name}.property", what, remedy)
+        if config.train.model == "static":
+            what = "damping, which a structure without inertia does not feel (train.model: static)"
+            yield Problem(f"parameters.{name}.property", what, "train.model: dynamic")

@@ -26,6 +26,7 @@ from strainsight.config.base import (
     Stress,
     Text,
     TimeStep,
+    expert,
     with_defaults,
 )
 from strainsight.config.gauges import NamedGauge
@@ -37,7 +38,7 @@ class SNCurve(Section):
 
     slope: Annotated[float, Field(ge=1, le=30)] = Field(description="m of the line through `stress` [-].")
     stress: Stress = Field(description="Of which the material bears `cycles` cycles [Pa], a range or an amplitude.")
-    of: Literal["range", "amplitude"] = Field(
+    of: Literal["range", "amplitude"] = expert(
         "range", description="What `stress` is: a range Δσ, from valley to peak, or an amplitude σ_a = Δσ/2."
     )
     cycles: Cycles = Field(2e6, description="At `stress` [-].")
@@ -55,21 +56,21 @@ class SNCurve(Section):
 class MeanStress(Section):
     """Which range about no mean does the same damage; the S-N curve is then one of mean zero (R = −1)."""
 
-    rule: Literal["none", "goodman", "fkm"] = Field(
+    rule: Literal["none", "goodman", "fkm"] = expert(
         "none",
         description="none: ranges as they are. goodman: Δσ/(1 − σ_m/R_m) under tension. fkm: by the mean stress sensitivity "
         "M, as the FKM guideline has it.",
     )
-    tensile_strength: Stress | None = Field(None, description="R_m of goodman [Pa].")
-    sensitivity: Annotated[float, Field(ge=0, le=1)] | None = Field(None, description="M of fkm [-].")
+    tensile_strength: Stress | None = expert(None, description="R_m of goodman [Pa].")
+    sensitivity: Annotated[float, Field(ge=0, le=1)] | None = expert(None, description="M of fkm [-].")
 
 
 class DamageSettings(Section):
     """Damage of the record at every point of the surface and every virtual gauge, with its interval."""
 
     curve: SNCurve = Field(description="The S-N curve of the material.")
-    mean_stress: MeanStress = with_defaults(MeanStress, "What a mean stress does.")
-    stress: Literal["signed_von_mises", "principal"] = Field(
+    mean_stress: MeanStress = expert(default_factory=MeanStress, description="What a mean stress does.")
+    stress: Literal["signed_von_mises", "principal"] = expert(
         "signed_von_mises",
         description="Of the surface: von Mises' stress with the sign of the principal stress of the largest size, or that "
         "principal stress. Of a virtual gauge it is E ε along the gauge.",
@@ -81,38 +82,34 @@ class DamageSettings(Section):
         None,
         description="Interval at so many points of the surface, those most damaged by the smoothed mean [-]; null: at all.",
     )
-    equivalent_cycles: Cycles = Field(1e6, description="N_eq of the damage-equivalent range [-].")
+    equivalent_cycles: Cycles = expert(1e6, description="N_eq of the damage-equivalent range [-].")
     repetitions: Annotated[Positive, Plausible(1e-6, 1e12)] = Field(
         1.0, description="How often the record is repeated [-]; damage is that of all."
     )
-    hot_spots: Annotated[int, Field(ge=1, le=1000)] = Field(10, description="Places listed [-].")
+    hot_spots: Annotated[int, Field(ge=1, le=1000)] = expert(10, description="Places listed [-].")
 
-
-def damage_problems(own: DamageSettings, key: str) -> Iterator[Problem]:
-    """Contradictions within the section."""
-    curve, mean = own.curve, own.mean_stress
-    if curve.second_slope is not None and curve.knee is None:
-        yield Problem(f"{key}.curve.second_slope", "there is no knee", f"state {key}.curve.knee, or leave it out", True)
-    if curve.cut_off is not None and curve.knee is not None and curve.cut_off <= curve.knee:
-        yield Problem(
-            f"{key}.curve.cut_off",
-            f"{curve.cut_off:g} cycles are not beyond the knee, {curve.knee:g}",
-            "state more, or leave it out",
-        )
-    if curve.cut_off is not None and curve.knee is not None and curve.second_slope is None:
-        yield Problem(
-            f"{key}.curve.cut_off", "nothing below the knee does damage", "state second_slope, or leave it out", True
-        )
-    for rule, name, value in (
-        ("goodman", "tensile_strength", mean.tensile_strength),
-        ("fkm", "sensitivity", mean.sensitivity),
-    ):
-        if mean.rule == rule and value is None:
-            yield Problem(f"{key}.mean_stress", f"{rule} needs {name}", f"state {key}.mean_stress.{name}")
-        if mean.rule != rule and value is not None:
+    def problems(self) -> Iterator[Problem]:
+        curve, mean = self.curve, self.mean_stress
+        if curve.second_slope is not None and curve.knee is None:
             yield Problem(
-                f"{key}.mean_stress.{name}", f"the rule is {mean.rule}", f"leave it out, or set rule: {rule}", True
+                "curve.second_slope",
+                "there is no knee",
+                "state estimate.damage.curve.knee, or leave it out",
+                at_key=True,
             )
+        if curve.cut_off is not None and curve.knee is not None and curve.cut_off <= curve.knee:
+            what = f"{curve.cut_off:g} cycles are not beyond the knee, {curve.knee:g}"
+            yield Problem("curve.cut_off", what, "state more, or leave it out")
+        if curve.cut_off is not None and curve.knee is not None and curve.second_slope is None:
+            what = "nothing below the knee does damage"
+            yield Problem("curve.cut_off", what, "state second_slope, or leave it out", at_key=True)
+        for rule, name in (("goodman", "tensile_strength"), ("fkm", "sensitivity")):
+            stated = getattr(mean, name) is not None
+            if mean.rule == rule and not stated:
+                yield Problem("mean_stress", f"{rule} needs {name}", f"state estimate.damage.mean_stress.{name}")
+            if mean.rule != rule and stated:
+                remedy = f"leave it out, or set rule: {rule}"
+                yield Problem(f"mean_stress.{name}", f"the rule is {mean.rule}", remedy, at_key=True)
 
 
 BridgeKind = Literal[
@@ -127,13 +124,13 @@ class Bridge(Section):
         description="Arms with gauges, see docs/estimation.md; sum: a bridge of gauges.fixed."
     )
     gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(description="Gauge factor [-].")
-    poisson_ratio: float | None = Field(None, gt=-1, lt=0.5, description="Of the part, where gauges lie across [-].")
+    poisson_ratio: float | None = expert(None, gt=-1, lt=0.5, description="Of the part, where gauges lie across [-].")
 
 
 class DelayInSamples(Section):
     """A delay in samples of the file."""
 
-    samples: Annotated[int, Plausible(0, 1e6)] = Field(
+    samples: Annotated[int, Plausible(0, 1e6)] = expert(
         description="Whole samples that the channel is late by; negative: early [-]."
     )
 
@@ -141,7 +138,7 @@ class DelayInSamples(Section):
 class DelayInSeconds(Section):
     """A delay in seconds."""
 
-    seconds: Annotated[float, Plausible(0.0, 1e4, "s")] = Field(
+    seconds: Annotated[float, Plausible(0.0, 1e4, "s")] = expert(
         description="What the channel is late by, a whole number of sampling intervals; negative: early [s]."
     )
 
@@ -161,16 +158,16 @@ class Channel(Section):
     unit: Text = Field(
         description="Unit of the readings: um/m, mV/V, m/s2, g, mm, kN, …; has to agree with the file's."
     )
-    override: bool = Field(
+    override: bool = expert(
         False,
         description="true: the unit in the file is wrong, or readings are meant that look like a wrong unit, being so small, or "
         "like the last value of a slower channel, repeated.",
     )
     bridge: Bridge | None = Field(None, description="For mV/V and V/V, and only there.")
-    sign: Literal[1, -1] = Field(1, description="-1: wired the other way round.")
-    scale: Annotated[Positive, SCALE] = Field(1.0, description="Factor on the calibrated signal [-].")
-    offset: Annotated[float, READING] = Field(0.0, description="Subtracted from the readings [unit].")
-    drift: Annotated[float, READING] = Field(
+    sign: Literal[1, -1] = expert(1, description="-1: wired the other way round.")
+    scale: Annotated[Positive, SCALE] = expert(1.0, description="Factor on the calibrated signal [-].")
+    offset: Annotated[float, READING] = expert(0.0, description="Subtracted from the readings [unit].")
+    drift: Annotated[float, READING] = expert(
         0.0, description="Subtracted from the readings, times the time since the start [unit/s]."
     )
     zero: Annotated[tuple[float, float] | None, INSTANT] = Field(
@@ -180,7 +177,7 @@ class Channel(Section):
         (),
         description="[[from, to], …] [s]: samples between these times of the file count as missing, as spikes have to.",
     )
-    delay: Delay | None = Field(
+    delay: Delay | None = expert(
         None,
         description="What the channel is written late by, {samples: n} or {seconds: s}: it is put at its own time. null: none.",
     )
@@ -193,14 +190,14 @@ class GaugeChannel(Channel):
         description="Name of the gauge: of gauges.fixed, number in the table of gauges.given, or label in the layout (G1, as "
         "gauges.csv has it)."
     )
-    grid: Annotated[int, Plausible(1, 3)] = Field(
+    grid: Annotated[int, Plausible(1, 3)] = expert(
         1, ge=1, description="Which grid of a rosette or axis of a sensor, from 1."
     )
-    noise_std: Annotated[Positive | None, NOISE] = Field(
+    noise_std: Annotated[Positive | None, NOISE] = expert(
         None,
         description="Noise of one sample [strain, m/s² or m]; null: that of the config, at the sampling of the file.",
     )
-    bias: Annotated[Positive | None, Plausible(1e-12, 1e3, "strain, m/s² or m")] = Field(
+    bias: Annotated[Positive | None, Plausible(1e-12, 1e3, "strain, m/s² or m")] = expert(
         None, description="σ of an unknown constant offset, which is estimated too [strain, m/s² or m]; null: none."
     )
 
@@ -217,8 +214,8 @@ class Clock(Section):
         description="Column, dataset, channel or variable of the time; of a MAT file also the one interval between samples, or "
         "with unit Hz their rate.",
     )
-    unit: Text = Field("s", description="Its unit: s, ms, us, min; Hz of a rate.")
-    rate: Annotated[Positive | None, Plausible(1e-3, 1e7, "Hz or kHz")] = Field(
+    unit: Text = expert("s", description="Its unit: s, ms, us, min; Hz of a rate.")
+    rate: Annotated[Positive | None, Plausible(1e-3, 1e7, "Hz or kHz")] = expert(
         None, description="Samples per second, where the file has no time: {rate: 100, unit: Hz}, in place of channel."
     )
 
@@ -241,13 +238,15 @@ class Clock(Section):
 class TextForm(Section):
     """How a text table is written."""
 
-    delimiter: Literal[",", ";", "\t"] | None = Field(None, description="Between cells; null: as the first line shows.")
-    decimal: Literal[".", ","] = Field(".", description="Decimal mark.")
-    comment: str = Field("#", description="What lines to pass over begin with; empty: none.")
-    header_line: Count | None = Field(
+    delimiter: Literal[",", ";", "\t"] | None = expert(
+        None, description="Between cells; null: as the first line shows."
+    )
+    decimal: Literal[".", ","] = expert(".", description="Decimal mark.")
+    comment: str = expert("#", description="What lines to pass over begin with; empty: none.")
+    header_line: Count | None = expert(
         None, description="Line of the names, where others without a comment sign stand above it [-]."
     )
-    missing: tuple[Text, ...] = Field((), description="Words that stand for no sample, beside an empty cell and NaN.")
+    missing: tuple[Text, ...] = expert((), description="Words that stand for no sample, beside an empty cell and NaN.")
 
 
 class Field3D(Section):
@@ -261,7 +260,7 @@ class Field3D(Section):
 class Tune(Section):
     """Noise levels from the measurements themselves, by maximum likelihood."""
 
-    parts: tuple[Literal["process", "inputs", "model_error", "parameters", "noise"], ...] = Field(
+    parts: tuple[Literal["process", "inputs", "model_error", "parameters", "noise"], ...] = expert(
         (), description="Which noises get a factor; none: all as stated."
     )
 
@@ -272,10 +271,10 @@ FileFormat = Literal["auto", "csv", "hdf5", "uff58", "mdf", "tdms", "mat"]
 class RecordedFile(Section):
     """How the file of a test is read."""
 
-    format: FileFormat = Field(
+    format: FileFormat = expert(
         "auto", description="Which reader; auto: by the ending; mdf and tdms need the extra daq."
     )
-    text: TextForm = with_defaults(TextForm, "How a CSV file is written.")
+    text: TextForm = expert(default_factory=TextForm, description="How a CSV file is written.")
     time: Clock = with_defaults(Clock, "The time of the file.")
 
 
@@ -288,15 +287,34 @@ class RecordOfTest(Section):
     file: Text = Field(description="As estimate.file.")
     date: Text | None = Field(None, description="As estimate.date; null: that one.")
     format: FileFormat | None = Field(None, description="As estimate.format; null: that one.")
-    text: TextForm | None = Field(None, description="As estimate.text; null: that one.")
+    text: TextForm | None = expert(None, description="As estimate.text; null: that one.")
     time: Clock | None = Field(None, description="As estimate.time; null: that one.")
-    channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] | None = Field(
+    channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] | None = expert(
         None, description="As estimate.channels, of the same gauges, grids and biases in the same order; null: those."
     )
     inputs: dict[Name, Channel] | None = Field(None, description="As estimate.inputs; null: those.")
 
 
-class Estimate(RecordedFile):
+class EstimateOptions(Section):
+    """What the estimates of a structure and of a bench both have."""
+
+    hold_out: Literal["each"] | None = expert(
+        None,
+        description="each: leave every gauge, of a bench also every component of another sensor, out in turn, and compare what "
+        "it read with what the others say; a filter, of a structure also a smoother, more for each.",
+    )
+    accept: bool = expert(
+        False,
+        description="true: σ is given although the record of a test contradicts the model; `estimate --accept` is the same for "
+        "one run.",
+    )
+    allow_unobservable: bool = expert(
+        False,
+        description="true: go on where the sensors cannot tell all unknowns, of a bench at any instant of the run.",
+    )
+
+
+class Estimate(RecordedFile, EstimateOptions):
     """The filter on measurements of a test."""
 
     file: Text | None = Field(
@@ -309,8 +327,8 @@ class Estimate(RecordedFile):
         description="In place of file: several records of one test, {name: low, file: low.csv}, in one estimate. Parameters and "
         "what is bonded are the same in all; loads, motion and zeros are each record's own (docs/estimation.md).",
     )
-    date: Text | None = Field(None, description="When it was measured, as the page of the test is to say it.")
-    time_step: TimeStep | None = Field(
+    date: Text | None = expert(None, description="When it was measured, as the page of the test is to say it.")
+    time_step: TimeStep | None = expert(
         None,
         description="Time step of the filter [s], a whole part of the sampling interval; null: that interval, or a half or a "
         "third of it for known loads that are fast.",
@@ -323,7 +341,7 @@ class Estimate(RecordedFile):
         description="Where the gauges of the layout were bonded: a copy of its gauges.csv. Needed where a channel is of a "
         "gauge without a name of its own (G1).",
     )
-    as_placed: bool = Field(
+    as_placed: bool = expert(
         False, description="true: in place of gauges_file; G1 is where the layout has it now, which nothing checks."
     )
     inputs: dict[Name, Channel] = Field({}, description="Channels of the known loads, by the names of these.")
@@ -332,28 +350,18 @@ class Estimate(RecordedFile):
         description="rest: the structure stands still when the record begins; settled: it moves periodically under its loads, "
         "all known and sums of sines as in `loads`, amplitudes and phases of the record; moving: nothing is known of it.",
     )
-    initial_std: Annotated[dict[Name, Positive], RELATIVE_STD] = Field(
+    initial_std: Annotated[dict[Name, Positive], RELATIVE_STD] = expert(
         {}, description="Initial σ of unknowns, relative to guess or amplitude [-]; default: those of validate."
     )
     virtual: tuple[NamedGauge, ...] = Field((), description="Gauges that were never bonded, whose strain is wanted.")
     field: Field3D | None = Field(None, description="Strain and stress of the surface in time; null: none.")
-    hold_out: Literal["each"] | None = Field(
-        None,
-        description="each: leave every gauge out in turn, and compare what it read with what the others say; a filter and a "
-        "smoother more for each.",
-    )
     damage: DamageSettings | None = Field(
         None, description="Fatigue damage at the surface and at virtual gauges, with its interval; null: none."
     )
-    tune: Tune = with_defaults(Tune, "Noise levels from the measurements.")
-    loads_as_stated: bool = Field(
+    tune: Tune = expert(default_factory=Tune, description="Noise levels from the measurements.")
+    loads_as_stated: bool = expert(
         False,
         description="true: the unknown loads are taken to move as process_noise states; false: parameters are judged by what "
         "no unknown load could cause, and σ is withheld where no load is known. place and validate judge by free loads all the "
         "same.",
     )
-    accept: bool = Field(
-        False,
-        description="true: σ is given although the record contradicts the model; `estimate --accept` is the same for one run.",
-    )
-    allow_unobservable: bool = Field(False, description="true: go on where the channels cannot tell all unknowns.")

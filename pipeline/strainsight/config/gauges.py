@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Annotated, Any, Literal, Protocol
 
 from pydantic import Field, Tag, ValidationError
@@ -26,6 +26,7 @@ from strainsight.config.base import (
     Section,
     Size,
     Text,
+    expert,
 )
 from strainsight.config.layout import Zone, key_of
 from strainsight.errors import did_you_mean
@@ -46,16 +47,16 @@ class GaugeType(Section):
     )
     carrier_width: Annotated[Positive, GRID] = Field(description="Width of its carrier, untrimmed [m].")
     resistance: Annotated[Positive, RESISTANCE] = Field(description="Nominal resistance [Ω].")
-    gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(
+    gauge_factor: Annotated[Positive, GAUGE_FACTOR] = expert(
         2.0, description="Nominal gauge factor [-]; that of the lot is on the package."
     )
-    gauge_factor_tolerance: float = Field(0.01, gt=0, le=0.5, description="Tolerance of the gauge factor [-].")
-    range: Annotated[Positive, STRAIN_RANGE] = Field(0.05, description="Largest strain that it can measure [strain].")
-    bend_radius: Annotated[NotNegative, Plausible(1e-4, 1.0, "m")] = Field(
+    gauge_factor_tolerance: float = expert(0.01, gt=0, le=0.5, description="Tolerance of the gauge factor [-].")
+    range: Annotated[Positive, STRAIN_RANGE] = expert(0.05, description="Largest strain that it can measure [strain].")
+    bend_radius: Annotated[NotNegative, Plausible(1e-4, 1.0, "m")] = expert(
         0.0, description="Smallest radius to which it may be bent, solder tabs included [m]; 0: it follows any surface."
     )
-    grids: int = Field(default=1, ge=1, le=3, description="Grids on the carrier: 1, or 2 and 3 of a rosette [-].")
-    source: str = Field("", description="Whose gauge it is, for the page.")
+    grids: int = expert(default=1, ge=1, le=3, description="Grids on the carrier: 1, or 2 and 3 of a rosette [-].")
+    source: str = expert("", description="Whose gauge it is, for the page.")
 
     @property
     def spacing(self) -> float:
@@ -198,23 +199,32 @@ def fitting_type(side: float) -> str | None:
 Angles = Annotated[tuple[float, ...], Field(min_length=1), ANGLE]
 
 
-class AxisDirection(Section):
+class Angled(Section):
+    """What measures along several angles."""
+
+    angles: Angles = Field(
+        (0.0,),
+        description="Angles from the direction, of an axis as it is projected on the facet, right-handed about the outward "
+        "normal [deg]; a candidate each, or the grids of a rosette.",
+    )
+
+    def problems(self) -> Iterator[Problem]:
+        # A gauge turned by half a turn is the same gauge.
+        if len({angle % 180 for angle in self.angles}) < len(self.angles):
+            yield Problem("angles", "two angles are the same direction", "remove one of them")
+
+
+class AxisDirection(Angled):
     """Gauges along an axis projected on the facet, and turned by angles."""
 
     type: Literal["axis"] = Field(description="Kind of direction.")
     axis: DirectionVector = Field(description="Axis in global coordinates [-]; its length does not matter.")
-    angles: Angles = Field(
-        (0.0,),
-        description="Angles from the projected axis, right-handed about the outward normal [deg]; a candidate each, or the "
-        "grids of a rosette.",
-    )
 
 
-class PrincipalDirection(Section):
+class PrincipalDirection(Angled):
     """Gauges along the direction that strains most in the training run, facet by facet, and turned by angles."""
 
     type: Literal["principal"] = Field(description="Kind of direction.")
-    angles: Angles = Field((0.0,), description="Angles from it, right-handed about the outward normal [deg].")
 
 
 Direction = Annotated[AxisDirection | PrincipalDirection, Field(discriminator="type")]
@@ -251,8 +261,8 @@ class GivenGauges(Section):
     )
 
 
-class BondedGauge(Section):
-    """A gauge that is already bonded, and so in every layout."""
+class BondedGrid(Section):
+    """A grid that is already bonded."""
 
     position: Point = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
     direction: DirectionVector = Field(description="Measuring direction [-]; it is laid on the surface there.")
@@ -261,35 +271,56 @@ class BondedGauge(Section):
         description="Length of its grid [m], over which it averages; null: gauges.grid_length, on a bench the strain at its "
         "centre.",
     )
-    angles: Angles = Field(
-        (0.0,), description="Angles of its grids from the direction, right-handed about the outward normal [deg]."
-    )
 
 
-class NamedGauge(BondedGauge):
-    """A gauge with a name of its own."""
+class Named(Section):
+    """What may have a name of its own."""
 
     name: Name | None = Field(None, description="What it is called wherever it is named; null: the next free number.")
 
 
-class BridgeArm(Section):
+class BondedGauge(BondedGrid, Angled):
+    """A gauge that is already bonded, and so in every layout."""
+
+
+class NamedGauge(BondedGauge, Named):
+    """A gauge with a name of its own."""
+
+
+class BridgeArm(BondedGrid):
     """One arm of a bridge: a gauge that is bonded."""
 
-    position: Point = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
-    direction: DirectionVector = Field(description="Measuring direction [-]; it is laid on the surface there.")
     sign: Literal[1, -1] = Field(
         1, description="Of its strain in the reading: 1 for arms 1 and 3 of the bridge, -1 for 2 and 4."
     )
-    length: Annotated[NotNegative | None, GRID] = Field(
-        None, description="Length of its grid [m]; null: gauges.grid_length."
-    )
 
 
-class BondedBridge(Section):
+def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
+    """What arms with these signs have that a Wheatstone bridge has not, and the remedy; None: they are one."""
+    count = f"{len(signs)} arm{'s' * (len(signs) != 1)}"
+    if len(signs) < 2:
+        return count, "give two to four arms; one alone is a gauge: position, direction"
+    if not {*signs} <= {1, -1}:
+        return f"an arm of sign {next(s for s in signs if s not in (1, -1)):g}", "give 1 or -1"
+    for sign in (1, -1):
+        if (alike := list(signs).count(sign)) > 2:
+            return (
+                f"{alike} arms of sign {sign}",
+                "give at most two of either sign: arms 1 and 3 raise the output, 2 and 4 lower it",
+            )
+    if 1 not in signs:
+        return f"{count}, none of sign 1", "turn all signs, and state sign: -1 of the channel in estimate"
+    return None
+
+
+class BondedBridge(Named):
     """A Wheatstone bridge that is already bonded: one reading, the signed sum of the strains of its arms."""
 
     arms: tuple[BridgeArm, ...] = Field(description="Two to four arms, at most two of either sign.")
-    name: Name | None = Field(None, description="What it is called wherever it is named; null: the next free number.")
+
+    def problems(self) -> Iterator[Problem]:
+        if problem := bridge_problem([arm.sign for arm in self.arms]):
+            yield Problem("arms", f"a bridge of {problem[0]}", problem[1])
 
 
 NamedGaugeOrBridge = Annotated[
@@ -297,28 +328,45 @@ NamedGaugeOrBridge = Annotated[
 ]
 
 
-class SensorSites(Section):
+class Priced(Section):
+    """What costs something."""
+
+    price: Annotated[NotNegative, PRICE] = expert(
+        1.0, description="Price of one, of a sensor of a bench of each component, in the unit of place.budget."
+    )
+
+
+class Snapped(Section):
+    """What is moved to the surface of the mesh."""
+
+    snap_tolerance: Annotated[Positive, SNAP] = expert(
+        0.005, description="How far a bonded gauge may be from the surface of the mesh before it is refused [m]."
+    )
+
+
+class Noisy(Section):
+    """What is read with noise."""
+
+    noise_std: NoiseStd = Field(description="Noise standard deviation of every channel.")
+
+
+class SensorSites(Priced):
     """Where sensors may go, and what one costs."""
 
     surface: Text = Field("all", description="'all' exterior facets, or the name of a face, an element or node set.")
-    include: tuple[Zone, ...] = Field((), description="Zones that they have to be in, one of them; none: everywhere.")
+    include: tuple[Zone, ...] = expert((), description="Zones that they have to be in, one of them; none: everywhere.")
     exclude: tuple[Zone, ...] = Field(
         (),
         description="Zones without them; a name is that of a face, an element or node set, to which strain gauges keep their "
         "clearance, too.",
     )
-    price: Annotated[NotNegative, PRICE] = Field(1.0, description="Price of one, in the unit of place.budget.")
 
 
-class GaugeSites(SensorSites):
+class GaugeSites(SensorSites, Snapped):
     """Where strain gauges may go, and how near those that are there already are to the surface."""
 
-    snap_tolerance: Annotated[Positive, SNAP] = Field(
-        0.005, description="How far a bonded gauge may be from the surface of the mesh before it is refused [m]."
-    )
 
-
-class Gauges(GaugeSites):
+class Gauges(GaugeSites, Noisy):
     """Where strain gauges may go, along what, and how noisy they are."""
 
     type: Text | None = Field(
@@ -341,7 +389,7 @@ class Gauges(GaugeSites):
     direction: Direction | None = Field(
         None, description="Measuring directions of the candidates; left out only with `given`."
     )
-    rosette: bool = Field(
+    rosette: bool = expert(
         False,
         description="true: the angles of one place are a rosette, placed and removed as one; false: a gauge each.",
     )
@@ -351,7 +399,7 @@ class Gauges(GaugeSites):
         "(half-bending), 2 (ε − ε′) (full-bending), ε + ε′ (half-axial) or ε₊₄₅ − ε₋₄₅ + ε′₊₄₅ − ε′₋₄₅ (full-torsion); null: a "
         "gauge.",
     )
-    grid_length: Annotated[NotNegative, GRID] = Field(
+    grid_length: Annotated[NotNegative, GRID] = expert(
         0.0,
         description="Length of a gauge's grid [m], over which it averages; 0: the strain at its centre. With `type`: that of its "
         "grid.",
@@ -364,15 +412,14 @@ class Gauges(GaugeSites):
         "part leaves no choice of places.",
     )
     given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
-    noise_std: NoiseStd = Field(description="Noise standard deviation of every gauge.")
-    range: Annotated[Positive | None, STRAIN_RANGE] = Field(
+    range: Annotated[Positive | None, STRAIN_RANGE] = expert(
         None,
         description="Largest strain that a gauge can measure, of a bridge an arm [strain]; candidates that see more in training "
         "are dropped. With `type`: its range.",
     )
 
 
-class MotionSensors(SensorSites):
+class MotionSensors(SensorSites, Noisy):
     """Accelerometers or displacement sensors that may be placed beside the strain gauges."""
 
     quantity: Literal["acceleration", "displacement"] = Field(description="What they measure: [m/s²] or [m].")
@@ -382,7 +429,6 @@ class MotionSensors(SensorSites):
         "a triaxial one.",
     )
     every: Size | None = Field(None, description="Least distance between candidates [m]; null: one on every facet.")
-    noise_std: NoiseStd = Field(description="Noise standard deviation of every channel.")
-    range: Annotated[Positive | None, Plausible(1e-9, 1e6, "m/s² or m")] = Field(
+    range: Annotated[Positive | None, Plausible(1e-9, 1e6, "m/s² or m")] = expert(
         None, description="Largest reading [m/s² or m]; candidates that see more are dropped."
     )

@@ -22,13 +22,10 @@ from strainsight.config.base import (
     Section,
     Size,
     Text,
-    Vector,
+    box_problem,
+    expert,
 )
 from strainsight.errors import did_you_mean
-
-NO_LENGTH = "a vector of length zero"
-FOR_EXAMPLE = "give a vector such as [1, 0, 0]"
-
 
 NAMED = "name"
 """Tag of a member of a union that is a plain text."""
@@ -58,19 +55,22 @@ class BoxZone(Section):
 
     box: tuple[Point, Point] = Field(description="[[x, y, z], [x, y, z]]: lower and upper corner [m].")
 
+    def problems(self) -> Iterator[Problem]:
+        yield from box_problem("box", self.box)
+
 
 class CylinderZone(Section):
     """A cylinder without ends."""
 
-    point: Point = Field(description="A point on its axis [m].")
-    axis: DirectionVector = Field(description="Direction of its axis [-].")
-    radius: Annotated[Positive, Plausible(1e-6, 100.0, "m")] = Field(description="Radius [m].")
+    point: Point = expert(description="A point on its axis [m].")
+    axis: DirectionVector = expert(description="Direction of its axis [-].")
+    radius: Annotated[Positive, Plausible(1e-6, 100.0, "m")] = expert(description="Radius [m].")
 
 
 class InCylinder(Section):
     """The inside of a cylinder without ends."""
 
-    cylinder: CylinderZone = Field(description="The cylinder.")
+    cylinder: CylinderZone = expert(description="The cylinder.")
 
 
 class ConeZone(Section):
@@ -102,7 +102,7 @@ class NearSetZone(Section):
 class NearEdgesZone(Section):
     """The surroundings of edges."""
 
-    near_edges: Size = Field(description="Nearer than this to an edge of the body [m].")
+    near_edges: Size = expert(description="Nearer than this to an edge of the body [m].")
 
 
 class ShellFaceZone(Section):
@@ -134,25 +134,6 @@ Zone = Annotated[
 ]
 
 
-def zone_problems(key: str, zones: Sequence[Any]) -> Iterator[Problem]:
-    for i, zone in enumerate(zones):
-        yield from zone_problem(f"{key}.{i}", zone)
-
-
-def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
-    if any(low >= high for low, high in zip(*box, strict=True)):
-        yield Problem(key, "the lower corner is not below the upper one", "give [[lowest], [highest]] x, y, z")
-
-
-def zone_problem(key: str, zone: Any) -> Iterator[Problem]:
-    if isinstance(zone, BoxZone):
-        yield from box_problem(f"{key}.box", zone.box)
-    elif isinstance(zone, InCylinder) and not any(zone.cylinder.axis):
-        yield Problem(f"{key}.cylinder.axis", NO_LENGTH, FOR_EXAMPLE)
-    elif isinstance(zone, FacingZone) and not any(zone.normal_cone.axis):
-        yield Problem(f"{key}.normal_cone.axis", NO_LENGTH, FOR_EXAMPLE)
-
-
 Keep = Annotated[
     Count,
     Field(ge=1, description="Gauges to bond [-], those already bonded among them; with a budget at most so many."),
@@ -162,20 +143,20 @@ Keep = Annotated[
 class ZoneLimit(Section):
     """So many gauges in a zone, and no more."""
 
-    zone: Zone = Field(description="The zone.")
-    count: Annotated[int, Plausible(0, 1000)] = Field(ge=0, description="Most gauges in it [-].")
+    zone: Zone = expert(description="The zone.")
+    count: Annotated[int, Plausible(0, 1000)] = expert(ge=0, description="Most gauges in it [-].")
 
 
 class LayoutSettings(Section):
     """The layout: its size, its limits, its criterion, and how it is searched."""
 
     keep: Keep
-    criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = Field(
+    criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = expert(
         "trace",
         description="What the layout makes small, of the covariance of the unknowns: the sum of their variances; the volume of "
         "what stays uncertain, which no unit changes; or the variance of the combination of them that is known worst.",
     )
-    metric_over: tuple[Name, ...] = Field(
+    metric_over: tuple[Name, ...] = expert(
         (),
         description="Unknowns that the criterion covers; empty: all. The others are estimated beside them, however "
         "badly.",
@@ -185,20 +166,28 @@ class LayoutSettings(Section):
         description="Least distance between gauges of the layout [m]. With gauges.type of a structure: the longer side of its "
         "carrier.",
     )
-    at_most: tuple[ZoneLimit, ...] = Field((), description="Most gauges in some zones.")
-    budget: Annotated[Positive | None, PRICE] = Field(
+    at_most: tuple[ZoneLimit, ...] = expert((), description="Most gauges in some zones.")
+    budget: Annotated[Positive | None, PRICE] = expert(
         None, description="What the gauges may cost together, by their `price`; null: no limit."
     )
+    aggregate: Literal["mean", "worst"] = Field(
+        "mean",
+        description="How instants, parameter samples and load cases of a structure, or poses of a bench, are put together.",
+    )
     certificate: bool = Field(True, description="Compute a lower bound on what any layout of that size can reach.")
-    exchange: bool = Field(True, description="Exchange gauges after the elimination until none helps.")
-    optimise: Literal["metric", "worst_failure"] = Field(
+    exchange: bool = expert(True, description="Exchange gauges after the elimination until none helps.")
+    optimise: Literal["metric", "worst_failure"] = expert(
         "metric", description="metric: the criterion; worst_failure: the same after the worst failure of any one gauge."
     )
-    prove: Annotated[NotNegative, DURATION] = Field(
+    prove: Annotated[NotNegative, DURATION] = expert(
         0.0,
         description="Time for a branch and bound that improves the layout or proves it best [s]; 0: none. What it reaches "
         "without a proof depends on the machine.",
     )
+
+    def problems(self) -> Iterator[Problem]:
+        if self.prove > 0 and self.optimise != "metric":
+            yield Problem("prove", "a proof is of the metric, not of the worst failure", "remove one of the two keys")
 
 
 def layout_problems(
@@ -206,16 +195,12 @@ def layout_problems(
 ) -> Iterator[Problem]:
     """Contradictions between the limits, the criterion and the search; unknowns: those that the key `among` names; bonded:
     how many gauges are there already by the config's `key`."""
-    for i, limit in enumerate(place.at_most):
-        yield from zone_problem(f"place.at_most.{i}.zone", limit.zone)
     for i, name in enumerate(place.metric_over):
         if name not in unknowns:
             remedy = did_you_mean(name, unknowns, f"{among} has {', '.join(unknowns)}")
             yield Problem(f"place.metric_over.{i}", f"'{name}' is not estimated", remedy)
         elif name in place.metric_over[:i]:
             yield Problem(f"place.metric_over.{i}", f"'{name}' is named twice", "remove one of them")
-    if place.prove > 0 and place.optimise != "metric":
-        yield Problem("place.prove", "a proof is of the metric, not of the worst failure", "remove one of the two keys")
     if place.keep < bonded:
         what = f"{place.keep} gauges, and {bonded} are bonded already ({key})"
         yield Problem("place.keep", what, f"keep at least {bonded}")

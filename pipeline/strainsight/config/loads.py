@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -28,41 +28,51 @@ from strainsight.config.base import (
     Seed,
     Text,
     TimeStep,
+    exactly_one,
+    expert,
     known,
     with_defaults,
 )
 
 
-class Sine(Section):
+class Oscillation(Section):
+    """What goes up and down about zero."""
+
+    amplitude: Amplitude = Field(
+        description="Amplitude a [N, of a moment N m, of a pressure Pa, of gravity m/s²]; of a multisine that of the one sine "
+        "that has the power of all of them together."
+    )
+
+
+class Sine(Oscillation):
     """u(t) = a sin(2πft + φ)."""
 
     type: Literal["sine"] = Field(description="Kind of signal.")
     frequency: Frequency = Field(description="Frequency f [Hz].")
-    amplitude: Amplitude = Field(description="Amplitude a [N, of a moment N m, of a pressure Pa, of gravity m/s²].")
-    phase: Annotated[float, TURN] = Field(0.0, description="Phase φ [rad].")
+    phase: Annotated[float, TURN] = expert(0.0, description="Phase φ [rad].")
 
 
-class Sweep(Section):
+class Sweep(Oscillation):
     """A sine whose frequency runs linearly from one value to another, and then stays there."""
 
     type: Literal["sweep"] = Field(description="Kind of signal.")
     start_frequency: Annotated[NotNegative, FREQUENCY] = Field(description="Frequency at t = 0 [Hz].")
     end_frequency: Frequency = Field(description="Frequency at the end of the sweep [Hz].")
     duration: Duration = Field(description="Length of the sweep [s].")
-    amplitude: Amplitude = Field(description="Amplitude [N, of a moment N m, of a pressure Pa, of gravity m/s²].")
 
 
-class MultiSine(Section):
+class MultiSine(Oscillation):
     """Sines of equal amplitude, evenly spaced in frequency, with seeded phases."""
 
     type: Literal["multisine"] = Field(description="Kind of signal.")
     lowest: Frequency = Field(description="Lowest frequency [Hz].")
     highest: Frequency = Field(description="Highest frequency [Hz].")
     count: Count = Field(ge=1, description="Number of sines [-].")
-    amplitude: Amplitude = Field(
-        description="Amplitude [unit of the load] of the one sine that has the power of all of them together."
-    )
     seed: Seed = Field(0, description="Seed of the phases [-].")
+
+    def problems(self) -> Iterator[Problem]:
+        if self.lowest > self.highest:
+            yield Problem("lowest", f"{self.lowest:g} Hz is above the highest, {self.highest:g} Hz", "swap them")
 
 
 class Recorded(Section):
@@ -88,7 +98,21 @@ Settle = Positive | Literal["auto", "none"]
 """How a motion under loads begins: from rest so long before t = 0 [s], periodic where it can be, from rest."""
 
 
-class InputNoise(Section):
+class TypicalMotion(Section):
+    """How fast and how large an unknown load typically is."""
+
+    frequency: Frequency | None = Field(
+        None,
+        description="Typical frequency of the load [Hz], ω = 2π frequency, bandwidth of matern; null: that of its signal, in a "
+        "load case before that the one of its process_noise.",
+    )
+    amplitude: Amplitude | None = expert(
+        None,
+        description="Typical amplitude of the load [its unit], which its σ and initial_std count in; null: as for the frequency.",
+    )
+
+
+class InputNoise(TypicalMotion):
     """How an unknown load is modelled in time, by placement and filter alike."""
 
     model: Literal["random_walk", "integrated_random_walk", "matern", "oscillator"] = Field(
@@ -96,22 +120,13 @@ class InputNoise(Section):
         description="random_walk: any load, and noisy (the thesis); integrated_random_walk: a smooth one; matern: one with a "
         "bandwidth; oscillator: one about a known frequency.",
     )
-    kappa: Annotated[Positive | None, KAPPA] = Field(
+    kappa: Annotated[Positive | None, KAPPA] = expert(
         None,
         description="Factor κ of the intensity κω of both walks [-]; null: 1/(2π), by which the load, or its rate, moves by an "
         "amplitude in a period.",
     )
-    frequency: Frequency | None = Field(
-        None,
-        description="Typical frequency of the load [Hz], ω = 2π frequency, bandwidth of matern; null: that of its signal.",
-    )
-    amplitude: Amplitude | None = Field(
-        None,
-        description="Typical amplitude of the load [its unit]; initial_std is relative to it; null: "
-        "that of its signal.",
-    )
-    smoothness: Literal["1/2", "3/2", "5/2"] = Field("3/2", description="ν of matern [-]: ν − ½ derivatives exist.")
-    damping: Annotated[Positive, Plausible(1e-3, 1.0)] = Field(
+    smoothness: Literal["1/2", "3/2", "5/2"] = expert("3/2", description="ν of matern [-]: ν − ½ derivatives exist.")
+    damping: Annotated[Positive, Plausible(1e-3, 1.0)] = expert(
         0.05, description="ζ of oscillator [-]: its power lies within 2ζ of the frequency."
     )
 
@@ -173,6 +188,45 @@ class Load(Section):
     signal: LoadSignal = Field(description="What the load looks like in training and validation.")
     process_noise: InputNoise = with_defaults(InputNoise, "How an unknown load is modelled in the filter.")
 
+    def problems(self) -> Iterator[Problem]:
+        places = {"node": self.node, "set": self.set, "deck_load": self.deck_load}
+        if self.gravity is not None or self.rotation is not None:
+            yield from self._on_all_mass(places)
+        else:
+            yield from exactly_one("", places)
+            yield from self._in_one_place()
+        if not self.known and isinstance(self.signal, Recorded) and self.process_noise.frequency is None:
+            what = "an unknown load from a recorded signal needs a typical frequency"
+            yield Problem("process_noise", what, "give process_noise.frequency of the load [Hz]", at_key=True)
+
+    def _on_all_mass(self, places: Iterable[str]) -> Iterator[Problem]:
+        """Gravity or a rotation, which acts everywhere."""
+        kind, *others = [name for name in ("gravity", "rotation") if getattr(self, name) is not None]
+        rest = (*places, "direction", "moment", "bearing", "pressure", "factor")
+        for name in (*others, *(name for name in rest if getattr(self, name) is not None)):
+            yield Problem(name, f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
+
+    def _in_one_place(self) -> Iterator[Problem]:
+        """A direction, or what stands instead of one."""
+        if self.factor and self.deck_load is None:
+            yield Problem("factor", "is of a load of the deck", "remove the key, or name a deck_load", at_key=True)
+        kind, *others = [name for name in ("moment", "bearing", "pressure") if getattr(self, name) is not None] or [""]
+        if others:
+            yield Problem(others[0], f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
+        if not kind and self.direction is None and self.deck_load is None:
+            yield Problem("direction", "missing", "give a vector such as [0, 0, 1]", at_key=True)
+        elif not kind and self.direction is not None and self.deck_load is not None:
+            yield Problem("direction", "a load of the deck has its own direction", "remove the key", at_key=True)
+        elif kind and self.deck_load is not None:
+            what = "a load of the deck is no moment" if kind == "moment" else "a load of the deck has its own forces"
+            yield Problem(kind, what, "remove the key", at_key=True)
+        elif kind and self.direction is not None:
+            subjects = {"moment": "a moment has an axis", "bearing": "a bearing load has a vector of its own"}
+            what = f"{subjects.get(kind, 'a pressure acts inward')} and no direction"
+            yield Problem("direction", what, "remove one of the two keys", at_key=True)
+        if kind in ("bearing", "pressure") and self.set is None:
+            yield Problem(kind, "acts on a face", "give `set` the name of one of mesh.faces", at_key=True)
+
     @property
     def unit(self) -> str:
         """Of its signal and of all that is estimated of it."""
@@ -188,26 +242,10 @@ def unit_of(load: Mapping[str, object]) -> str:
     return next((unit for key, unit in UNITS.items() if load[key] is not None), "N")
 
 
-def signal_problems(key: str, signal: LoadSignal) -> Iterator[Problem]:
-    """Contradictions within a signal."""
-    if isinstance(signal, MultiSine) and signal.lowest > signal.highest:
-        yield Problem(f"{key}.lowest", f"{signal.lowest:g} Hz is above the highest, {signal.highest:g} Hz", "swap them")
-
-
-class CaseLoad(Section):
+class CaseLoad(TypicalMotion):
     """What a load looks like in one load case."""
 
     signal: LoadSignal = Field(description="What it looks like in that case.")
-    frequency: Frequency | None = Field(
-        None,
-        description="Typical frequency of an unknown load there [Hz]; null: as process_noise of the load has it, else that of "
-        "this signal.",
-    )
-    amplitude: Amplitude | None = Field(
-        None,
-        description="Its typical amplitude there [unit of the load], which its σ counts in; null: as process_noise of the load "
-        "has it, else that of this signal.",
-    )
 
 
 CaseEntry = Annotated[
@@ -230,11 +268,11 @@ class TrainingCase(Section):
         "unknown of the filter, with the process noise that it has as stated, and is left out of the criterion in that case.",
     )
     duration: Duration | None = Field(None, description="Length of this training [s]; null: train.duration.")
-    time_step: TimeStep | None = Field(
+    time_step: TimeStep | None = expert(
         None,
         description="Its time step [s]; null: train.time_step, at which noise_std is that of a sample in every case.",
     )
-    settle: Annotated[Settle | None, DURATION] = Field(None, description="How its motion begins; null: train.settle.")
+    settle: Annotated[Settle | None, DURATION] = expert(None, description="How its motion begins; null: train.settle.")
 
 
 def silent_in(case: TrainingCase) -> frozenset[str]:
@@ -271,7 +309,6 @@ def load_case_problems(
 
 
 def _entry(key: str, entry: CaseLoad, load: Load) -> Iterator[Problem]:
-    yield from signal_problems(f"{key}.signal", entry.signal)
     stated = entry.frequency if entry.frequency is not None else load.process_noise.frequency
     if not load.known and isinstance(entry.signal, Recorded) and stated is None:
         yield Problem(

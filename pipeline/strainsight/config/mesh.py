@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
@@ -10,6 +11,7 @@ from strainsight.config.base import (
     DENSITY,
     MODULUS,
     STIFFNESS,
+    CoordinateSystem,
     DirectionVector,
     Id,
     Name,
@@ -18,12 +20,15 @@ from strainsight.config.base import (
     Plausible,
     Point,
     Positive,
+    Problem,
     Section,
     Size,
     Text,
     Vector,
     YoungsModulus,
-    with_defaults,
+    box_problem,
+    exactly_one,
+    expert,
 )
 
 Component = Literal[1, 2, 3, 4, 5, 6]
@@ -33,57 +38,71 @@ NodeId = Annotated[Id, Field(ge=1)]
 SetId = NodeId
 
 
-class MaterialAxes(Section):
+class MaterialAxes(CoordinateSystem):
     """Where the axes 1, 2, 3 of an orthotropic material lie."""
 
-    system: Literal["rectangular", "cylindrical", "spherical"] = Field(
+    system: Literal["rectangular", "cylindrical", "spherical"] = expert(
         "rectangular",
         description="Of z = x × y through `origin`. rectangular: 1, 2, 3 are x, y, z; cylindrical: radial, tangential, along z; "
         "spherical: radial, away from z, around z. Of the last two they are those at each point of integration.",
     )
-    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of x [-].")
-    y: DirectionVector = Field(
-        (0.0, 1.0, 0.0), description="A direction in the plane of x and y, on the side of y [-]."
-    )
-    origin: Point = Field((0.0, 0.0, 0.0), description="Of the system [m]; of a rectangular one without effect.")
 
 
 Moduli = tuple[Positive, Positive, Positive]
 
 
-class Material(Section):
+class OfRegions(Section):
+    """What holds for some regions."""
+
+    regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
+        description="Ids or names of the regions (PSOLID, PSHELL, element set, physical group), or 'all', of a section all that "
+        "have such elements."
+    )
+
+
+class Material(OfRegions):
     """A linear elastic material, for regions whose material the file does not state, or in place of the file's: isotropic, or of
     solids orthotropic, with three of each constant."""
 
-    regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
-        description="Ids or names of the regions (PSOLID, PSHELL, element set, physical group), or 'all'."
-    )
     youngs_modulus: YoungsModulus | Moduli = Field(
         description="Young's modulus [Pa], or [E1, E2, E3] of an orthotropic material."
     )
     poisson_ratio: Annotated[float, Field(gt=-1, lt=0.5)] | Vector = Field(
         description="Poisson's ratio [-], or [ν12, ν13, ν23] of an orthotropic material, ν_ij = −ε_j/ε_i under a stress along i."
     )
-    shear_modulus: Annotated[Moduli | None, MODULUS] = Field(
+    shear_modulus: Annotated[Moduli | None, MODULUS] = expert(
         None, description="[G12, G13, G23] of an orthotropic material [Pa]."
     )
     density: Annotated[NotNegative, DENSITY] = Field(description="Density [kg/m³].")
-    axes: MaterialAxes | None = Field(
+    axes: MaterialAxes | None = expert(
         None, description="Axes of an orthotropic material; null: x, y and z of the mesh."
     )
 
+    def problems(self) -> Iterator[Problem]:
+        """Three of each constant, or one E and ν."""
+        three = {
+            "youngs_modulus": isinstance(self.youngs_modulus, tuple),
+            "poisson_ratio": isinstance(self.poisson_ratio, tuple),
+            "shear_modulus": self.shear_modulus is not None,
+        }
+        if any(three.values()) and not all(three.values()):
+            stated, lacking = (
+                ", ".join(name for name, is_set in three.items() if is_set == which) for which in (True, False)
+            )
+            remedy = "give [E1, E2, E3], [ν12, ν13, ν23] and [G12, G13, G23], or one E and ν and no shear_modulus"
+            yield Problem("", f"{stated} of an orthotropic material, and not {lacking}", remedy, at_key=True)
+        elif self.axes is not None and not all(three.values()):
+            yield Problem("axes", "an isotropic material has no axes", "remove the key", at_key=True)
 
-class ElementSection(Section):
+
+class ElementSection(OfRegions):
     """What makes elements solid that are no solids: with a thickness triangles and quadrangles are shells, with an area lines
     are beams, or rods where they have no moments of area. A deck of Nastran or Abaqus states this itself."""
 
-    regions: Annotated[tuple[RegionKey, ...], Field(min_length=1)] | Literal["all"] = Field(
-        description="Ids or names of the regions (physical surface or line), or 'all' that have such elements."
-    )
     thickness: Annotated[Positive | None, Plausible(1e-5, 2.0, "m", share=1.0)] = Field(
         None, description="Thickness of shells [m]."
     )
-    offset: Annotated[float, Plausible(0.0, 10.0, "m", share=1.0)] = Field(
+    offset: Annotated[float, Plausible(0.0, 10.0, "m", share=1.0)] = expert(
         0.0,
         description="Of the middle of shells from their nodes [m], along the normal by the right-hand rule about the order of "
         "nodes.",
@@ -105,11 +124,33 @@ class ElementSection(Section):
         None,
         description="Vector towards which y of beams points [-]; x runs from their first node to their second.",
     )
-    size: Annotated[tuple[Positive, Positive] | None, Plausible(1e-5, 10.0, "m", share=1.0)] = Field(
+    size: Annotated[tuple[Positive, Positive] | None, Plausible(1e-5, 10.0, "m", share=1.0)] = expert(
         None,
         description="Of the section of beams along y and z [m]: how far apart its sides are, on which gauges sit; null: a square "
         "of its area.",
     )
+
+    def problems(self) -> Iterator[Problem]:
+        """The section of shells, or that of beams or rods."""
+        yield from exactly_one("", {"thickness": self.thickness, "area": self.area})
+        of_beams = [n for n in ("second_moments", "torsion", "direction", "size") if getattr(self, n) is not None]
+        if self.area is None:
+            for name in of_beams:
+                yield Problem(name, "is of beams, which have an area", "remove the key", at_key=True)
+        elif self.offset:
+            yield Problem("offset", "is of shells, which have a thickness", "remove the key", at_key=True)
+        elif self.second_moments is None:
+            for name in (name for name in ("direction", "size") if name in of_beams):
+                what = "is of beams, which have second_moments; this is a rod"
+                yield Problem(name, what, "give second_moments, or remove the key", at_key=True)
+        else:
+            yy, zz, yz = (*self.second_moments, 0.0)[:3]
+            if yz**2 >= yy * zz:
+                what = f"∫yz dA of {yz:g} m⁴ is too large for ∫y² dA and ∫z² dA, {yy:g} and {zz:g} m⁴"
+                yield Problem("second_moments", what, "its square is below their product in every section")
+            for name, remedy in (("torsion", "give J [m⁴]"), ("direction", "give a vector such as [0, 0, 1]")):
+                if name not in of_beams:
+                    yield Problem(name, "missing: beams need it beside second_moments", remedy, at_key=True)
 
 
 class Support(Section):
@@ -125,6 +166,18 @@ class Support(Section):
         "over the area of a face. It is no part of a modulus that is estimated.",
     )
 
+    def problems(self) -> Iterator[Problem]:
+        yield from exactly_one("", {"node": self.node, "set": self.set})
+        if self.stiffness is None:
+            return
+        values = self.stiffness if isinstance(self.stiffness, tuple) else (self.stiffness,)
+        if min(values) < 0 or max(values) == 0:
+            yield Problem("stiffness", "no positive stiffness", "give one in N/m; without `stiffness` it is held")
+        if len(values) > 1 and self.components != (1, 2, 3):
+            yield Problem("components", "three stiffnesses are those along x, y and z", "remove the key", at_key=True)
+        if len({component > 3 for component in self.components}) > 1:
+            yield Problem("components", "one stiffness for [N/m] and [N m/rad]", "make two supports of it")
+
 
 class Face(Section):
     """A face of the surface, or several, under one name; all that is given has to hold."""
@@ -135,11 +188,17 @@ class Face(Section):
         "30°, or begins to bend. The middle of a bore means the bore. `import` lists a point of every face.",
     )
     normal: DirectionVector | None = Field(None, description="Outward normal [-]: facets that face this way.")
-    angle: float = Field(10.0, gt=0, le=90, description="Largest angle between a facet's normal and `normal` [deg].")
+    angle: float = expert(10.0, gt=0, le=90, description="Largest angle between a facet's normal and `normal` [deg].")
     box: tuple[Point, Point] | None = Field(
         None, description="[[x, y, z], [x, y, z]]: lower and upper corner [m]; facets whose centre lies between them."
     )
     radius: Size | None = Field(None, description="Bores and cylinders of this radius [m], to 2 %.")
+
+    def problems(self) -> Iterator[Problem]:
+        if not (self.near or self.normal or self.box or self.radius):
+            yield Problem("", "says of no face which it is", "give near, normal, box or radius", at_key=True)
+        if self.box is not None:
+            yield from box_problem("box", self.box)
 
 
 class Tie(Section):
@@ -158,10 +217,10 @@ class Tie(Section):
     to: Text | None = Field(
         None, description="surface: name of the node set or face that they follow, the coarser side."
     )
-    within: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=0.1)] = Field(
+    within: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=0.1)] = expert(
         1e-4, description="surface: how far the nodes may lie from it [m]."
     )
-    components: Components | None = Field(
+    components: Components | None = expert(
         None, description="rigid: of the nodes, default [1, 2, 3]; averaging: of the reference, default all six."
     )
 
@@ -205,24 +264,24 @@ class Matrices(Section):
 Step = Annotated[Id, Field(ge=0)] | Text
 
 
-class ModesOfResults(Section):
-    """Where the modes stand."""
+class InResults(Section):
+    """Where something stands in results of another program."""
 
-    file: Text | None = Field(None, description="File of results with the modes; null: that of mesh.results.file.")
-    step: Step | None = Field(
-        None, description="Number or title of their step or subcase; null: the only one of the file that has modes."
-    )
-
-
-class ResponseOfLoad(Section):
-    """Where the static response to one load stands."""
-
-    file: Text | None = Field(None, description="File of results with the response; null: that of mesh.results.file.")
+    file: Text | None = Field(None, description="File of results with it; null: that of mesh.results.file.")
     step: Step | None = Field(
         None,
-        description="Number or title of the step or subcase in which this load acted alone; null: the only static one of the "
-        "file.",
+        description="Number or title of its step or subcase, for a response that in which this load acted alone; null: the only "
+        "one of the file that has modes, or the only static one.",
     )
+
+
+class ModesOfResults(InResults):
+    """Where the modes stand."""
+
+
+class ResponseOfLoad(InResults):
+    """Where the static response to one load stands."""
+
     applied: Annotated[float, Plausible(1e-9, 1e12, "unit of the load")] = Field(
         1.0,
         description="How large the load was there, in the unit of the load [N, N m, Pa …]: of 500 N along the load's direction "
@@ -230,7 +289,18 @@ class ResponseOfLoad(Section):
     )
 
 
-class SecondResults(Section):
+class ResultsFile(Section):
+    """A file of results and the modes in it."""
+
+    file: Text = Field(
+        description="File of results of this mesh, in the units of the mesh: .frd of CalculiX, .op2 or .pch of Nastran, "
+        "universal (.unv, .uff), .rst of Ansys, .vtu or .vtk. Modes and responses of all loads are taken from it but where they "
+        "name another."
+    )
+    modes: ModesOfResults = expert(default_factory=ModesOfResults, description="Natural frequencies and mode shapes.")
+
+
+class SecondResults(ResultsFile):
     """Modes and static responses at another value of one parameter: what its regions add to the whole."""
 
     parameter: Name = Field(
@@ -240,27 +310,20 @@ class SecondResults(Section):
         description="Its value when this set was made [Pa, kg/m³ or 1]; that of the first one is in mesh.results.at, or the "
         "mesh's."
     )
-    file: Text = Field(description="File of results of the same mesh, supports and loads, in the units of the mesh.")
-    modes: ModesOfResults = with_defaults(ModesOfResults, "Natural frequencies and mode shapes.")
-    loads: dict[Name, ResponseOfLoad] | None = Field(
+    loads: dict[Name, ResponseOfLoad] | None = expert(
         None, description="As mesh.results.loads, of this set; null: the same steps of this file, and the same sizes."
     )
 
 
-class Results(Section):
+class Results(ResultsFile):
     """Modes and static responses of another program, in place of stiffness and mass."""
 
-    file: Text = Field(
-        description="File of results, in the units of the mesh: .frd of CalculiX, .op2 or .pch of Nastran, universal (.unv, "
-        ".uff), .rst of Ansys, .vtu or .vtk. Modes and responses of all loads are taken from it but where they name another."
-    )
-    modes: ModesOfResults = with_defaults(ModesOfResults, "Natural frequencies and mode shapes.")
     loads: dict[Name, ResponseOfLoad] = Field(
         {},
         description="By the name of a load (`loads`), the static response to it alone. What the modes do not carry of a load is "
         "in its static response: of a load without one the strain near it is too small.",
     )
-    modal_mass: Literal["auto", "unit", "mesh"] = Field(
+    modal_mass: Literal["auto", "unit", "mesh"] = expert(
         "auto",
         description="ΦᵀMΦ of the shapes. unit: 1 in the units of the mesh; mesh: by its densities; auto: as the file states, "
         "else by the densities.",
@@ -283,7 +346,7 @@ class MeshFile(Section):
         description="Nastran (.bdf, .nas, .dat), Abaqus (.inp), gmsh (.msh), results of CalculiX (.frd), VTU/VTK or another mesh "
         "that meshio reads, also packed (.gz) where it is text; the path starts from the config's folder."
     )
-    format: Literal["auto", "nastran", "abaqus", "gmsh", "frd", "meshio"] = Field(
+    format: Literal["auto", "nastran", "abaqus", "gmsh", "frd", "meshio"] = expert(
         "auto", description="Which reader; auto goes by the name's ending."
     )
     length_unit: Literal["m", "mm", "cm", "km", "in", "ft"] = Field("m", description="Unit of length in the file.")
@@ -291,7 +354,7 @@ class MeshFile(Section):
         "kg",
         description="Unit of mass in the file; the time unit is s, so N and mm go with t, lbf and in with lbf*s2/in.",
     )
-    region_data: Text | None = Field(
+    region_data: Text | None = expert(
         None, description="Cell data array that holds the region ids (VTU, VTK and the like); null: by its usual names."
     )
     ignore: tuple[Text, ...] = Field(
@@ -306,18 +369,18 @@ class MeshFile(Section):
         "that lie on the second follow it, the stiffest that a contact can be; open: nothing connects them. Null: a deck with "
         "contact is an error, but for pairs that it ties itself, which are bonded always.",
     )
-    mass: Literal["consistent", "lumped"] | None = Field(
+    mass: Literal["consistent", "lumped"] | None = expert(
         None,
         description="Mass of solids: consistent, ∫ ρ N_a N_b dV, or lumped, its diagonal scaled to the mass of each element, as "
         "programs have it whose frequencies are compared. Null: lumped where a Nastran deck of solids says so "
         "(PARAM,COUPMASS,-1), else consistent.",
     )
-    spc: SetId | None = Field(
+    spc: SetId | None = expert(
         None,
         description="Number of the set of supports (SPC, SPC1, SPCADD) of a Nastran deck that holds; null: the one that its case "
         "control selects.",
     )
-    step: SetId | None = Field(
+    step: SetId | None = expert(
         None,
         description="Number, from 1, of the step of an Abaqus or CalculiX deck whose supports (*BOUNDARY) and elements (*MODEL "
         "CHANGE) count; null: the one of its frequency analysis, or all, which then have to agree.",
@@ -357,3 +420,23 @@ class MeshFile(Section):
         description="Modes and static responses from another program, in place of stiffness and mass: supports and materials of "
         "the mesh are then not needed.",
     )
+
+    def problems(self) -> Iterator[Problem]:
+        if self.sections and self.matrices is not None:
+            yield Problem("sections", "stiffness and mass are those of mesh.matrices", "remove the key", at_key=True)
+        for i, support in enumerate(self.supports):
+            if support.stiffness is not None and max(support.components) > 3 and support.set in self.faces:
+                what = "a face has no rotations"
+                yield Problem(f"supports.{i}.components", what, "give the stiffness of translations, or a node")
+            if support.stiffness is not None and self.matrices is not None:
+                what = "the stiffness is that of mesh.matrices"
+                yield Problem(f"supports.{i}.stiffness", what, "put the spring there", at_key=True)
+        claimed: dict[object, str] = {}
+        for name, material in self.materials.items():
+            for region in ("all",) if isinstance(material.regions, str) else material.regions:
+                if (other := claimed.setdefault(region, name)) != name:
+                    yield Problem(
+                        f"materials.{name}.regions", f"region {region} is of material {other} too", "keep one"
+                    )
+        if len(self.materials) > 1 and "all" in claimed:
+            yield Problem(f"materials.{claimed['all']}.regions", "'all' beside other materials", "name the regions")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -13,21 +14,22 @@ from strainsight.config.base import (
     PROPERTY,
     RESISTANCE,
     SIZE,
+    CoordinateSystem,
     Count,
     DirectionVector,
-    Duration,
     Frequency,
     Id,
     Name,
+    NamedRun,
     NotNegative,
     Plausible,
     Point,
     Positive,
-    RunName,
+    Problem,
     Section,
-    Seed,
     Text,
-    TimeStep,
+    TimeSpan,
+    expert,
     with_defaults,
 )
 from strainsight.config.estimate import Estimate
@@ -47,7 +49,7 @@ class GuessFrom(Section):
         alias="from",
         description="Name of the run (results/NAME/validate.h5), or the path of such a file from the config's folder.",
     )
-    stage: Literal["validate", "estimate"] = Field(
+    stage: Literal["validate", "estimate"] = expert(
         "validate",
         description="Which estimates of the run named so: of simulated measurements, or of a test (results/NAME/estimate.h5).",
     )
@@ -112,6 +114,15 @@ class MaterialParameter(Section):
         "process_noise], in the steady filter that ranks layouts and where filter.drift lets it; else it is a constant.",
     )
 
+    def problems(self) -> Iterator[Problem]:
+        low, high = self.range
+        if low >= high:
+            what = f"the lowest value {low:g} is not below the highest {high:g}"
+            yield Problem("range", what, "give [lowest, highest]")
+        elif isinstance(self.guess, float) and not low <= self.guess <= high:
+            what = f"{self.guess:g} lies outside the range {low:g} to {high:g}"
+            yield Problem("guess", what, "widen the range of the parameter, or guess within it")
+
 
 class ModalDamping(Section):
     """The same damping ratio in every mode."""
@@ -124,8 +135,16 @@ class RayleighDamping(Section):
     """C = αM + βK."""
 
     type: Literal["rayleigh"] = Field(description="Kind of damping.")
-    alpha: Annotated[NotNegative, Plausible(1e-6, 1e3, "1/s")] = Field(description="α [1/s].")
-    beta: Annotated[NotNegative, Plausible(1e-12, 0.1, "s")] = Field(description="β [s].")
+    alpha: Annotated[NotNegative, Plausible(1e-6, 1e3, "1/s")] = expert(description="α [1/s].")
+    beta: Annotated[NotNegative, Plausible(1e-12, 0.1, "s")] = expert(description="β [s].")
+
+
+class Damped(Section):
+    """What has structural damping."""
+
+    damping: Annotated[ModalDamping | RayleighDamping, Field(discriminator="type")] = Field(
+        description="Structural damping."
+    )
 
 
 class ReducedModel(Section):
@@ -142,7 +161,7 @@ class ReducedModel(Section):
     )
 
 
-class Train(Section):
+class Train(TimeSpan):
     """The training run."""
 
     model: Literal["dynamic", "static"] = Field(
@@ -150,9 +169,7 @@ class Train(Section):
         description="static: for loads far below the first mode, the structure follows them without inertia, in training, "
         "placement and filter; the truth of `validate` keeps its inertia. `train` says how much that leaves out.",
     )
-    duration: Duration = Field(description="Length of the training run [s].")
-    time_step: TimeStep = Field(description="Time step [s].")
-    settle: Annotated[Settle, DURATION] = Field(
+    settle: Annotated[Settle, DURATION] = expert(
         "auto",
         description="How the motion of training and validation begins. auto: periodic where every load is a sine or a "
         "multisine, else from rest; none: from rest; a number: from rest so long before t = 0, under the same loads [s].",
@@ -197,8 +214,8 @@ class ProcessNoise(Section):
 class Symmetry(Section):
     """A plane: gauges on both sides are placed in pairs."""
 
-    point: Point = Field((0.0, 0.0, 0.0), description="A point of the plane [m].")
-    normal: DirectionVector = Field(description="Its normal in global coordinates [-].")
+    point: Point = expert((0.0, 0.0, 0.0), description="A point of the plane [m].")
+    normal: DirectionVector = expert(description="Its normal in global coordinates [-].")
 
 
 class Place(LayoutSettings):
@@ -208,13 +225,10 @@ class Place(LayoutSettings):
         description="Unknown loads and parameters to place for."
     )
     instants: Count = Field(20, ge=1, description="Instants of a training run that the model is linearised at [-].")
-    parameter_samples: Count = Field(
+    parameter_samples: Count = expert(
         1,
         ge=1,
         description="Parameter values to place for [-]: 1, the guess alone; more, points of the parameters' ranges too.",
-    )
-    aggregate: Literal["mean", "worst"] = Field(
-        "mean", description="How instants, parameter samples and load cases are put together."
     )
     load_cases: Annotated[dict[Name, TrainingCase], Field(min_length=1)] | None = Field(
         None,
@@ -235,7 +249,7 @@ class Place(LayoutSettings):
         description="Errors of installation, by `tolerances`. avoid: of the layouts for exact gauges and for such errors as "
         "noise of the readings, the one of least expected σ; ignore: the layout for exact gauges, as the thesis has it.",
     )
-    symmetry: Symmetry | None = Field(
+    symmetry: Symmetry | None = expert(
         None, description="Place gauges in mirrored pairs; those without a mirror are left out."
     )
 
@@ -259,7 +273,7 @@ class Filter(Section):
         "the extended Kalman filter of the thesis, which is overconfident of parameters that are hardly seen; sigma-point: the "
         "same with regressions over points of the parameters for Jacobians. σ of these two holds no tolerances.",
     )
-    drift: bool | None = Field(
+    drift: bool | None = expert(
         None,
         description="Whether parameters drift by their process_noise_scale in the extended or the sigma-point filter; null: in "
         "the extended one only, as in the thesis. In a bank they are constants.",
@@ -270,15 +284,15 @@ class Filter(Section):
         "does not allow for what it finds. null: in the test of validate, and in estimate of up to 20 000 steps, as it takes "
         "some 2 ms a step.",
     )
-    scheme: Literal["exact", "trapezoidal", "implicit_euler"] = Field(
+    scheme: Literal["exact", "trapezoidal", "implicit_euler"] = expert(
         "exact",
         description="Time step: exact for every mode, or a rule whose bias of frequency and damping is printed.",
     )
-    form: Literal["joseph", "square_root"] = Field(
+    form: Literal["joseph", "square_root"] = expert(
         "joseph",
         description="Of the covariance of the extended filter; square_root for noise so small that joseph loses its digits.",
     )
-    iterations: int = Field(
+    iterations: int = expert(
         1,
         ge=1,
         le=50,
@@ -289,15 +303,8 @@ class Filter(Section):
 Export = Literal["nastran", "abaqus", "catman", "labview", "mat"]
 
 
-class Datum(Section):
-    """Where a workshop measures from."""
-
-    origin: Point = Field((0.0, 0.0, 0.0), description="Its origin, in the deck's coordinates and unit of length.")
-    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of its x axis in the deck's coordinates [-].")
-    y: DirectionVector = Field(
-        (0.0, 1.0, 0.0),
-        description="Direction of its y axis [-], of which the part across x is taken; z completes a right-handed system.",
-    )
+class Datum(CoordinateSystem):
+    """Where a workshop measures from, in the deck's coordinates."""
 
 
 class Report(Section):
@@ -309,37 +316,32 @@ class Report(Section):
         "Where places of gauges are measured from, in the deck's unit of length: on the page and the sheets, in workshop.csv and "
         "workshop.unv.",
     )
-    exports: tuple[Export, ...] = Field(
+    exports: tuple[Export, ...] = expert(
         (),
         description="Files for other programs. nastran: SET cards of the elements below the gauges, gauges-nastran.inc; abaqus: "
         "*ELSET of them, gauges-abaqus.inp; catman, labview: a table of the channels to set up by hand, channels-catman.txt, "
         "channels-labview.txt; mat: the linear augmented model with the rows of the layout, model.mat.",
     )
-    gauge_factor: Annotated[Positive | None, GAUGE_FACTOR] = Field(
+    gauge_factor: Annotated[Positive | None, GAUGE_FACTOR] = expert(
         None, description="Gauge factor in tables of channels [-]; null: that of gauges.type, else blank."
     )
-    resistance: Annotated[Positive | None, RESISTANCE] = Field(
+    resistance: Annotated[Positive | None, RESISTANCE] = expert(
         None, description="Resistance of a gauge in tables of channels [ohm]; null: that of gauges.type, else blank."
     )
 
 
-class PlacementConfig(Section):
+class PlacementConfig(NamedRun, Damped):
     """From a finite-element mesh to a certified strain-gauge layout. SI units unless a field says otherwise."""
 
     kind: Literal["placement"] = Field(description="Which pipeline.")
-    name: RunName = Field(description="Name of the run; its results go to results/NAME.")
-    seed: Seed = Field(0, description="Seed of everything that is drawn at random [-].")
     mesh: MeshFile = Field(description="The finite-element model.")
     parameters: dict[Name, MaterialParameter] = Field({}, description="Material properties that stay free, by name.")
     loads: Annotated[dict[Name, Load], Field(min_length=1)] = Field(description="Loads, by name.")
-    solver: Literal["direct", "slepc"] = Field(
+    solver: Literal["direct", "slepc"] = expert(
         "direct",
         description="Who factorises the stiffness, for modes and static responses. direct: this process, by PARDISO; slepc: "
         "processes of MPI, by SLEPc and MUMPS, where one machine has too little memory or time; which launcher and how many "
         "processes say STRAINSIGHT_MPI and STRAINSIGHT_MPI_PYTHON in the environment, and no config.",
-    )
-    damping: Annotated[ModalDamping | RayleighDamping, Field(discriminator="type")] = Field(
-        description="Structural damping."
     )
     rom: ReducedModel = with_defaults(ReducedModel, "The parametric reduced model.")
     train: Train = Field(description="The training run.")

@@ -9,7 +9,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, JsonValue
 
-from strainsight.config.base import COMPARED, Problem, RunName, Section, Text
+from strainsight.config.base import COMPARED, Problem, RunName, Section, Text, expert, section_problems
 
 Texts = Annotated[tuple[Text, ...], Field(min_length=1)]
 
@@ -32,19 +32,42 @@ class Measure(Section):
     equals: bool | None = Field(None, description="For a number that is true or false: which of them it has to be.")
     unit: str = Field("", description="What stands behind the number on the page, as in N or of the weight.")
 
+    def problems(self) -> Iterator[Problem]:
+        bounds = [value for value in (self.above, self.below) if value is not None]
+        if self.equals is None and not bounds:
+            yield Problem("", "has no bound", "give above, below or both, or equals: true or false", at_key=True)
+        elif self.equals is not None and (bounds or self.against is not None or self.times != 1):
+            yield Problem("equals", "goes with no other bound and no ratio", "leave one of them out")
+        elif len(bounds) == 2 and not bounds[0] < bounds[1]:
+            yield Problem("above", f"{bounds[0]:g} is not smaller than below, {bounds[1]:g}", "swap them")
+        if self.against_number is not None and self.against is None:
+            what = "there is no run to compare with"
+            yield Problem("against_number", what, "give against: RUN, or leave it out", at_key=True)
 
-class Claim(Measure):
-    """A statement about numbers of runs: confirmed where all of them are within the bounds, contradicted otherwise."""
 
-    text: Text = Field(description="The statement.")
+class Explained(Section):
+    """What may need a reason."""
+
     why: str = Field(
         "",
-        description="Why it holds or does not, in words that the page shows below the verdict; where it does not, the "
-        "page marks that none is given.",
+        description="Why it holds or does not, or why nothing is measured, in words that the page shows below the verdict; "
+        "where it does not hold, the page marks that none is given.",
     )
 
 
-class Comparison(Section):
+class Noted(Section):
+    """What may have a note."""
+
+    note: str = Field("", description="A sentence that the page shows with it.")
+
+
+class Claim(Measure, Explained):
+    """A statement about numbers of runs: confirmed where all of them are within the bounds, contradicted otherwise."""
+
+    text: Text = Field(description="The statement.")
+
+
+class Comparison(Explained):
     """What a source says, what comes out under its settings, and what under ours."""
 
     source: Text = Field(description="Where it stands, as in figure 2.4.")
@@ -52,11 +75,11 @@ class Comparison(Section):
     printed: str = Field("", description="Its number, in words.")
     as_printed: Measure | None = Field(None, description="Numbers of runs under the settings of the source.")
     ours: Measure | None = Field(None, description="Numbers of runs under settings of our own.")
-    why: str = Field(
-        "",
-        description="Why it holds or does not, or why nothing is measured, in words that the page shows below the verdict; "
-        "where it does not hold, the page marks that none is given.",
-    )
+
+    def problems(self) -> Iterator[Problem]:
+        if self.as_printed is None and self.ours is None and not self.why:
+            remedy = "give as_printed or ours, or why there is nothing to measure"
+            yield Problem("", "nothing is measured, and nothing says why", remedy, at_key=True)
 
 
 def as_texts(value: str | Sequence[str]) -> tuple[str, ...]:
@@ -73,44 +96,16 @@ def measures_of(claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> d
     return found
 
 
-def measure_problems(claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> Iterator[Problem]:
-    """What is wrong with them by themselves."""
-    for key, own in measures_of(claims, comparisons).items():
-        yield from _problems(key, own)
-    for i, row in enumerate(comparisons):
-        if row.as_printed is None and row.ours is None and not row.why:
-            yield Problem(
-                f"comparisons.{i}",
-                "nothing is measured, and nothing says why",
-                "give as_printed or ours, or why there is nothing to measure",
-                at_key=True,
-            )
-
-
-def _problems(key: str, own: Measure) -> Iterator[Problem]:
-    bounds = [value for value in (own.above, own.below) if value is not None]
-    if own.equals is None and not bounds:
-        yield Problem(key, "has no bound", "give above, below or both, or equals: true or false", at_key=True)
-    elif own.equals is not None and (bounds or own.against is not None or own.times != 1):
-        yield Problem(f"{key}.equals", "goes with no other bound and no ratio", "leave one of them out")
-    elif len(bounds) == 2 and not bounds[0] < bounds[1]:
-        yield Problem(f"{key}.above", f"{bounds[0]:g} is not smaller than below, {bounds[1]:g}", "swap them")
-    if own.against_number is not None and own.against is None:
-        what = "there is no run to compare with"
-        yield Problem(f"{key}.against_number", what, "give against: RUN, or leave it out", at_key=True)
-
-
-class Study(Section):
+class Study(Noted):
     """A question that several runs answer together; what is not listed here is a study by its name in runs[].study alone."""
 
     name: Text = Field(description="Name of the study, as in runs[].study; the heading on the page.")
-    note: str = Field("", description="A sentence that the page shows below the heading.")
     over: Text | None = Field(
         None,
         description="Dotted key of the runs' configs whose number they vary, as in estimate.time_step: figures over it, a line a "
         "group.",
     )
-    numbers: tuple[Text, ...] = Field(
+    numbers: tuple[Text, ...] = expert(
         (),
         description="Numbers of `estimate`, of a placement `validate`, that are drawn over it, as in slope.Fz; without any: the "
         "error of every unknown beside its claimed standard deviation.",
@@ -133,31 +128,32 @@ DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 OWN = {"name": "give name: NAME beside config:", "kind": "the kind of a config is its own"}
 
 
-class SuiteRun(Section):
+class Overriding(Section):
+    """What is put over a config."""
+
+    overrides: dict[str, JsonValue] = Field(
+        {}, alias="set", description="Dotted key → value, put over the config of the run, or of every run, as by --set."
+    )
+
+
+class SuiteRun(Overriding, Noted):
     """One run of a suite."""
 
     config: Text = Field(description="Config of the run, from the folder of the suite's file.")
     label: Text = Field(description="What the page calls the run.")
     name: RunName | None = Field(None, description="Name of the run in place of its config's own.")
-    overrides: dict[str, JsonValue] = Field(
-        {}, alias="set", description="Dotted key → value, put over the config as by --set."
-    )
     until: Text = Field("report", description="Last stage to run.")
-    note: str = Field("", description="A sentence that the page shows with the run.")
     study: Text | None = Field(None, description="Name of the study; its runs share a heading and their figures.")
     group: str = Field("", description="Runs of one group are one line in figures over a varied key.")
 
 
-class SuiteConfig(Section):
+class SuiteConfig(Overriding):
     """Runs that belong together: each is brought up to date, then one page shows them side by side."""
 
     kind: Literal["suite"] = Field(description="Which pipeline.")
     name: RunName = Field(description="Name of the suite; its page and numbers go to results/NAME.")
     title: Text = Field(description="Title of the page.")
-    overrides: dict[str, JsonValue] = Field(
-        {}, alias="set", description="Dotted key → value, put over the config of every run as by --set."
-    )
-    suffix: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]*$", max_length=50)] = Field(
+    suffix: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]*$", max_length=50)] = expert(
         "", description="Put behind the name of every run: letters, digits, - and _."
     )
     jobs: int = Field(
@@ -189,7 +185,7 @@ def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
         yield from _lines({f"comparisons.{i}.{key}": getattr(row, key) for key in ("source", "says", "printed", "why")})
     yield from _lines({f"{key}.unit": own.unit for key, own in measures_of(config.claims, config.comparisons).items()})
     yield from study_problems(config.studies, [run.study for run in config.runs if run.study is not None])
-    yield from measure_problems(config.claims, config.comparisons)
+    yield from section_problems(config)
 
 
 def _lines(texts: Mapping[str, str]) -> Iterator[Problem]:

@@ -16,7 +16,7 @@ from typing import Any
 
 import strainsight
 from strainsight.errors import StrainsightError, UserError
-from strainsight.parallel.sweep import Captured, P, Progress, R, S, Sweep, captured, repeated, unwatched
+from strainsight.parallel import Captured, P, Progress, R, S, Sweep, captured, repeated, unwatched
 
 PATIENCE = 5.0
 """[s] that a scheduler has to answer in, and a first worker to be there."""

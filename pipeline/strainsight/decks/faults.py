@@ -78,6 +78,14 @@ def coincident(nodes: IntArray) -> tuple[int, int] | None:
     return a, b
 
 
+def note_shared(nodes: IntArray, called: Callable[[int], str], notes: list[str]) -> None:
+    """Two elements of a kind on the same nodes (m, k) may be meant, as parts of a section; called: row → "S4R 12"."""
+    if pair := coincident(nodes):
+        count = len(nodes) - len(np.unique(np.sort(nodes, axis=1), axis=0))
+        shared = f"{called(pair[1])} is on the nodes of {called(pair[0])} ({plural(count, 'such element')})"
+        notes.append(Doubt(f"{shared}: stiffness and mass of both count"))
+
+
 def elastic_fault(youngs_modulus: float, poisson_ratio: float) -> tuple[str, str] | None:
     """What is wrong with the constants of an isotropic solid, and the remedy: E > 0, −1 < ν < ½."""
     if not youngs_modulus > 0:

@@ -7,7 +7,7 @@ import math
 import re
 import zlib
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import BinaryIO, NamedTuple, cast
@@ -265,23 +265,56 @@ def entry(entries: Sequence[str], i: int) -> str:
     return entries[i] if i < len(entries) else ""
 
 
-def integer_entry(entries: Sequence[str], i: int, default: int | None, error: Callable[[str], DeckError]) -> int:
-    """Entry i as an integer; a blank one is `default`, or the error, made of what is wrong."""
-    token = entry(entries, i)
-    if not token and default is not None:
-        return default
-    value = parse_integer(token)
-    if value is None:
-        raise error(no_integer(token))
-    return value
+class Entries:
+    """Words and numbers of a card or a data line by the places of their entries, from 0."""
 
+    __slots__ = ()
+    WORD, FIRST = "entry", 1
+    """What an entry is called, and the number of the first, in messages."""
 
-def real_entry(entries: Sequence[str], i: int, default: float | None, error: Callable[[str], DeckError]) -> float:
-    """Entry i as a finite real, also in Nastran's short form 1.7-4; a blank one is `default`, or the error."""
-    token = entry(entries, i)
-    if not token and default is not None:
-        return default
-    value = parse_real(token)
-    if value is None:
-        raise error(f"is {token!r}, not a number")
-    return value
+    @property
+    def tokens(self) -> Sequence[str]:
+        """The entries as they stand."""
+        raise NotImplementedError
+
+    def error(self, what: str, remedy: str = "") -> DeckError:
+        """A DeckError at this card or line."""
+        raise NotImplementedError
+
+    def text(self, i: int) -> str:
+        """Entry i; "" where there are fewer."""
+        return entry(self.tokens, i)
+
+    def integer(self, i: int, meaning: str, default: int | None = None) -> int:
+        """Entry i as an integer; a blank one is `default`, or a DeckError."""
+        token = entry(self.tokens, i)
+        if not token and default is not None:
+            return default
+        value = parse_integer(token)
+        if value is None:
+            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {no_integer(token)}")
+        return value
+
+    def real(self, i: int, meaning: str, default: float | None = None) -> float:
+        """Entry i as a finite real, also in Nastran's short form 1.7-4; a blank one is `default`, or a DeckError."""
+        token = entry(self.tokens, i)
+        if not token and default is not None:
+            return default
+        value = parse_real(token)
+        if value is None:
+            raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) is {token!r}, not a number")
+        return value
+
+    def positive(self, i: int, meaning: str, default: float | None = None) -> float:
+        """The same above zero; meaning: "the thickness T"."""
+        value = self.real(i, meaning, default)
+        if not value > 0:
+            raise self.error(f"{meaning} is {value:g}, not positive", f"give a positive {meaning.split()[1]}")
+        return value
+
+    def not_negative(self, i: int, meaning: str, default: float | None = None) -> float:
+        """The same, zero or above."""
+        value = self.real(i, meaning, default)
+        if value < 0:
+            raise self.error(f"{meaning} is {value:g}, negative", f"give a positive {meaning.split()[1]}")
+        return value

@@ -21,7 +21,6 @@ from strainsight.estimation.bank_filters import (
     LinearStanding,
     Passed,
     about_samples,
-    bank_record,
     entered,
     filtered_at,
     on,
@@ -30,19 +29,12 @@ from strainsight.estimation.bank_filters import (
     refuse_lost,
 )
 from strainsight.estimation.columns import first_columns, next_columns
-from strainsight.estimation.conditional import Nuisances, no_nuisances
-from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice, one_point
+from strainsight.estimation.lattice import DEPTH, SPACING, Bank, Lattice, first_lattice, next_lattice, one_point
 from strainsight.estimation.mixture import C, Mixture, Weights
-from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT
 from strainsight.estimation.peak import best_points, density_of, peaks_of_problem
-from strainsight.estimation.reduced import Settled
 from strainsight.estimation.run import FilterRun, Keep
 
-SPACING = 1.0
-"""Of the lattice, in standard deviations of the posterior it was laid for."""
-DEPTH = 6.0
-"""A point of the lattice whose density is within exp(−DEPTH) of the largest has all its neighbours in it, when it is laid."""
 FEW = 3
 """Parameters that a lattice is for; of more there are columns."""
 SHORTEST, SHARE = 8, 8
@@ -92,58 +84,26 @@ class BankRun:
         return mean, np.einsum("b,bdk->dk", self.weight, self.left) + (off * self.weight[:, None]).T @ off
 
 
-def filter_bank(
-    model: FilterModel,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measurement: np.ndarray,
-    nuisances: Nuisances | None = None,
-    *,
-    spacing: float = SPACING,
-    biased: np.ndarray | None = None,
-    settled: Settled | None = None,
-    depth: float = DEPTH,
-    keep: Keep = "all",
-    progress: Callable[[float], None] | None = None,
-) -> BankRun:
+def filter_bank(record: BankRecord, keep: Keep = "all", *, spacing: float = SPACING, depth: float = DEPTH) -> BankRun:
     """Posterior of the parameters, which are constant, and of all states along the samples.
 
-    model: of one set of channels, no drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0, no parameter known
-    exactly nor correlated with a state; known (T, HOLD, n_known) [N]; measurement (T/every, m), NaN where missing; spacing of
-    the lattice in standard deviations of the posterior, and how far below its largest density it reaches, in logarithms.
-    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is found. settled: the motion at
-    t = 0 is the periodic one, at all parameters and ν, in place of that in mean and covariance. keep: "all" keeps the covariance
-    of every instant, "parameters" nothing but these, in half the time; progress: called with the share of the steps done.
+    keep: "all" keeps the covariance of every instant, "parameters" nothing but these, in half the time; spacing of the lattice
+    in standard deviations of the posterior, and how far below its largest density it reaches, in logarithms.
     The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
     narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Beside a damping, a frequency
     or free loads readings are linear about the ν that all samples speak for at the most likely parameters, and at their mean
     (`about_samples`). Raises NumericalError where a lattice would need more than MOST_POINTS points, where no columns follow the
     posterior, and where that leaves the guess by a factor of exp(LOST).
     """
-    own = no_nuisances(model) if nuisances is None else nuisances
-    record = bank_record(model, known, measurement, own, settled)
-    return filter_records(
-        [record],
-        mean,
-        covariance,
-        spacing=spacing,
-        biased=biased,
-        depth=depth,
-        keep=keep,
-        progress=progress,
-    )[0]
+    return filter_records([record], keep, spacing=spacing, depth=depth)[0]
 
 
 def filter_records(
     records: Sequence[BankRecord],
-    mean: np.ndarray,
-    covariance: np.ndarray,
+    keep: Keep = "all",
     *,
     spacing: float = SPACING,
-    biased: np.ndarray | None = None,
     depth: float = DEPTH,
-    keep: Keep = "all",
     progress: Callable[[float], None] | None = None,
     birge_ratio: float = 1.0,
 ) -> tuple[BankRun, ...]:
@@ -152,26 +112,15 @@ def filter_records(
         p(θ, ν | y) ∝ p(θ) p(ν) Πᵣ p(yᵣ | θ, ν)
 
     Parameters and ν are constants of all records (what is a record's own has columns of its own, `each_its_own`). Motion, loads
-    and offsets begin in each as mean and covariance say, independent of the others: at a boundary their step has a transition
-    of zero and the covariance of the prior. Records may differ in step and noise; unknowns, channels and ν are the same.
+    and offsets begin in each as mean and covariance of the first one say, independent of the others: at a boundary their step
+    has a transition of zero and the covariance of the prior. Records may differ in step and noise; unknowns, channels and ν are
+    the same. progress: called with the share of the steps done.
     birge_ratio: as of `BankProblem`, above 1 of measurements that are inconsistent with the model. Their parameters move by many
     σ from sample to sample: the ratio is doubled after every FOLLOWED grids, which bounds their number.
     Other arguments as of `filter_bank`.
     """
-    offsets = np.zeros(0, dtype=int) if biased is None else biased
-    problem = BankProblem(
-        tuple(records),
-        mean,
-        covariance,
-        offsets,
-        spacing,
-        depth,
-        keep,
-        progress,
-        judged=True,
-        along=keep != "parameters",
-        birge_ratio=birge_ratio,
-    )
+    along = keep != "parameters"
+    problem = BankProblem(tuple(records), spacing, depth, keep, progress, True, along, birge_ratio)
     if problem.bilinear:
         problem = _centred(problem)
     ends = replace(problem, along=False)
@@ -182,17 +131,17 @@ def filter_records(
     before = max(peaks, key=lambda peak: peak.evidence).point
     here = filtered_at(ends, one_point(before), problem.first[-1])
     problem = replace(about_samples(ends, before, here.states.nu[0, 0] + here.models.about), along=problem.along)
-    found = _covered(problem, held)
+    runs = _covered(problem, held)
     # what slopes in a frequency leave out at first, the parameters take for theirs
     for _ in range(AGAIN if problem.centre is not None else 1):
-        mean, covariance = found[0].posterior
+        mean, covariance = runs[0].posterior
         if problem.centre is not None and np.all(np.abs(mean - before) <= STAY * np.sqrt(np.diag(covariance))):
             break
-        again = about_samples(problem, mean, found[0].nuisances[0])
+        again = about_samples(problem, mean, runs[0].nuisances[0])
         if again is problem:
             break
-        problem, before, found = again, mean, _covered(replace(again, progress=None), held)
-    return found
+        problem, before, runs = again, mean, _covered(replace(again, progress=None), held)
+    return runs
 
 
 def _centred(problem: BankProblem) -> BankProblem:
@@ -201,22 +150,13 @@ def _centred(problem: BankProblem) -> BankProblem:
     another mode for them. Readings are believed to COARSE of their RMS, as slopes in a frequency are no better."""
     if not problem.records[0].nuisances.frequency.any():
         return problem
-    coarse = problem
-    if not problem.model.unknowns.inputs:
-        coarse = replace(problem, records=tuple(_coarse(one) for one in problem.records))
+    coarse = problem.with_nuisances(lambda each: replace(each, discrepancy=max(each.discrepancy, COARSE)))
     coarse, (centre, covariance) = replace(coarse, along=False), problem.prior
     for i, std in enumerate(np.sqrt(np.diag(covariance))):
         count = int(np.clip(2 * REACH * std / TRIED, 2, MOST_TRIED))
         points = centre + np.linspace(-REACH * std, REACH * std, count + 1)[:, None] * np.eye(len(centre))[i]
         centre = points[best_points(points, density_of(coarse), problem.first[-1])[0][0]]
     return problem.with_nuisances(partial(replace, centre=centre))
-
-
-def _coarse(record: BankRecord) -> BankRecord:
-    own = record.data
-    count = np.maximum(np.isfinite(own.samples).sum(axis=0), 1)
-    least = COARSE**2 * np.nansum(own.samples**2, axis=0) / count
-    return replace(record, data=replace(own, discrepancy=np.maximum(own.discrepancy, least)))
 
 
 def _covered(problem: BankProblem, held: np.ndarray) -> tuple[BankRun, ...]:
@@ -293,7 +233,8 @@ def _likely(now: LinearStanding[C], passage: Passed, before: Weights, after: Wei
 def _mixture(problem: BankProblem, now: LinearStanding[C]) -> Mixture:
     """Of a record that begins."""
     own = problem.records[now.record]
-    mixture = Mixture(own.model, problem.mean, problem.covariance, own.steps, own.nuisances.learned, problem.keep)
+    first = problem.records[0]
+    mixture = Mixture(own.model, first.mean, first.covariance, own.steps, own.nuisances.learned, problem.keep)
     if now.record or own.settled is not None:
         mixture.begin(now.cover.point, now.weights, now.states, now.models, informed=now.record > 0)
     return mixture

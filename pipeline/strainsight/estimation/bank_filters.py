@@ -9,16 +9,9 @@ from functools import cached_property, partial
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.conditional import (
-    Nuisances,
-    conditional_states,
-    considers,
-    discrepancy,
-    known_ends,
-    linear_models,
-)
-from strainsight.estimation.judge import FreeLoads, Judge, free_loads, judge_of, judged, noise_alone
-from strainsight.estimation.lattice import one_point
+from strainsight.estimation.conditional import Nuisances, considers, linear_models
+from strainsight.estimation.judge import Judge, joined_judges, judge_of, judged, noise_alone
+from strainsight.estimation.lattice import DEPTH, SPACING, one_point
 from strainsight.estimation.mixture import C, Standing, log_normal
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import (
@@ -29,10 +22,11 @@ from strainsight.estimation.parallel_filters import (
     States,
     advance,
     filters_of,
-    joined_filters,
+    joined,
     joined_models,
 )
-from strainsight.estimation.reduced import LOST, Settled, beginning
+from strainsight.estimation.record import BankRecord
+from strainsight.estimation.reduced import LOST
 from strainsight.estimation.run import Keep
 
 MOVED = 0.05
@@ -47,40 +41,9 @@ which it is nothing to them."""
 
 
 @dataclass(frozen=True)
-class Data:
-    """known (T, p) and known_end (T, p₁) of every step, samples (T, m) with NaN where none, noise (T, m) and
-    discrepancy (m,) their variances."""
-
-    known: np.ndarray
-    known_end: np.ndarray
-    samples: np.ndarray
-    noise: np.ndarray
-    discrepancy: np.ndarray
-
-
-@dataclass(frozen=True)
-class BankRecord:
-    """A record of a bank: the model with its step and noise, its samples, its nuisances, and the motion it begins in, as of
-    `filter_bank`."""
-
-    model: FilterModel
-    data: Data
-    nuisances: Nuisances
-    settled: Settled | None
-
-    @property
-    def steps(self) -> int:
-        return len(self.data.known)
-
-    @cached_property
-    def free(self) -> FreeLoads:
-        """What a judge takes for its model."""
-        return free_loads(self.model, self.steps)
-
-
-@dataclass(frozen=True)
 class BankProblem:
-    """What a bank has to solve: records that follow one another, and arguments as of `filter_bank`.
+    """What a bank has to solve: records that follow one another, with one mean and covariance at t = 0; spacing and depth of a
+    lattice, keep and progress as of `filter_bank`.
 
     Parameters and ν are the same in all records. Motion, loads and offsets begin anew in each, as mean and covariance say.
     judged: whether parameters beside unknown loads are judged by what no load could cause, and not by how likely the readings
@@ -90,11 +53,8 @@ class BankProblem:
     """
 
     records: tuple[BankRecord, ...]
-    mean: np.ndarray
-    covariance: np.ndarray
-    biased: np.ndarray
-    spacing: float
-    depth: float
+    spacing: float = SPACING
+    depth: float = DEPTH
     keep: Keep = "all"
     progress: Callable[[float], None] | None = None
     judged: bool = False
@@ -109,13 +69,12 @@ class BankProblem:
     @property
     def first(self) -> tuple[int, ...]:
         """Steps before each record, and those of all."""
-        return tuple(int(count) for count in np.cumsum([0, *(own.steps for own in self.records)]))
+        return tuple(int(count) for count in np.cumsum([0, *(record.steps for record in self.records)]))
 
     @property
     def prior(self) -> tuple[np.ndarray, np.ndarray]:
         """Mean (k,) and covariance (k, k) of the parameters at t = 0."""
-        at = self.model.parameter_states
-        return self.mean[at], self.covariance[at, at]
+        return self.records[0].prior
 
     @property
     def centre(self) -> np.ndarray | None:
@@ -131,25 +90,24 @@ class BankProblem:
     def bilinear(self) -> bool:
         """Whether parameters are judged beside ν over which readings are far from linear: a damping or a frequency that is not
         exact, or anything beside unknown loads."""
-        own, unknowns = self.records[0].nuisances, self.model.unknowns
-        of_modes = own.of_modes(self.model.model.size)
-        return bool(unknowns.parameters) and (of_modes > 0 or (self.beside_loads and len(own.D) > 0))
+        nuisances, unknowns = self.records[0].nuisances, self.model.unknowns
+        of_modes = nuisances.of_modes(self.model.model.size)
+        return bool(unknowns.parameters) and (of_modes > 0 or (self.beside_loads and len(nuisances.D) > 0))
 
     @cached_property
     def noise_alone(self) -> tuple[np.ndarray, ...]:
         """Of every record (T, d): what its judge takes off, the same at all points of all covers, so that these compare."""
-        found = []
-        for i, own in enumerate(self.records):
+        by_record = []
+        for i, record in enumerate(self.records):
             _, _, judge = _begun(self, one_point(self.prior[0]), i)
             assert judge is not None
-            at = conditional_states(self.model, len(self.biased))
-            noise = np.where(np.isnan(own.data.samples), np.inf, own.data.noise)
-            found.append(noise_alone(judge.models, self.covariance[np.ix_(at, at)], noise, own.model.every))
-        return tuple(found)
+            noise = np.where(np.isnan(record.data.samples), np.inf, record.data.noise)
+            by_record.append(noise_alone(judge.models, record.start[1], noise, record.model.every))
+        return tuple(by_record)
 
     def with_nuisances(self, of: Callable[[Nuisances], Nuisances]) -> BankProblem:
         """The same with others in every record."""
-        return replace(self, records=tuple(replace(one, nuisances=of(one.nuisances)) for one in self.records))
+        return replace(self, records=tuple(replace(each, nuisances=of(each.nuisances)) for each in self.records))
 
     def log_prior(self, point: np.ndarray) -> np.ndarray:
         """Of points (B, k), but for a constant."""
@@ -187,19 +145,6 @@ class Passed:
     states: States
 
 
-def bank_record(
-    model: FilterModel, known: np.ndarray, measurement: np.ndarray, nuisances: Nuisances, settled: Settled | None
-) -> BankRecord:
-    """known (T, HOLD, n_known), measurement (T/every, m)."""
-    steps, m = len(known), model.H.shape[-2]
-    samples = np.full((steps, m), np.nan)
-    samples[model.every - 1 :: model.every] = measurement
-    noise = model.noise[:, 0] if model.noise.ndim == 3 else np.broadcast_to(model.noise, (steps, m))
-    held, more = known.reshape(steps, known.shape[1] * known.shape[2]), discrepancy(model, nuisances, measurement)
-    data = Data(held, known_ends(known, nuisances), samples, np.ascontiguousarray(noise), more)
-    return BankRecord(model, data, nuisances, settled)
-
-
 def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
     """Filters at the points of a cover, from the start through `step` steps."""
     models, filters, judge = _begun(problem, cover, 0)
@@ -214,15 +159,13 @@ def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
 
 def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, Filters, Judge | None]:
     """Filters at the beginning of a record, nothing known of ν, and who judges."""
-    own, at = problem.records[record], conditional_states(problem.model, len(problem.biased))
-    mean, covariance = problem.mean[at], problem.covariance[np.ix_(at, at)]
-    models, judge = linear_models(own.model, cover.point, own.nuisances, problem.biased), None
+    own = problem.records[record]
+    models, judge = linear_models(own.model, cover.point, own.nuisances, own.biased), None
     if problem.beside_loads:
-        judge = judge_of(own.free, models, cover.point, mean, covariance, problem.biased, own.nuisances)
+        judge = judge_of(own, models, cover.point)
         if not problem.along:  # nobody asks for loads as they are stated
             return judge.models, judge.filters, judge
-    start = beginning(own.model, models, mean, covariance, own.settled)
-    filters = filters_of(models, *start, consider=problem.along and considers(own.model, own.nuisances))
+    filters = filters_of(models, *own.begun(models), consider=problem.along and considers(own.model, own.nuisances))
     return models, filters, judge
 
 
@@ -282,18 +225,17 @@ def _about(problem: BankProblem, nu: np.ndarray) -> np.ndarray:
 
 def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool) -> Passed:
     """The next steps, as far as the record goes."""
-    data, before = problem.records[now.record].data, problem.first[now.record]
+    before = problem.first[now.record]
     span = slice(now.step - before, now.step - before + steps)
-    measured = data.known[span], data.known_end[span], data.samples[span], data.noise[span], data.discrepancy
-    power = problem.birge_ratio**-2
+    data, power = problem.records[now.record].data.of(span), problem.birge_ratio**-2
     if now.judge is None:
-        own = advance(now.models, now.filters, *measured, keep)
-        return Passed(own, power * own.fit, own.states)
-    found = judged(now.judge, *measured, problem.noise_alone[now.record][span], keep)
+        passage = advance(now.models, now.filters, data, keep)
+        return Passed(passage, power * passage.fit, passage.states)
+    verdict = judged(now.judge, data, problem.noise_alone[now.record][span], keep)
     if not problem.along:
-        return Passed(found, power * found.fit, found.states)
-    own = advance(now.models, now.filters, *measured, keep)
-    return Passed(own, power * found.fit, of_judge(own.states, found.states))
+        return Passed(verdict, power * verdict.fit, verdict.states)
+    passage = advance(now.models, now.filters, data, keep)
+    return Passed(passage, power * verdict.fit, of_judge(passage.states, verdict.states))
 
 
 def on(now: LinearStanding[C], passage: Passed, steps: int) -> LinearStanding[C]:
@@ -303,22 +245,11 @@ def on(now: LinearStanding[C], passage: Passed, steps: int) -> LinearStanding[C]
 
 def one_standing(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding[C]:
     """Parts of one cover, in the order of its points."""
-
-    def all_of(of: Sequence[np.ndarray]) -> np.ndarray:
-        return np.concatenate(of)
-
-    prior, fit = (all_of([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
-    who, judge = [part.judge for part in parts if part.judge is not None], None
-    if who:
-        judge = Judge(
-            joined_models([own.models for own in who]),
-            joined_filters([own.filters for own in who]),
-            joined_models([own.alone for own in who]),
-            joined_filters([own.louder for own in who]),
-            joined_filters([own.quieter for own in who]),
-        )
-    own = joined_models([part.models for part in parts]), joined_filters([part.filters for part in parts])
-    return LinearStanding(cover, prior, fit, parts[0].step, *own, parts[0].record, judge)
+    prior, fit = (np.concatenate([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
+    models, filters = joined_models([part.models for part in parts]), joined([part.filters for part in parts])
+    judges = [part.judge for part in parts if part.judge is not None]
+    judge = joined_judges(judges) if judges else None
+    return LinearStanding(cover, prior, fit, parts[0].step, models, filters, parts[0].record, judge)
 
 
 def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:

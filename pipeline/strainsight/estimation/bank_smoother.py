@@ -9,22 +9,20 @@ import numpy as np
 
 from strainsight.estimation.bank import BankRun
 from strainsight.estimation.conditional import (
-    Nuisances,
     conditional_states,
     damped,
     discrepancy,
-    known_ends,
     linear_models,
     on_loads,
-    theta_at,
     tuned,
 )
-from strainsight.estimation.consider_smoother import consider_errors, consider_smoothed, smoothed_pieces
+from strainsight.estimation.consider_smoother import Start, consider_errors, consider_smoothed, smoothed_pieces
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.mixture import KERNEL, removed_of
-from strainsight.estimation.model import FilterModel, StepModel
-from strainsight.estimation.parallel_filters import LinearModels
-from strainsight.estimation.reduced import Biased, Driven, Settled, beginning
+from strainsight.estimation.model import StepModel
+from strainsight.estimation.parallel_filters import Data, LinearModels
+from strainsight.estimation.record import BankRecord
+from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Keeping, Smoothed, Wanted, smooth, smoother_errors
 from strainsight.estimation.update import covariance_factor, standard_deviation
@@ -32,19 +30,9 @@ from strainsight.loads.histories import instant_values
 
 
 def smooth_bank(
-    model: FilterModel,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measurement: np.ndarray,
-    nuisances: Nuisances,
-    bank: BankRun,
-    biased: np.ndarray | None = None,
-    settled: Settled | None = None,
-    wanted: Wanted | None = None,
-    progress: Callable[[float], None] | None = None,
+    record: BankRecord, bank: BankRun, wanted: Wanted | None = None, progress: Callable[[float], None] | None = None
 ) -> Smoothed:
-    """Smoothed x* with its covariance, tolerances in it; arguments as of `filter_bank`, which found `bank`.
+    """Smoothed x* of a record with its covariance, tolerances in it, by the bank that filtered it.
 
         x̂ˢ = Σ wⱼ x̂ˢ(θⱼ),   Pˢ = Σ wⱼ (Pˢ(θⱼ) + (x̂ˢ(θⱼ) − x̂ˢ)(…)ᵀ) + Σₖ vₖvₖᵀ
 
@@ -56,21 +44,22 @@ def smooth_bank(
     share of the record that is done.
     Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
     """
-    found = points_of(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
-    offsets, instants, beyond = len(mean) - model.size, len(known) + 1, found.beyond
-    n = len(mean) + len(beyond.own)
-    behind = np.arange(len(mean), n)
+    found = points_of(record, bank)
+    offsets, instants, beyond = len(record.biased), record.steps + 1, found.beyond
+    states, model = len(record.mean), record.model
+    n = states + len(beyond.at)
+    behind = np.arange(states, n)
     order = np.concatenate([conditional_states(model, offsets), behind, np.arange(n)[model.parameter_states]])
-    whole, std, kept = np.zeros((instants, n)), np.zeros((instants, n)), Keeping(wanted, instants, n)
-    for at, x, P, V in _pieces(found, mean, covariance, known, biased, settled):
-        own, spread = np.zeros((len(V), n)), np.zeros((len(V), n, n))
+    whole, std, keeping = np.zeros((instants, n)), np.zeros((instants, n)), Keeping(wanted, instants, n)
+    for at, x, P, V in _pieces(found):
+        mean, spread = np.zeros((len(V), n)), np.zeros((len(V), n, n))
         wider = beyond.behind(at, x, P, V, found.corrected)
-        own[:, order], spread[:, order[:, None], order] = _mixed(found, bank, *wider)
-        whole[at], std[at] = own, standard_deviation(spread)
-        kept.take(at, spread)
+        mean[:, order], spread[:, order[:, None], order] = _mixed(found, bank, *wider)
+        whole[at], std[at] = mean, standard_deviation(spread)
+        keeping.take(at, spread)
         if progress is not None:
             progress(1 - at.start / instants)
-    return Smoothed(bank.run.time, whole[:, None], std[:, None], kept.covariance, kept.kept)
+    return Smoothed(bank.run.time, whole[:, None], std[:, None], keeping.covariance, keeping.kept)
 
 
 def _mixed(
@@ -101,26 +90,25 @@ class AtPoints:
     """What a smoother at b points (b, k) of the parameters goes by.
 
     centre (k,), spread (k, k): the posterior; points: its cubature rule, the k ends ahead and those behind. nu (d,) and left
-    (d, d): mean and covariance of ν that σ holds; nuisances: linear about the frequencies about which the bank is. model: with
-    the discrepancy in its noise, and the damping from which ν is counted where it is learned; models: linear at the points and
-    behind them at the centre, with start (x₀, P₀, V₀); known (T, p), known_end (T, p₁) and samples (T, m) of every step;
-    considered: by gains that consider ν; beyond: what stands behind the states.
+    (d, d): mean and covariance of ν that σ holds. record: its nuisances linear about the frequencies about which the bank is, its
+    model with the discrepancy in its noise, and the damping from which ν is counted where it is learned; models: linear at the
+    points and behind them at the centre, with start (x₀, P₀, V₀); beyond: what stands behind the states.
     """
 
+    record: BankRecord
     points: np.ndarray
     centre: np.ndarray
     spread: np.ndarray
     nu: np.ndarray
     left: np.ndarray
-    nuisances: Nuisances
-    model: FilterModel
     models: LinearModels
-    start: tuple[np.ndarray, np.ndarray, np.ndarray]
-    known: np.ndarray
-    known_end: np.ndarray
-    samples: np.ndarray
-    considered: bool
+    start: Start
     beyond: Beyond
+
+    @property
+    def considered(self) -> bool:
+        """Whether by gains that consider ν."""
+        return not self.record.nuisances.learned
 
     @property
     def corrected(self) -> np.ndarray:
@@ -128,37 +116,19 @@ class AtPoints:
         return 0 * self.nu if self.considered else self.nu
 
     @property
-    def record(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """What is known, in every step and at its end, samples, and their variances (T, m)."""
-        own = self.model.noise
-        noise = own[:, 0] if own.ndim == 3 else np.broadcast_to(own, self.samples.shape)
-        return self.known, self.known_end, self.samples, noise
+    def data(self) -> Data:
+        """The noise has the discrepancy in it."""
+        return replace(self.record.data, discrepancy=np.zeros(self.record.samples.shape[1]))
 
 
-def points_of(
-    model: FilterModel,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measurement: np.ndarray,
-    nuisances: Nuisances,
-    bank: BankRun,
-    biased: np.ndarray | None,
-    settled: Settled | None,
-) -> AtPoints:
-    """Arguments as of `smooth_bank`."""
-    offsets = np.zeros(0, dtype=int) if biased is None else biased
-    at = conditional_states(model, len(offsets))
-    every, steps, m = model.every, len(known), model.H.shape[-2]
-    samples = np.full((steps, m), np.nan)
-    samples[every - 1 :: every] = measurement
-    centre, spread = bank.posterior
-    k, considered, nuisances = len(centre), not nuisances.learned, replace(nuisances, centre=bank.centre)
+def points_of(record: BankRecord, bank: BankRun) -> AtPoints:
+    """Of a record, by the bank that filtered it."""
+    model, nuisances, (centre, spread) = record.model, replace(record.nuisances, centre=bank.centre), bank.posterior
+    k, (nu, left) = len(centre), bank.nuisances
     ends = np.sqrt(k) * np.linalg.cholesky(spread).T
     points = np.concatenate([centre + ends, centre - ends]) if k else centre[None]
-    model = replace(model, r=model.r + every * model.h * discrepancy(model, nuisances, measurement))
-    nu, left = bank.nuisances
-    if considered:
+    model = replace(model, r=model.r + model.every * model.h * discrepancy(model, nuisances, record.samples))
+    if not nuisances.learned:
         # what the samples say of ν is neither in the motion nor in its σ
         left = left + removed_of(left)
     else:
@@ -168,174 +138,98 @@ def points_of(
         model, nu = damped(model, replace(nuisances, about=about)), nu - about
         about[: of_modes - len(nuisances.frequency)] = 0.0
         nuisances = replace(nuisances, about=about[:of_modes])
-    models = linear_models(model, np.concatenate([points, centre[None]]) if k else points, nuisances, offsets)
-    start = beginning(model, models, mean[at], covariance[np.ix_(at, at)], settled)
-    held = known.reshape(steps, -1), known_ends(known, nuisances)
-    beyond = beyond_of(model, known, nuisances, len(offsets))
-    own = nuisances, model, models
-    return AtPoints(points, centre, spread, nu, left, *own, start, *held, samples, considered, beyond)
+    record = replace(record, model=model, nuisances=nuisances)
+    models = linear_models(model, np.concatenate([points, centre[None]]) if k else points, nuisances, record.biased)
+    return AtPoints(record, points, centre, spread, nu, left, models, record.begun(models), beyond_of(record))
 
 
-def _pieces(
-    found: AtPoints,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    biased: np.ndarray | None,
-    settled: Settled | None,
-) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
+def _pieces(found: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
     """Instants of a piece of the record, x (b, L, n) at the points, P (b, L, n, n) of what no nuisance explains of its error, and
     V (L, d, n), what one of each adds to x̂ˢ − x; where ν is learned the record is one piece."""
-    points = len(found.points)
-    if found.considered:
-        for at, own in smoothed_pieces(found.models, found.start, *found.record):
-            yield at, own.x[:points], own.P[:points], own.V[-1]
+    if not found.considered:
+        yield slice(0, found.record.steps + 1), *_corrected(found, found.points)
         return
-    yield (
-        slice(0, len(known) + 1),
-        *_corrected(found, found.points, mean, covariance, known, biased, settled),
-    )
+    points = len(found.points)
+    for at, states in smoothed_pieces(found.models, found.start, found.data):
+        yield at, states.x[:points], states.P[:points], states.V[-1]
 
 
-def smoothed_at_points(
-    found: AtPoints,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    biased: np.ndarray | None,
-    settled: Settled | None,
-) -> tuple[np.ndarray, np.ndarray]:
-    """x (b + 1, T + 1, n) at the points and behind them at the centre, and V (T + 1, d, n); arguments as of `points_of`."""
+def smoothed_at_points(found: AtPoints) -> tuple[np.ndarray, np.ndarray]:
+    """x (b + 1, T + 1, n) at the points and behind them at the centre, and V (T + 1, d, n)."""
     if found.considered:
-        own = consider_smoothed(found.models, found.start, *found.record)
-        return np.concatenate([own.x[: len(found.points)], own.x[-1:]]), own.V[-1]
-
-    def at(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        return _corrected(found, points, mean, covariance, known, biased, settled)
-
-    x, _, V = at(found.points)
-    return np.concatenate([x, at(found.centre[None])[0] if len(found.centre) else x]), V
+        states = consider_smoothed(found.models, found.start, found.data)
+        return np.concatenate([states.x[: len(found.points)], states.x[-1:]]), states.V[-1]
+    x, _, V = _corrected(found, found.points)
+    return np.concatenate([x, _corrected(found, found.centre[None])[0] if len(found.centre) else x]), V
 
 
-def _corrected(
-    found: AtPoints,
-    points: np.ndarray,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    biased: np.ndarray | None,
-    settled: Settled | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _corrected(found: AtPoints, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x (b, T + 1, n) at points (b, k), without what the mean of ν (d,) makes of samples and motion; P; V (T + 1, d, n) at the
     centre (k,)."""
-    model, nu, nuisances = found.model, found.nu, found.nuisances
-    offsets = np.zeros(0, dtype=int) if biased is None else biased
-    at = conditional_states(model, len(offsets))
-    mean, covariance = mean[at], covariance[np.ix_(at, at)]
-    start, P0, _ = beginning(model, linear_models(model, points, nuisances, offsets), mean, covariance, settled)
+    record, nu, samples = found.record, found.nu, found.data.samples
+    start, P0, _ = record.begun(linear_models(record.model, points, record.nuisances, record.biased))
 
     def at_points(values: np.ndarray) -> list[Smoothed]:
-        return [
-            smoothed_at(model, point, x0, P0, known, values[:, None], offsets, nuisances)
-            for point, x0 in zip(points, start, strict=True)
-        ]
+        return [_smoothed_at(record, *at, P0, values[:, None]) for at in zip(points, start, strict=True)]
 
-    middle = np.mean([own.mean[:, 0] for own in at_points(found.samples)], axis=0)
-    there = np.isfinite(found.samples)
-    caused, own, V = _effects(model, found.centre, covariance, known, there, middle, nuisances, nu, offsets, settled)
-    each = at_points(found.samples - caused @ nu)
-    x = np.stack([one.mean[:, 0] for one in each]) + np.einsum("tda,d->ta", own, nu)
-    return x, np.stack([one.covariance_of(np.arange(len(at))) for one in each]), V
+    middle = np.mean([each.mean[:, 0] for each in at_points(samples)], axis=0)
+    caused, moved, V = _effects(found, middle)
+    each = at_points(samples - caused @ nu)
+    x = np.stack([one.mean[:, 0] for one in each]) + np.einsum("tda,d->ta", moved, nu)
+    return x, np.stack([one.covariance_of(np.arange(x.shape[-1])) for one in each]), V
 
 
-def smoothed_at(
-    model: FilterModel,
-    point: np.ndarray,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    samples: np.ndarray,
-    biased: np.ndarray,
-    nuisances: Nuisances,
+def _smoothed_at(
+    record: BankRecord, point: np.ndarray, mean: np.ndarray, covariance: np.ndarray, samples: np.ndarray
 ) -> Smoothed:
-    """At parameters p (k,), for runs of samples (T, B, m); mean (n,), covariance (n, n) of the states but the parameters;
-    nuisances: of the frequencies."""
-    core, run = kept_at(model, point, mean, covariance, known, samples, biased, nuisances)
-    return smooth(core, run, covariance=True)
+    """At parameters p (k,), for runs of samples (T, B, m); mean (n,), covariance (n, n) of the states but the parameters."""
+    return smooth(*kept_at(record, point, mean, covariance, samples), covariance=True)
 
 
 def kept_at(
-    model: FilterModel,
-    point: np.ndarray,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    samples: np.ndarray,
-    biased: np.ndarray,
-    nuisances: Nuisances,
+    record: BankRecord, point: np.ndarray, mean: np.ndarray, covariance: np.ndarray, samples: np.ndarray
 ) -> tuple[StepModel, FilterRun]:
-    """The filter of `smoothed_at`, with its model."""
-    model, _ = tuned(model, nuisances, point[None])
+    """The filter of `_smoothed_at`, behind its model."""
+    model, _ = tuned(record.model, record.nuisances, point[None])
     if model.model.frequency_factors is not None:
         model = replace(model, model=replace(model.model, frequency_factors=model.model.frequency_factors[0]))
-    states = model.parameter_states.start
-    theta = {name: float(value[0]) for name, value in theta_at(model, point[None]).items()}
-    inner = replace(
-        model,
-        unknowns=replace(model.unknowns, parameters=()),
-        fixed=theta,
-        H=model.H[:, :states],
-        Q=model.Q[:states, :states],
-    )
-    core: StepModel = Driven(inner, known)
-    if len(biased):
-        core = Biased(core, biased)
+    inner = replace(record, model=model).known_at(point).model
+    core = driven_with_offsets(inner, record.known, record.biased)
     return core, filter_runs(core, mean, covariance, samples, keep="all")
 
 
-def _effects(
-    model: FilterModel,
-    point: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    there: np.ndarray,
-    motion: np.ndarray,
-    nuisances: Nuisances,
-    nu: np.ndarray,
-    biased: np.ndarray,
-    settled: Settled | None,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Along a motion (T + 1, n), what one of every nuisance adds to the samples (T, m, d), to the motion (T + 1, d, n), and to
-    the error (T + 1, d, n) of states smoothed by the samples that are there (T, m); beyond the coordinates loads displace what
-    nu (d,) makes of them."""
-    one = linear_models(model, point[None], nuisances, biased)
-    steps, d, n = len(known), one.nuisances, one.H.shape[-1]
+def _effects(found: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Along a motion (T + 1, n), at the centre, what one of every nuisance adds to the samples (T, m, d), to the motion
+    (T + 1, d, n), and to the error (T + 1, d, n) of states smoothed by those samples that are not missing; beyond the coordinates
+    loads displace what the mean of ν makes of them."""
+    record, data = found.record, found.data
+    one = linear_models(record.model, found.centre[None], record.nuisances, record.biased)
+    steps, d, n = record.steps, one.nuisances, one.H.shape[-1]
     if d == 0:
         nothing = np.zeros((steps + 1, 0, n))
-        return np.zeros((steps, model.H.shape[-2], 0)), nothing, nothing
-    own, e = np.zeros((steps + 1, d, n)), one.moving
-    _, P0, V = beginning(model, one, np.zeros(n), covariance, settled)
-    own[0] = -V[0]
-    w = known.reshape(steps, known.shape[1] * known.shape[2])
-    pushed = np.einsum("eab,tb->tea", one.A_nu[0], motion[:-1]) + np.einsum("eap,tp->tea", one.G_nu[0], w)
+        return np.zeros((steps, data.samples.shape[1], 0)), nothing, nothing
+    moved, e = np.zeros((steps + 1, d, n)), one.moving
+    _, P0, V = record.begun(one)
+    moved[0] = -V[0]
+    pushed = np.einsum("eab,tb->tea", one.A_nu[0], motion[:-1]) + np.einsum("eap,tp->tea", one.G_nu[0], data.known)
     for t in range(steps):
-        own[t + 1, :e] = own[t, :e] @ one.A[0].T + pushed[t]
+        moved[t + 1, :e] = moved[t, :e] @ one.A[0].T + pushed[t]
     caused = np.einsum("dmn,tn->tdm", one.D, motion[1:])
-    ends = known_ends(known, nuisances)
-    beyond = nu[e - len(one.U) : e] * (motion[1:] @ one.U.T + ends @ one.W.T)
-    caused += np.einsum("dmp,tp->tdm", one.E, ends) + np.einsum("dmf,tf->tdm", one.B, beyond)
-    caused += one.offset + own[1:] @ one.H[0].T
-    seen = np.where(there[:, None], caused, np.nan)
-    found = smoothed_at(model, point, np.zeros(n), P0, np.zeros_like(known), seen, biased, nuisances)
-    return np.swapaxes(caused, 1, 2), own, found.mean - own
+    beyond = found.nu[e - len(one.U) : e] * (motion[1:] @ one.U.T + data.known_end @ one.W.T)
+    caused += np.einsum("dmp,tp->tdm", one.E, data.known_end) + np.einsum("dmf,tf->tdm", one.B, beyond)
+    caused += one.offset + moved[1:] @ one.H[0].T
+    samples = np.where(np.isfinite(data.samples)[:, None], caused, np.nan)
+    silent = replace(record, known=np.zeros_like(record.known))
+    smoothed = _smoothed_at(silent, found.centre, np.zeros(n), P0, samples)
+    return np.swapaxes(caused, 1, 2), moved, smoothed.mean - moved
 
 
 @dataclass(frozen=True)
 class Beyond:
-    """z = ν u of f constants: own (f,) where these stand among all ν; rows (f, n) of u [N] on the states [q, q̇, ζ, offsets],
+    """z = ν u of f constants: at (f,) where these stand among all ν; rows (f, n) of u [N] on the states [q, q̇, ζ, offsets],
     and what known loads are of it (T + 1, f)."""
 
-    own: np.ndarray
+    at: np.ndarray
     rows: np.ndarray
     fed: np.ndarray
 
@@ -352,25 +246,25 @@ class Beyond:
 
         û at the mean over the points; nu ν̂ (d,) that is in the motion.
         """
-        f = len(self.own)
+        f = len(self.at)
         if f == 0:
             return x, P, V
         load = self.load(x.mean(axis=0), at)
         error = np.zeros((*V.shape[:2], f))
-        error[:, self.own, np.arange(f)] = -load
-        z = np.broadcast_to(nu[self.own] * load, (*x.shape[:2], f))
+        error[:, self.at, np.arange(f)] = -load
+        z = np.broadcast_to(nu[self.at] * load, (*x.shape[:2], f))
         wider = np.pad(P, [(0, 0), (0, 0), (0, f), (0, f)])
         return np.concatenate([x, z], axis=2), wider, np.concatenate([V, error], axis=2)
 
 
-def beyond_of(model: FilterModel, known: np.ndarray, nuisances: Nuisances, offsets: int) -> Beyond:
-    """Of the loads that `Nuisances.load` names, where they are to stand `behind` the states; known (T, HOLD, n_known) [N];
-    offsets: states behind [q, q̇, ζ]."""
+def beyond_of(record: BankRecord) -> Beyond:
+    """Of the loads that `Nuisances.load` names, where they are to stand `behind` the states."""
+    model, nuisances = record.model, record.nuisances
     named = nuisances.load if nuisances.behind else nuisances.load[:0]
-    f = len(named)
     ahead = len(nuisances.sources(model.model.size)) - len(nuisances.source)
     rows, fed = on_loads(model, np.eye(len(model.model.inputs))[named])
-    return Beyond(ahead + np.arange(f), np.pad(rows, [(0, 0), (0, offsets)]), instant_values(known) @ fed.T)
+    wider = np.pad(rows, [(0, 0), (0, len(record.biased))])
+    return Beyond(ahead + np.arange(len(named)), wider, instant_values(record.known) @ fed.T)
 
 
 AT_ONCE = 20_000_000
@@ -387,24 +281,12 @@ class Paths:
 
 
 def bank_paths(
-    model: FilterModel,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measurement: np.ndarray,
-    nuisances: Nuisances,
-    bank: BankRun,
-    count: int,
-    seed: int,
-    biased: np.ndarray | None = None,
-    settled: Settled | None = None,
-    states: slice = slice(None),
-    record: int = 0,
+    record: BankRecord, bank: BankRun, count: int, seed: int, states: slice = slice(None), number: int = 0
 ) -> Iterator[Paths]:
-    """`count` draws in parts; arguments as of `smooth_bank`; states: which of [q, q̇, ζ, offsets].
+    """`count` draws in parts, as of `smooth_bank`; states: which of [q, q̇, ζ, offsets].
 
-    record: number of the record among those of `bank`: draws of one seed have the constants of all records in common, and the
-    rest of each record for itself.
+    number: of the record among those of `bank`: draws of one seed have the constants of all records in common, and the rest of
+    each record for itself.
 
         x = x̂ˢ(p) − w − V(ν − ν̂),     x̂ˢ(p) = x̂ˢ(p̄) + Σᵢ zᵢ sᵢ + ½ zᵢ² cᵢ,     p = p̄ + L z,   L Lᵀ the covariance of p
 
@@ -414,28 +296,27 @@ def bank_paths(
     products of curvatures c, which its rule of degree three does not see; and instants belong together as the smoother's errors
     do. A part depends on seed, its number and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
     """
-    found = points_of(model, mean, covariance, known, measurement, nuisances, bank, biased, settled)
-    x, V = smoothed_at_points(found, mean, covariance, known, biased, settled)
+    found = points_of(record, bank)
+    x, V = smoothed_at_points(found)
     rng = np.random.default_rng(seed)
     p, nu = _constants(found, bank, count, rng)
-    rng = np.random.default_rng((seed, record)) if record else rng
+    rng = np.random.default_rng((seed, number)) if number else rng
     beyond = found.beyond
-    steps, sizes = len(known), found.models.H.shape[-1] + len(beyond.own)
-    points, k = len(found.points), len(found.centre)
-    part = max(points, AT_ONCE // ((steps + 1) * sizes) // points * points)
+    points, k, sizes = len(found.points), len(found.centre), found.models.H.shape[-1] + len(beyond.at)
+    part = max(points, AT_ONCE // ((record.steps + 1) * sizes) // points * points)
     z = np.linalg.solve(np.linalg.cholesky(found.spread), (p - found.centre).T).T
     middle, slope, bend = _carried(x, k)
-    load, nu_of_loads = beyond.load(x[:points].mean(axis=0)), (nu + found.corrected)[:, beyond.own]
+    load, nu_of_loads = beyond.load(x[:points].mean(axis=0)), (nu + found.corrected)[:, beyond.at]
     for start in range(0, count, part):
-        own = slice(start, min(start + part, count))
-        each = -(-(own.stop - own.start) // points)
-        error = _errors(found, known, biased, each, rng, states)[: own.stop - own.start]
+        span = slice(start, min(start + part, count))
+        each = -(-(span.stop - span.start) // points)
+        error = _errors(found, each, rng, states)[: span.stop - span.start]
         error += middle[None, :, states]
         for i in range(k):
-            here = z[own, i, None, None]
+            here = z[span, i, None, None]
             error += here * slope[i, :, states] + 0.5 * (here**2 - 1) * bend[i, :, states]
-        error -= np.einsum("nd,tda->nta", nu[own], V[:, :, states], optimize=True)
-        yield Paths(p[own], np.concatenate([error, nu_of_loads[own, None] * load], axis=2))
+        error -= np.einsum("nd,tda->nta", nu[span], V[:, :, states], optimize=True)
+        yield Paths(p[span], np.concatenate([error, nu_of_loads[span, None] * load], axis=2))
 
 
 def _constants(found: AtPoints, bank: BankRun, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
@@ -468,31 +349,14 @@ def _carried(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return x[:-1].mean(axis=0), (ahead - behind) / (2 * np.sqrt(k)), (ahead + behind - 2 * centre) / k
 
 
-def _errors(
-    found: AtPoints,
-    known: np.ndarray,
-    biased: np.ndarray | None,
-    each: int,
-    rng: np.random.Generator,
-    states: slice,
-) -> np.ndarray:
+def _errors(found: AtPoints, each: int, rng: np.random.Generator, states: slice) -> np.ndarray:
     """−w (each · points, T + 1, n), the points one after the other."""
-    points = len(found.points)
+    (x, P, V), record, points = found.start, found.record, len(found.points)
     if found.considered:
-        error = consider_errors(
-            found.models.of(slice(points)),
-            (found.start[0][:points], found.start[1], found.start[2][:points]),
-            *found.record,
-            each,
-            rng,
-        )[..., states]
+        models = found.models.of(slice(points))
+        error = consider_errors(models, (x[:points], P, V[:points]), found.data, each, rng)[..., states]
     else:
-        offsets = np.zeros(0, dtype=int) if biased is None else biased
-        parts = []
-        for point, x0 in zip(found.points, found.start[0], strict=False):
-            core, run = kept_at(
-                found.model, point, x0, found.start[1], known, found.samples[:, None], offsets, found.nuisances
-            )
-            parts.append(smoother_errors(core, run, each, rng, states))
-        error = np.stack(parts)
+        samples = found.data.samples[:, None]
+        runs = (kept_at(record, *at, P, samples) for at in zip(found.points, x, strict=False))
+        error = np.stack([smoother_errors(core, run, each, rng, states) for core, run in runs])
     return np.swapaxes(error, 0, 1).reshape(each * points, *error.shape[2:])

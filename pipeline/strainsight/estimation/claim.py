@@ -9,9 +9,8 @@ import numpy as np
 from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 
 from strainsight.estimation.conditional import Nuisances, considers, discrepancy, known_ends, linear_models
-from strainsight.estimation.judge import with_free_loads
 from strainsight.estimation.model import FilterModel, augmented_jacobian, measured_jacobian, theta_of
-from strainsight.estimation.reduced import Settled, start_errors
+from strainsight.estimation.record import Settled, start_errors
 from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
 from strainsight.rom.modal_step import acceleration_map, modal_step
 
@@ -88,14 +87,13 @@ class _Constants:
     def along(self, span: slice, start: np.ndarray, end: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """A_ν x + G_ν w (L, d, n*) and D x + E w₁ + o (L, d, m) of a span of L steps from and to [q, q̇] (L, 2n),
         u (L, HOLD, n_u)."""
-        own, states, last = self.linear, self.model.parameter_states.start, u.sum(axis=1)
-        pushed = np.zeros((len(u), own.nuisances, self.model.size))
-        w = u[:, :, self.known].reshape(len(u), -1)
-        moving = own.moving
-        pushed[:, :moving, :states] = np.einsum("eij,tj->tei", own.A_nu[0], self._states(start, u[:, 0]), optimize=True)
-        pushed[:, :moving, :states] += np.einsum("eij,tj->tei", own.G_nu[0], w, optimize=True)
-        read = np.einsum("dmj,tj->tdm", own.D, self._states(end, last), optimize=True) + own.offset
-        return pushed, read + np.einsum("dmj,tj->tdm", own.E, self.ends[span], optimize=True)
+        linear, states, last = self.linear, self.model.parameter_states.start, u.sum(axis=1)
+        pushed, moving = np.zeros((len(u), linear.nuisances, self.model.size)), linear.moving
+        x, w = self._states(start, u[:, 0]), u[:, :, self.known].reshape(len(u), -1)
+        pushed[:, :moving, :states] = np.einsum("eij,tj->tei", linear.A_nu[0], x, optimize=True)
+        pushed[:, :moving, :states] += np.einsum("eij,tj->tei", linear.G_nu[0], w, optimize=True)
+        read = np.einsum("dmj,tj->tdm", linear.D, self._states(end, last), optimize=True) + linear.offset
+        return pushed, read + np.einsum("dmj,tj->tdm", linear.E, self.ends[span], optimize=True)
 
     def reading(self, end: np.ndarray, u: np.ndarray) -> np.ndarray:
         """Of the channels (T, m) at the ends [q, q̇] (T, 2n) of all steps, u (T, HOLD, n_u)."""
@@ -148,22 +146,18 @@ def covariance_recursion(
     """
     source = () if nuisances is None else nuisances.sources(model.model.size)
     P, parts, Q = starts(model, covariance)
-    V = np.zeros((len(P), len(source), model.size))
+    errors = _Errors(P, np.zeros((len(P), len(source), model.size)), parts)
     variance, part = np.empty((len(u) + 1, *P.shape[:2])), np.empty((len(u) + 1, *parts.shape[:2]))
-    shift = np.zeros((len(u) + 1, *V.shape[1:]))
+    shift = np.zeros((len(u) + 1, len(source), model.size))
     variance[0], part[0] = standard_deviation(P) ** 2, standard_deviation(parts) ** 2
     for k, step in enumerate(steps_along(model, trajectory, u, nuisances, len(P)), start=1):
-        P, parts = predict(P, step.A, model.process), predict(parts, step.A, Q)
-        V = V @ step.A.T - step.pushed
+        errors.predict(step.A, model.process, Q, step.pushed)
         if step.sampled:
-            rows, noise = (step.H, step.variance) if source else few(step.H, step.variance)
-            K, _ = gain(P, rows, noise, step.instant)
-            P = corrected(P, K, rows, noise)
-            parts = corrected(parts, K[:1], rows[:1], by_sensors(noise))
-            if source:
-                V = V + (step.read - V @ transposed(rows)) @ transposed(K)
-        variance[k] = standard_deviation(P) ** 2 + np.sum(V**2, axis=1)
-        part[k], shift[k] = standard_deviation(parts) ** 2, V[0]
+            H, R = (step.H, step.variance) if source else few(step.H, step.variance)
+            K, _ = gain(errors.P, H, R, step.instant)
+            errors.update(K, H, R, step.read[:, : H.shape[-2]])
+        variance[k] = standard_deviation(errors.P) ** 2 + np.sum(errors.V**2, axis=1)
+        part[k], shift[k] = standard_deviation(errors.parts) ** 2, errors.V[0]
     budget = {name: part[:, i] for i, name in enumerate(WHITE)}
     return Claim(np.sqrt(variance), budget | by_source(source, shift))
 
@@ -240,55 +234,77 @@ def bank_claim(
     c = d + model.size - n
     prior = np.ones((B, c))
     prior[:, d:] = np.diagonal(whole, axis1=1, axis2=2)[:, n:]
-    P, V, parts, Q = whole[:, :n, :n], np.tile(V0, (B, 1, 1)), parts[:, :n, :n], Q[:, :n, :n]
+    Q = Q[:, :n, :n]
+    errors = _Errors(whole[:, :n, :n], np.tile(V0, (B, 1, 1)), parts[:, :n, :n])
     followed = _Followed(prior, 0 if nuisances.learned else d, n)
     apart = model.beside_free_loads
     stated = model.process[:n, :n], Q
     if apart:
-        free = with_free_loads(model, len(u))
+        free = model.with_free_loads(len(u))
         judged = free.process[:n, :n], starts(free, covariance)[2][:, :n, :n]
     else:
         judged = stated
     ahead = considers(model, nuisances)
-    beside = _Beside(P, V, parts, d if ahead else 0) if ahead or apart else None
-    found = _Found(model.size, len(u) + 1, source, followed)
-    found.after(0, P, V, parts)
+    beside = _Errors(errors.P, errors.V, errors.parts) if ahead or apart else None
+    claimed = _Claimed(model.size, len(u) + 1, source, followed)
+    claimed.after(0, errors)
     for k, step in enumerate(steps_along(model, trajectory, u, nuisances, B), start=1):
-        A = step.A[:n, :n]
-        pushed = np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
-        P, parts = predict(P, A, judged[0]), predict(parts, A, judged[1])
-        V = V @ A.T - pushed
+        A, pushed = step.A[:n, :n], np.concatenate([step.pushed[:, :n], step.A[:n, n:].T])
+        errors.predict(A, *judged, pushed)
         followed.predict(A)
         if beside is not None:
             beside.predict(A, *stated, pushed)
         if step.sampled:
-            H = step.H[..., :n]
-            K, L = gain(P, H, step.variance, step.instant)
+            H, R = step.H[..., :n], step.variance
+            K, L = gain(errors.P, H, R, step.instant)
             read = np.broadcast_to(transposed(step.H[..., n:]), (B, c - d, H.shape[-2]))
             read = np.concatenate([np.broadcast_to(step.read, (B, *step.read.shape)), read], axis=1)
-            slope = read - V @ transposed(H)
-            followed.update(parts, K[0], L, H[0], by_sensors(step.variance), slope)
-            parts = corrected(parts, K[:1], H[:1], by_sensors(step.variance))
-            P, V = corrected(P, K, H, step.variance), V + slope @ transposed(K)
+            followed.update(errors.parts, K[0], L, H[0], by_sensors(R), errors.slope(H, read))
+            errors.update(K, H, R, read)
             if beside is not None:
-                beside.update(H, step.variance, read)
-        if beside is None:
-            found.after(k, P, V, parts)
-        else:
-            found.after(k, beside.P, beside.V, beside.parts, beside=True)
-    return found.claim()
+                beside.update(beside.considering(H, R, read, d if ahead else 0), H, R, read)
+        claimed.after(k, errors if beside is None else beside, beside is not None)
+    return claimed.claim()
+
+
+class _Errors:
+    """Errors w + V c of a filter: P (B, n, n) the covariance of w, with its parts (3, n, n) by source in the first set, and V
+    (B, c, n), what one of every constant adds."""
+
+    def __init__(self, P: np.ndarray, V: np.ndarray, parts: np.ndarray):
+        self.P, self.V, self.parts = P, V, parts
+
+    def predict(self, A: np.ndarray, process: np.ndarray, Q: np.ndarray, pushed: np.ndarray) -> None:
+        """process: what a step adds to P, Q (3, n, n) to its parts."""
+        self.P, self.parts, self.V = predict(self.P, A, process), predict(self.parts, A, Q), self.V @ A.T - pushed
+
+    def slope(self, H: np.ndarray, read: np.ndarray) -> np.ndarray:
+        """ε (B, c, m) of an innovation in c; read: of the readings."""
+        return np.asarray(read - self.V @ transposed(H))
+
+    def update(self, K: np.ndarray, H: np.ndarray, R: np.ndarray, read: np.ndarray) -> None:
+        """By any gain K (B, n, m)."""
+        self.V = self.V + self.slope(H, read) @ transposed(K)
+        self.P = corrected(self.P, K, H, R)
+        self.parts = corrected(self.parts, K[:1], H[:1], by_sensors(R))
+
+    def considering(self, H: np.ndarray, R: np.ndarray, read: np.ndarray, d: int) -> np.ndarray:
+        """Schmidt's gain, which considers the first d of c, as in `parallel_filters.advance`."""
+        slope = transposed(self.slope(H, read)[:, :d])
+        S = H @ self.P @ transposed(H) + slope @ transposed(slope) + R[:, :, None] * np.eye(R.shape[1])
+        return transposed(np.linalg.solve(S, H @ self.P - slope @ self.V[:, :d]))
 
 
 class _Followed:
     """What the samples say of c constants, of which those from the first on are followed; nothing is kept where none is.
 
-    root R (B, c, c); of z at c = 0 by source in the first set the covariance own (3, c, c), and that with w, across (3, n, c).
+    root R (B, c, c); of z at c = 0 by source in the first set the covariance z (3, c, c), and that with w, across (3, n, c).
     """
 
     def __init__(self, prior: np.ndarray, first: int, n: int):
         self.prior, self.first, c = prior, first, prior.shape[1]
         self.root = np.eye(c) / np.sqrt(prior[:, None])
-        self.own, self.across = np.zeros((len(WHITE), c, c)), np.zeros((len(WHITE), n, c))
+        self.z, self.across = np.zeros((len(WHITE), c, c)), np.zeros((len(WHITE), n, c))
 
     @property
     def any(self) -> bool:
@@ -308,8 +324,16 @@ class _Followed:
         if not self.any:
             return
         whitened = np.linalg.solve(L, transposed(slope))
-        factors = [_appended(root, rows) for root, rows in zip(self.root, whitened, strict=True)]
-        self.root = np.stack([own.root for own in factors])
+        factors = [
+            dtpqrt(0, min(BLOCK, root.shape[1]), root, rows)[:3] for root, rows in zip(self.root, whitened, strict=True)
+        ]
+        self.root, c = np.stack([root for root, _, _ in factors]), whitened.shape[2]
+        reflections, blocks = factors[0][1:]
+
+        def turn(X: np.ndarray) -> np.ndarray:
+            """The first c rows of Qᵀ X, X (c + m, k), Q of the first set."""
+            return np.asarray(dtpmqrt(0, reflections, blocks, X[:c], X[c:], side="L", trans="T")[0])
+
         w, left, noise = parts @ H.T, np.eye(len(K)) - K @ H, R[:, :, None] * np.eye(R.shape[1])
 
         def white(X: np.ndarray) -> np.ndarray:
@@ -319,12 +343,11 @@ class _Followed:
         z_e = -transposed(white(H @ self.across))
         e = white(transposed(white(H @ w + noise)))
         whole = np.concatenate(
-            [np.concatenate([self.own, z_e], axis=2), np.concatenate([transposed(z_e), e], axis=2)], axis=1
+            [np.concatenate([self.z, z_e], axis=2), np.concatenate([transposed(z_e), e], axis=2)], axis=1
         )
         w_e = transposed(white(transposed(K @ noise - left @ w)))
-        turn = factors[0].turned
-        self.own = np.stack([turn(turn(own).T) for own in whole])
-        self.across = np.stack([turn(own.T).T for own in np.concatenate([left @ self.across, w_e], axis=2)])
+        self.z = np.stack([turn(turn(each).T) for each in whole])
+        self.across = np.stack([turn(each.T).T for each in np.concatenate([left @ self.across, w_e], axis=2)])
 
     def covariance(self) -> tuple[np.ndarray, np.ndarray]:
         """Λ (B, c, f) of all constants with those that are followed, and T (B, f, f): ĉ = T z of these. R is triangular."""
@@ -338,47 +361,7 @@ class _Followed:
         return columns @ transposed(tail), tail
 
 
-@dataclass(frozen=True)
-class _Appended:
-    """[R; rows] = Q [R⁺; 0]: root R⁺ (c, c) upper triangular; Q by c reflections, each of a row of it and all appended ones."""
-
-    root: np.ndarray
-    reflections: np.ndarray
-    blocks: np.ndarray
-
-    def turned(self, X: np.ndarray) -> np.ndarray:
-        """The first c rows of Qᵀ X, X (c + m, k)."""
-        c = len(self.root)
-        return np.asarray(dtpmqrt(0, self.reflections, self.blocks, X[:c], X[c:], side="L", trans="T")[0])
-
-
-def _appended(root: np.ndarray, rows: np.ndarray) -> _Appended:
-    """Of R (c, c), upper triangular, and rows (m, c) below it, in m c² operations."""
-    own, reflections, blocks, _ = dtpqrt(0, min(BLOCK, len(root)), root, rows)
-    return _Appended(own, reflections, blocks)
-
-
-class _Beside:
-    """The filter by gains that consider the first d of c constants: P (B, n, n), V (B, c, n), parts (3, n, n)."""
-
-    def __init__(self, P: np.ndarray, V: np.ndarray, parts: np.ndarray, d: int):
-        self.P, self.V, self.parts, self.d = P, V, parts, d
-
-    def predict(self, A: np.ndarray, process: np.ndarray, Q: np.ndarray, pushed: np.ndarray) -> None:
-        self.P, self.parts, self.V = predict(self.P, A, process), predict(self.parts, A, Q), self.V @ A.T - pushed
-
-    def update(self, H: np.ndarray, R: np.ndarray, read: np.ndarray) -> None:
-        """Schmidt's gain, as in `parallel_filters.advance`."""
-        slope = read - self.V @ transposed(H)
-        own = transposed(slope[:, : self.d])
-        across = H @ self.P - own @ self.V[:, : self.d]
-        S = H @ self.P @ transposed(H) + own @ transposed(own) + R[:, :, None] * np.eye(R.shape[1])
-        K = transposed(np.linalg.solve(S, across))
-        self.P, self.V = corrected(self.P, K, H, R), self.V + slope @ transposed(K)
-        self.parts = corrected(self.parts, K[:1], H[:1], by_sensors(R))
-
-
-class _Found:
+class _Claimed:
     """Variances of x* and their parts in the first set, instant by instant."""
 
     def __init__(self, size: int, instants: int, source: tuple[str, ...], followed: _Followed):
@@ -388,29 +371,29 @@ class _Found:
         self.white = np.empty((instants, len(WHITE), size))
         self.constant = np.empty((instants, constants, size))
 
-    def after(self, k: int, P: np.ndarray, V: np.ndarray, parts: np.ndarray, beside: bool = False) -> None:
-        """P (B, n, n), V (B, c, n), parts (3, n, n) at instant k. beside: of a filter beside that of z; that the two share noise
-        is not in the σ of the bank."""
-        n, d, own = P.shape[-1], len(self.source), self.followed
-        at, prior = slice(own.first, None), np.sqrt(own.prior[0])
-        between, tail = own.covariance()
+    def after(self, k: int, errors: _Errors, beside: bool = False) -> None:
+        """At instant k. beside: of a filter beside that of z; that the two share noise is not in the σ of the bank."""
+        P, V, followed = errors.P, errors.V, self.followed
+        n, d, first = P.shape[-1], len(self.source), followed.first
+        at, prior = slice(first, None), np.sqrt(followed.prior[0])
+        between, tail = followed.covariance()
         # V C Vᵀ: what is not followed has a C of ones
-        free, along = V[:, : own.first], V[:, at]
-        shared = 2 * transposed(between[:, : own.first]) @ free + between[:, at] @ along
+        free, along = V[:, :first], V[:, at]
+        shared = 2 * transposed(between[:, :first]) @ free + between[:, at] @ along
         variance = np.diagonal(P, axis1=1, axis2=2) + np.sum(free**2, axis=1) + np.sum(shared * along, axis=1)
         self.std[k, :, :n] = np.sqrt(np.maximum(variance, 0.0))
         p = slice(tail.shape[1] - (V.shape[1] - d), None)
         self.std[k, :, n:] = standard_deviation(between[:, at])[:, p]
         # what the estimate of c makes of z, and of c itself; ν that is not learned is taken to be nothing
-        on_z, z = along[0].T @ tail[0], own.own[:, at, at]
-        white = np.diagonal(parts, axis1=1, axis2=2) + np.sum((on_z @ z) * on_z, axis=-1)
+        on_z, z = along[0].T @ tail[0], followed.z[:, at, at]
+        white = np.diagonal(errors.parts, axis1=1, axis2=2) + np.sum((on_z @ z) * on_z, axis=-1)
         if not beside:
-            white = white - 2 * np.sum(own.across[:, :, at] * on_z, axis=-1)
+            white = white - 2 * np.sum(followed.across[:, :, at] * on_z, axis=-1)
         self.white[k, :, :n] = np.maximum(white, 0.0)
         self.white[k, :, n:] = np.maximum(np.sum((tail[0, p] @ z) * tail[0, p], axis=-1), 0.0)
         drawn = between[0] / prior[:, None]
         self.constant[k, :, :n] = drawn @ along[0]
-        self.constant[k, : own.first, :n] += free[0]
+        self.constant[k, :first, :n] += free[0]
         self.constant[k, :, n:] = drawn[:, p]
 
     def claim(self) -> Claim:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels, Motion
+from strainsight.estimation.parallel_filters import LinearModels, Motion, wider
 from strainsight.rom.modal_step import HOLD, ModalMap, acceleration_map, modal_step, scheme_step
 from strainsight.rom.model import first_of_equal, modal_basis
 
@@ -211,20 +211,9 @@ def _linear_about(models: LinearModels, of_modes: int) -> LinearModels:
 def _with_offsets(models: LinearModels, biased: np.ndarray) -> LinearModels:
     """The same with one constant state more for each biased channel (b,)."""
     b = len(biased)
-
-    def wider(array: np.ndarray, *axes: int) -> np.ndarray:
-        return np.pad(array, [(0, b if axis - array.ndim in axes else 0) for axis in range(array.ndim)])
-
-    H = wider(models.H, -1)
+    H, D, U = (wider(each, b, -1) for each in (models.H, models.D, models.U))
     H[:, biased, range(-b, 0)] = 1.0
-    return replace(
-        models,
-        motion=models.motion.with_constants(b),
-        H=H,
-        Q=wider(models.Q, -1, -2),
-        D=wider(models.D, -1),
-        U=wider(models.U, -1),
-    )
+    return replace(models, motion=models.motion.with_constants(b), H=H, Q=wider(models.Q, b, -1, -2), D=D, U=U)
 
 
 def damped(model: FilterModel, nuisances: Nuisances) -> FilterModel:

@@ -97,10 +97,9 @@ def examined(
 
 def _check_ahead(suspect: Suspect, bank: BankRun) -> ChannelCheck:
     """Every channel against its prediction one step ahead, where it moves."""
-    every, span = suspect.model.every, slice(*suspect.span or (None,))
-    sampled = slice(every - 1, None, every)
-    samples, whitened = suspect.samples[span], bank.run.whitened[sampled, 0][span]
-    foreseen = samples - bank.run.innovation[sampled, 0][span]
+    span = slice(*suspect.span or (None,))
+    samples, whitened = suspect.samples[span], bank.run.whitened[suspect.sampled, 0][span]
+    foreseen = samples - bank.run.innovation[suspect.sampled, 0][span]
     residual = np.sqrt(np.nansum(whitened**2, axis=0) / np.maximum(np.isfinite(whitened).sum(axis=0), 1))
     return replace(channel_check(samples, foreseen, np.ones_like(foreseen)), residual=residual)
 
@@ -155,7 +154,7 @@ def _loads_tried(suspect: Suspect) -> tuple[list[Explained], Innovations | None]
     """Faults of known loads that are worth a closer look, and what they were ranked by; none without known loads."""
     if not suspect.known.shape[-1]:
         return [], None
-    innovations = innovations_of(suspect.model, suspect.mean, suspect.covariance, suspect.loads, suspect.biased)
+    innovations = innovations_of(suspect, suspect.load)
     wanted = tried_of_loads(innovations)
     tried = [explained(suspect, fault)[0] for fault in wanted]
     return tried + _later_of_all(suspect, wanted, tried), innovations
@@ -213,8 +212,7 @@ def _left_out(suspect: Suspect, j: int) -> LeftOut:
     if bank is None:
         none = np.full(len(suspect.samples), np.nan)
         return LeftOut(none, none, np.full((len(none), len(ANGLES)), np.nan), np.inf, -np.inf)
-    every, n = suspect.model.every, suspect.model.parameter_states.start
-    sampled = slice(every - 1, None, every)
+    n, sampled = suspect.model.parameter_states.start, suspect.sampled
     states = bank.run.mean[1:, 0][sampled, :n]
     predicted, std = bank.run.gauge_mean[sampled, 0, j], bank.run.gauge_std[sampled, 0, j]
     others = own.evidence - dead_density(suspect.samples[:, j], float(suspect.noise[j]))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.model import FilterModel, StepModel
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun, Keep, Record
-from strainsight.estimation.update import Form, apply, belief_of, transposed, whiten
+from strainsight.estimation.update import Form, Transition, apply, belief_of, transposed, whiten
 
 HALVINGS = 12
 """How often an increment that fails or raises the cost is halved before it is given up."""
@@ -67,8 +68,7 @@ def refine(
     to second order in an increment of SHORT.
     Source: Bell and Cathey, IEEE Trans. Automatic Control 38 (1993); García-Fernández et al., Signal Processing 2021.
     """
-    there = np.isfinite(measured)
-    y = np.nan_to_num(measured)
+    sampled, y = np.isfinite(measured), np.nan_to_num(measured)
     stays = process is None
     identity = np.eye(model.size)[None]
     Q = 0 * identity if process is None else process if process.ndim == 3 else process[None]
@@ -78,8 +78,8 @@ def refine(
         forward, A = (xi, identity) if stays else model.step(xi, k)
         after = forward + w
         read, H = model.measure(after, k)
-        residual = np.where(there, y - read, 0.0)
-        H = np.where(there[..., None], H, 0.0)
+        residual = np.where(sampled, y - read, 0.0)
+        H = np.where(sampled[..., None], H, 0.0)
         cost = np.sum(mu * apply(prior, mu), axis=-1) + np.sum(nu * apply(Q, nu), axis=-1)
         cost = cost + np.sum(residual**2 / R, axis=-1)
         return after, A, H, residual + apply(H, apply(A, xi - x) + w), np.where(np.isfinite(cost), cost, np.inf)
@@ -106,18 +106,18 @@ def refine(
                 break
             trial_mu, trial_nu = mu + share[:, None] * d_mu, nu + share[:, None] * d_nu
             try:
-                found = evaluate(trial_mu, trial_nu)
+                trial = evaluate(trial_mu, trial_nu)
             except NumericalError:  # of the step itself, for the whole batch
                 if not damped:
                     raise
                 share *= 0.5
                 continue
-            better = (found[4] <= cost * (1 + 1e-12)) | ((length < SHORT**2) & np.isfinite(found[4])) | (not damped)
+            better = (trial[4] <= cost * (1 + 1e-12)) | ((length < SHORT**2) & np.isfinite(trial[4])) | (not damped)
             better &= share > 0
             taken += better
             mu, nu = np.where(better[:, None], trial_mu, mu), np.where(better[:, None], trial_nu, nu)
             after, A, H, effective, cost = (
-                _chosen(better, new, old) for new, old in zip(found, (after, A, H, effective, cost), strict=True)
+                _chosen(better, new, old) for new, old in zip(trial, (after, A, H, effective, cost), strict=True)
             )
             share = np.where(better, 0.0, 0.5 * share)
         going &= share == 0
@@ -163,41 +163,22 @@ def run_filter(
     measurement: np.ndarray,
     keep: Keep = "mean",
     *,
-    form: Form = "joseph",
-    iterations: int = 1,
-    through_step: bool = False,
     biased: np.ndarray | None = None,
-    refuse: bool = True,
+    **options: Any,
 ) -> FilterRun:
-    """`filter_runs` of the reduced model under known loads.
+    """`filter_runs` of the reduced model under known loads, with its options.
 
     known (T, HOLD, n_known) hold coefficients [N]; measurement (T/every, m) or (T/every, B, m), one row a sample;
-    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is found.
+    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is estimated.
     Raises ValueError where the known loads end before the samples.
     """
-    return filter_runs(
-        driven_with_offsets(model, known, biased),
-        mean,
-        covariance,
-        samples_by_step(model, known, measurement),
-        keep,
-        form=form,
-        iterations=iterations,
-        through_step=through_step,
-        refuse=refuse,
-    )
+    core, samples = driven_with_offsets(model, known, biased), samples_by_step(model, known, measurement)
+    return filter_runs(core, mean, covariance, samples, keep, **options)
 
 
 def samples_by_step(model: FilterModel, known: np.ndarray, measurement: np.ndarray) -> np.ndarray:
-    """Samples (T, …, m) of every step, NaN where none is taken, of a measurement (T/every, …, m).
-
-    Raises ValueError where the known loads (T, HOLD, n_known) end before the samples.
-    """
-    samples = np.asarray(measurement, dtype=float)
-    if model.every > 1:
-        spread = np.full((len(samples) * model.every, *samples.shape[1:]), np.nan)
-        spread[model.every - 1 :: model.every] = samples
-        samples = spread
+    """`FilterModel.by_step`. Raises ValueError where the known loads (T, HOLD, n_known) end before the samples."""
+    samples = model.by_step(measurement)
     if len(known) < len(samples):
         raise ValueError(f"known loads for {len(known)} steps, samples for {len(samples)}")
     return samples
@@ -240,20 +221,19 @@ def filter_runs(
     Raises NumericalError where every run diverges and `refuse`, or where HPHᵀ + R is not positive definite.
     """
     y = measurement if measurement.ndim == 3 else measurement[:, None, :]
-    there = np.isfinite(y)
+    measured = np.isfinite(y)
     sets = max(model.sets, len(covariance) if covariance.ndim == 3 else 1)
     runs = max(y.shape[1], sets, mean.size // model.size)
-    b = 1 if sets == 1 and model.linear and np.all(there == there[:, :1]) else runs
-    there = there[:, :1] if b == 1 else np.broadcast_to(there, (len(y), runs, y.shape[2]))
+    b = 1 if sets == 1 and model.linear and np.all(measured == measured[:, :1]) else runs
+    measured = measured[:, :1] if b == 1 else np.broadcast_to(measured, (len(y), runs, y.shape[2]))
     iterating = (iterations > 1 or through_step) and not model.linear
 
     x = np.broadcast_to(mean, (runs, model.size)).astype(float)
     P = np.broadcast_to(covariance, (b, model.size, model.size)).astype(float)
-    start = x.copy(), P.copy()
-    belief = belief_of(form, P)
+    start, belief = (x.copy(), P.copy()), belief_of(form, P)
     # a model of one set of noises that has one for every run has found them on the way, and `process` will not tell later
     each = model.sets == 1 and model.process(0).ndim == 3
-    record = Record(model, len(y), runs, b, keep, iterating, found=each)
+    record = Record(model, len(y), runs, b, keep, iterating, each=each)
     record.state(0, x, P)
     if watch is not None:
         watch(0, x, P)
@@ -265,25 +245,26 @@ def filter_runs(
         model.begin(x, k)
         instant, noise = (k + 1) * model.h, (model.before(k), model.process(k), model.noise(k))
         before, process, R = noise
-        calm = calm if all(new is old for new, old in zip(noise, same, strict=True)) and there[k].all() else 0
+        calm = calm if all(new is old for new, old in zip(noise, same, strict=True)) and measured[k].all() else 0
         same = noise
         ahead, A = model.step(x, k)
         A = _where_it_failed(ahead, A, np.eye(model.size))
         H: np.ndarray | None = None
         adjusted = None
-        if not there[k].any():
-            x, belief = ahead, belief.predicted(A, process, before)
+        step = Transition(A, process, before)
+        if not measured[k].any():
+            x, belief = ahead, belief.predicted(step)
         else:
             expected, H = model.measure(ahead, k)
             record.innovation[k] = y[k] - expected
             innovation, H = record.innovation[k], _where_it_failed(ahead, H, 0.0)
-            if not there[k].all():
-                H, innovation = np.where(there[k][..., None], H, 0.0), np.nan_to_num(innovation)
+            if not measured[k].all():
+                H, innovation = np.where(measured[k][..., None], H, 0.0), np.nan_to_num(innovation)
             if through_step and iterating:
                 R = np.broadcast_to(R, (b, y.shape[2]))
-                L = belief.expected(A, process, before, H, R, instant)
+                L = belief.expected(step, H, R, instant)
             elif calm < CALM:
-                prior, R = belief.predicted(A, process, before), np.broadcast_to(R, (b, y.shape[2]))
+                prior, R = belief.predicted(step), np.broadcast_to(R, (b, y.shape[2]))
                 after, G, L = prior.updated(H, R, instant)
             adjusted = whiten(L, innovation)
             record.whitened[k], record.spread[k] = adjusted, np.diagonal(L, axis1=-2, axis2=-1)
@@ -292,37 +273,33 @@ def filter_runs(
             else:
                 if through_step:
                     full = belief.covariance if before is None else belief.covariance + before
-                    found = refine(model, k, x, full, process, R, y[k], iterations, damped, project is not None)
-                    A = _where_it_failed(found.x, found.A, np.eye(model.size))
-                    prior = belief.predicted(A, process, before)
+                    refined = refine(model, k, x, full, process, R, y[k], iterations, damped, project is not None)
+                    A = _where_it_failed(refined.x, refined.A, np.eye(model.size))
+                    prior = belief.predicted(Transition(A, process, before))
                 else:
-                    found = refine(model, k, ahead, prior.covariance, None, R, y[k], iterations, damped)
-                x, H = found.x, _where_it_failed(found.x, found.H, 0.0)
+                    refined = refine(model, k, ahead, prior.covariance, None, R, y[k], iterations, damped)
+                x, H = refined.x, _where_it_failed(refined.x, refined.H, 0.0)
                 belief, _, L = prior.updated(H, R, instant)
-                adjusted = whiten(L, found.innovation)
+                adjusted = whiten(L, refined.innovation)
                 record.spread[k] = np.diagonal(L, axis1=-2, axis2=-1)
             if project is not None:
                 x = project(x, k + 1)
-        astray = model.lost(x)
+        astray = record.astray(k, x, refuse)
         if astray.any():
-            record.lost[astray & (record.lost < 0)] = k + 1
-            if refuse and np.all(record.lost >= 0):
-                raise all_lost(model, record.lost)
             x = np.where(astray[:, None], start[0], x)
             belief = belief if b == 1 else belief.reset(astray, start[1])
+        latest = None
         if calm < CALM:
-            last, P = P, belief.covariance
+            last, latest = P, belief.covariance
+            P = latest
             calm = calm + 1 if b == 1 and model.linear and H is not None and _unmoved(last, P, prior.covariance) else 0
-            record.state(k + 1, x, P)
-            record.readings(k, *model.measure(x, k), P)
-        else:
-            record.state(k + 1, x, None)
-            record.readings(k, *model.measure(x, k), None)
+        record.state(k + 1, x, latest)
+        record.readings(k, *model.measure(x, k), latest)
         record.linearised(k, A, H, adjusted)
         record.noises(k, process, R)
         if watch is not None:
             watch(k + 1, x, P)
-    return record.finished(P, there)
+    return record.finished(P, measured)
 
 
 def _where_it_failed(x: np.ndarray, X: np.ndarray, instead: np.ndarray | float) -> np.ndarray:
@@ -335,11 +312,3 @@ def _unmoved(last: np.ndarray, P: np.ndarray, prior: np.ndarray) -> bool:
     """Whether P (1, n, n) is what it was, to the rounding of the covariance it was updated from."""
     size = np.sqrt(np.diagonal(prior[0]))
     return bool(np.all(np.abs(P[0] - last[0]) <= UNMOVED * size[:, None] * size))
-
-
-def all_lost(model: StepModel, lost: np.ndarray) -> NumericalError:
-    """What to say where every run diverges; lost (B,): the steps that lost them."""
-    return NumericalError(
-        f"the filter diverged: {model.loss} in all of {len(lost)} runs, first at {lost.min() * model.h:g} s",
-        remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",
-    )

@@ -13,15 +13,23 @@ Source: Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010).
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.conditional import Nuisances, linear_models, no_nuisances, tuned
-from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import Filters, LinearModels, Passage, advance, filters_of
-from strainsight.estimation.reduced import beginning
-from strainsight.loads.input_models import line_intensity
+from strainsight.estimation.conditional import linear_models, no_nuisances, tuned
+from strainsight.estimation.parallel_filters import (
+    Data,
+    Filters,
+    LinearModels,
+    Passage,
+    advance,
+    filters_of,
+    joined,
+    joined_models,
+)
+from strainsight.estimation.record import BankRecord, beginning
 
 SLIGHT = 1e-3
 """Change of ln R for slopes in it."""
@@ -39,88 +47,50 @@ class Judge:
     quieter: Filters
 
 
-def with_free_loads(model: FilterModel, steps: int) -> FilterModel:
-    """Of a record of so many steps: no unknown load is stiffer than a line of its amplitude and frequency asks for
-    (`line_intensity`), however it was stated to move."""
-    Q, unknowns = model.Q.copy(), model.unknowns
-    for name, end in zip(unknowns.inputs, model.input_states.start + np.cumsum(unknowns.lengths), strict=True):
-        line = line_intensity(unknowns.model_of(name), unknowns.frequency_of(name), steps * model.h)
-        Q[..., end - 1, end - 1] = np.maximum(Q[..., end - 1, end - 1], line)
-    return replace(model, Q=Q)
-
-
-@dataclass(frozen=True)
-class FreeLoads:
-    """Models of a record whose unknown loads are free, the same at all points: with all that drives the motion, and `alone` with
-    nothing else that does. Their `process` is worked out once, by a matrix exponential of twice the states."""
-
-    model: FilterModel
-    alone: FilterModel
-
-
-def free_loads(model: FilterModel, steps: int) -> FreeLoads:
-    """Of a record of so many steps."""
-    free, loads = with_free_loads(model, steps), _loads(model)
-    return FreeLoads(free, replace(free, Q=np.where(np.outer(loads, loads), free.Q, 0.0)))
-
-
-def _loads(model: FilterModel) -> np.ndarray:
-    """Which of x* are states of loads (n*,)."""
-    loads = np.zeros(model.size, dtype=bool)
-    loads[model.input_states] = True
-    return loads
-
-
-def judge_of(
-    own: FreeLoads,
-    stated: LinearModels,
-    point: np.ndarray,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    biased: np.ndarray,
-    nuisances: Nuisances,
-) -> Judge:
-    """At points (B, k) before any step of a record, where the filters of loads as stated have the models `stated`. mean (n,) and
-    covariance (n, n) of the states of a filter at t = 0; biased and nuisances as of `linear_models`."""
-    free, states = own.model, own.model.parameter_states.start
-    Q = np.pad(free.process[:states, :states], (0, len(biased)))
+def judge_of(record: BankRecord, stated: LinearModels, point: np.ndarray) -> Judge:
+    """At points (B, k) before any step of a record, where the filters of loads as stated have the models `stated`."""
+    (free, alone), (mean, covariance) = record.free, record.start
+    offsets, loads = len(record.biased), np.zeros(len(mean), dtype=bool)
+    states, loads[free.input_states] = free.parameter_states.start, True
+    Q = np.pad(free.process[:states, :states], (0, offsets))
     models = replace(stated, Q=np.broadcast_to(Q, stated.Q.shape))
-    alone = linear_models(tuned(own.alone, nuisances, point)[0], point, no_nuisances(free), biased)
-    loads = np.pad(_loads(free)[:states], (0, len(biased)))
+    alone = tuned(alone, record.nuisances, point)[0]
+    of_loads = linear_models(alone, point, no_nuisances(free), record.biased)
     start = np.zeros((len(point), len(mean))), np.where(np.outer(loads, loads), covariance, 0.0)
     return Judge(
         models,
         filters_of(models, *beginning(free, models, mean, covariance, None)),
-        alone,
-        *(filters_of(alone, *start, np.zeros((len(point), 0, len(mean)))) for _ in range(2)),
+        of_loads,
+        *(filters_of(of_loads, *start, np.zeros((len(point), 0, len(mean)))) for _ in range(2)),
     )
 
 
-def judged(
-    judge: Judge,
-    known: np.ndarray,
-    known_end: np.ndarray,
-    measurement: np.ndarray,
-    noise: np.ndarray,
-    discrepancy: np.ndarray,
-    less: np.ndarray,
-    keep: bool,
-) -> Passage:
+def joined_judges(parts: Sequence[Judge]) -> Judge:
+    """Judges of parts of a bank as one."""
+    return Judge(
+        joined_models([part.models for part in parts]),
+        joined([part.filters for part in parts]),
+        joined_models([part.alone for part in parts]),
+        joined([part.louder for part in parts]),
+        joined([part.quieter for part in parts]),
+    )
+
+
+def judged(judge: Judge, data: Data, less: np.ndarray, keep: bool) -> Passage:
     """Take it some steps on: what its filters found, with the fit by which points are weighed. Arguments as of `advance`.
 
     Of noise v alone, with S the covariance of all that loads alone read, E ln p(v) = −½ ln|S| − ½ tr(R S⁻¹) but for a constant,
     and tr(R S⁻¹) is the slope of ln|S| in ln R: of readings of zero at R e^{±δ}.
     """
-    free = judge.models, judge.filters
-    found = advance(*free, known, known_end, measurement, noise, discrepancy, keep, states=False, less=less)
-    loads = np.zeros((len(known_end), judge.alone.F.shape[-1]))
-    nothing = np.where(np.isnan(measurement), np.nan, 0.0)
+    passage = advance(judge.models, judge.filters, data, keep, states=False, less=less)
+    loads = np.zeros((len(data.known_end), judge.alone.F.shape[-1]))
+    quiet = replace(data, known=0 * data.known, known_end=loads, samples=np.where(np.isnan(data.samples), np.nan, 0.0))
 
     def alone(filters: Filters, factor: float) -> np.ndarray:
-        return advance(judge.alone, filters, 0 * known, loads, nothing, factor * noise, discrepancy, False).fit
+        return advance(judge.alone, filters, replace(quiet, noise=factor * data.noise), False).fit
 
     louder, quieter = alone(judge.louder, np.exp(SLIGHT)), alone(judge.quieter, np.exp(-SLIGHT))
-    return replace(found, fit=found.fit - 0.5 * (louder + quieter) - (louder - quieter) / (2 * SLIGHT))
+    return replace(passage, fit=passage.fit - 0.5 * (louder + quieter) - (louder - quieter) / (2 * SLIGHT))
 
 
 SETTLED = 1e-9

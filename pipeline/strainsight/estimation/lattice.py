@@ -12,6 +12,10 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.mixture import Standing
 
+SPACING = 1.0
+"""Of a lattice, in standard deviations of the posterior it was laid for."""
+DEPTH = 6.0
+"""A point whose density is within exp(−DEPTH) of the largest has all its neighbours in a lattice, when it is laid."""
 LEFT = 3.5
 """Where a point at its edge is within exp(−LEFT) of the largest density, a lattice no longer holds it;"""
 NARROW = 0.5

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import TypeVar
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, bank_record, filtered_at, on, passed
+from strainsight.estimation.bank_filters import BankProblem, filtered_at, on, passed
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.consistency import whiteness_band
 from strainsight.estimation.decision import SLACK
 from strainsight.estimation.faults import LOAD_SCALES, MOST_LATE, Fault
-from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import KEPT
 from strainsight.estimation.peak import Points
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.record import BankRecord
+
+R = TypeVar("R", bound=BankRecord)
 
 PLACES = (-1.0, -0.5, 0.5, 1.0)
 """Values of every parameter, in its σ before the samples, at which faults are ranked, beside its first estimate."""
@@ -25,45 +27,32 @@ SEVERAL = 100.0
 """½Σz² of what a fault changes of the innovations of a channel, from which that channel speaks of it."""
 
 
-@dataclass(frozen=True)
-class KnownLoads:
-    """What a record has of its known loads. held (T, HOLD, p) [N]; load (p,): which load a column belongs to; settled: as of
-    `filter_bank`; samples (T/every, m), NaN where missing."""
+def without_load_fault(record: R, load: np.ndarray, fault: Fault) -> R:
+    """A record as it would be without a fault of a known load, or of two that were exchanged; load (p,): which of them every
+    column of `known` belongs to.
 
-    held: np.ndarray
-    load: np.ndarray
-    settled: Settled | None
-    samples: np.ndarray
-
-    @property
-    def count(self) -> int:
-        return len(np.unique(self.load))
-
-    def without(self, fault: Fault, model: FilterModel) -> KnownLoads:
-        """As they would be without a fault of one, or of two that were exchanged.
-
-        Loads that were written n samples late are moved to their own time. They have none at one end of the record: there they
-        are taken to stay as they are, and samples are left out.
-        """
-        held, samples, W = self.held.copy(), self.samples, self.settled
-        tones = np.zeros((0, *held.shape[1:]), dtype=complex) if W is None else W.held.copy()
-        own = self.load == fault.channel
-        if fault.kind == "swapped":
-            other = self.load == int(fault.amount)
-            for each in (held, tones):
-                each[..., own], each[..., other] = each[..., other], each[..., own]
-        elif fault.kind == "late":
-            n, steps = int(fault.amount), int(fault.amount) * model.every
-            held[..., own] = _moved(held[..., own], steps)
-            samples = samples.copy()
-            samples[slice(len(samples) - n, None) if n > 0 else slice(0, -n)] = np.nan
-            if W is not None:
-                tones[..., own] *= np.exp(1j * W.frequency * model.h * steps)[:, None, None]
-        else:
-            factor = -1.0 if fault.kind == "sign" else 1 / fault.amount
-            held[..., own] *= factor
-            tones[..., own] *= factor
-        return replace(self, held=held, samples=samples, settled=None if W is None else replace(W, held=tones))
+    Loads that were written n samples late are moved to their own time. They have none at one end of the record: there they are
+    taken to stay as they are, and samples are left out.
+    """
+    held, samples, W = record.known.copy(), record.samples, record.settled
+    tones = np.zeros((0, *held.shape[1:]), dtype=complex) if W is None else W.held.copy()
+    wrong = load == fault.channel
+    if fault.kind == "swapped":
+        other = load == int(fault.amount)
+        for each in (held, tones):
+            each[..., wrong], each[..., other] = each[..., other], each[..., wrong]
+    elif fault.kind == "late":
+        n, steps = int(fault.amount), int(fault.amount) * record.model.every
+        held[..., wrong] = _moved(held[..., wrong], steps)
+        samples = samples.copy()
+        samples[slice(len(samples) - n, None) if n > 0 else slice(0, -n)] = np.nan
+        if W is not None:
+            tones[..., wrong] *= np.exp(1j * W.frequency * record.model.h * steps)[:, None, None]
+    else:
+        factor = -1.0 if fault.kind == "sign" else 1 / fault.amount
+        held[..., wrong] *= factor
+        tones[..., wrong] *= factor
+    return replace(record, known=held, samples=samples, settled=None if W is None else replace(W, held=tones))
 
 
 def _moved(held: np.ndarray, steps: int) -> np.ndarray:
@@ -114,51 +103,40 @@ class Innovations:
         return int(np.sum(change.min(axis=0) > SEVERAL))
 
 
-def innovations_of(
-    model: FilterModel, mean: np.ndarray, covariance: np.ndarray, known: KnownLoads, biased: np.ndarray
-) -> Innovations:
-    """A filter for each load; arguments as of `filter_bank`."""
-    k = len(model.unknowns.parameters)
-    sigma = np.sqrt(np.diag(covariance))[model.parameter_states]
-    point = mean[model.parameter_states] + sigma * np.vstack([np.zeros((1, k)), *(x * np.eye(k) for x in PLACES)])
-    silent, nothing = 0 * known.held, np.where(np.isnan(known.samples), np.nan, 0.0)
-    unloaded, size = _whitened(model, mean, covariance, silent, known.samples, biased, point)
-    by_load = []
-    for i in range(known.count):
-        own = []
-        for j in range(known.count):
-            held = silent.copy()
-            held[..., known.load == j] = known.held[..., known.load == i]
-            own.append(_whitened(model, 0 * mean, covariance, held, nothing, biased, point)[0])
-        by_load.append(own)
-    return Innovations(unloaded, by_load, size)
+def innovations_of(record: BankRecord, load: np.ndarray) -> Innovations:
+    """A filter for each load; load (p,): which of them every column of `known` belongs to."""
+    mean, covariance = record.prior
+    sigma, k = np.sqrt(np.diag(covariance)), len(mean)
+    point = mean + sigma * np.vstack([np.zeros((1, k)), *(x * np.eye(k) for x in PLACES)])
+    record = replace(record, nuisances=no_nuisances(record.model), settled=None)
+    silent = 0 * record.known
+    unloaded, log_prior = _whitened(replace(record, known=silent), point)
+    nothing = replace(record, mean=0 * record.mean, samples=np.where(np.isnan(record.samples), np.nan, 0.0))
+
+    def effect(i: int, j: int) -> np.ndarray:
+        held = silent.copy()
+        held[..., load == j] = record.known[..., load == i]
+        return _whitened(replace(nothing, known=held), point)[0]
+
+    loads = range(len(np.unique(load)))
+    return Innovations(unloaded, [[effect(i, j) for j in loads] for i in loads], log_prior)
 
 
-def _whitened(
-    model: FilterModel,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    held: np.ndarray,
-    samples: np.ndarray,
-    biased: np.ndarray,
-    point: np.ndarray,
-) -> tuple[np.ndarray, np.ndarray]:
+def _whitened(record: BankRecord, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Innovations (B, T, m) over their σ, zero where no sample is, and ln of the density of the points and of that σ (B,)."""
-    record = bank_record(model, held, samples, no_nuisances(model), None)
-    problem = BankProblem((record,), mean, covariance, biased, 1.0, 1.0)
+    problem = BankProblem((record,))
     now, parts = filtered_at(problem, Points(point), 0), []  # type: ignore[type-var]
     while now.step < record.steps:
         ahead = min(record.steps - now.step, max(1, KEPT // now.models.kept_a_step))
         passage = passed(problem, now, ahead, keep=True)  # type: ignore[type-var]
         parts.append((passage.own.expected, passage.own.S))
         now = on(now, passage, ahead)  # type: ignore[type-var]
-    sampled = slice(model.every - 1, None, model.every)
-    expected, S = (np.concatenate(each, axis=1)[:, sampled] for each in zip(*parts, strict=True))
-    e = samples - expected
-    there = np.isfinite(e)
-    S = np.where(there[..., :, None] & there[..., None, :], S, np.eye(S.shape[-1]))
+    expected, S = (np.concatenate(each, axis=1)[:, record.sampled] for each in zip(*parts, strict=True))
+    e = record.samples - expected
+    measured = np.isfinite(e)
+    S = np.where(measured[..., :, None] & measured[..., None, :], S, np.eye(S.shape[-1]))
     L = np.linalg.cholesky(S)
-    z = np.linalg.solve(L, np.where(there, e, 0.0)[..., None])[..., 0]
+    z = np.linalg.solve(L, np.where(measured, e, 0.0)[..., None])[..., 0]
     return z, problem.log_prior(point) - np.log(np.diagonal(L, axis1=2, axis2=3)).sum(axis=(1, 2))
 
 

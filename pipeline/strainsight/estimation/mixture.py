@@ -270,9 +270,6 @@ class Mixture:
             log_likelihood=np.array([self.log_likelihood]),
             last=self.last[:, back[:, None], back],
             covariance=None if self.covariance is None else self.covariance[:, None, back[:, None], back],
-            jacobian=None,
-            rows=None,
-            adjusted=None,
         )
 
 

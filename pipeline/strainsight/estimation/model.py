@@ -12,7 +12,7 @@ from scipy.linalg import expm, matrix_balance
 
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
-from strainsight.loads.input_models import RandomWalk, Unknowns
+from strainsight.loads.input_models import RandomWalk, Unknowns, line_intensity
 from strainsight.loads.linearisation import linearise
 from strainsight.rom.modal_step import HOLD, ModalMap, Scheme, acceleration_map, modal_step, parameter_slopes
 from strainsight.rom.model import ReducedModel
@@ -72,9 +72,8 @@ class FilterModel:
     @property
     def sets(self) -> int:
         """How many covariances differ by their sensors or noise: 1, or B."""
-        given = (self.H, self.Q)
-        own = [len(a) for a in given if a.ndim == 3]
-        return max([*own, self.r.shape[-2] if self.r.ndim > 1 else 1])
+        sets = [len(array) for array in (self.H, self.Q) if array.ndim == 3]
+        return max([*sets, self.r.shape[-2] if self.r.ndim > 1 else 1])
 
     @property
     def motion(self) -> slice:
@@ -135,6 +134,29 @@ class FilterModel:
             r=self.r[..., which],
             quantity=None if self.quantity is None else self.quantity[which],
         )
+
+    def with_parameters(self, theta: Mapping[str, float]) -> FilterModel:
+        """With the parameters known to be θ [SI], no states of x* any more."""
+        n, unknowns = self.parameter_states.start, replace(self.unknowns, parameters=())
+        return replace(self, unknowns=unknowns, fixed=theta, H=self.H[..., :n], Q=self.Q[..., :n, :n])
+
+    def with_free_loads(self, steps: int) -> FilterModel:
+        """In a record of so many steps: no unknown load is stiffer than a line of its amplitude and frequency asks for
+        (`line_intensity`), however it was stated to move."""
+        Q, unknowns = self.Q.copy(), self.unknowns
+        for name, end in zip(unknowns.inputs, self.input_states.start + np.cumsum(unknowns.lengths), strict=True):
+            line = line_intensity(unknowns.model_of(name), unknowns.frequency_of(name), steps * self.h)
+            Q[..., end - 1, end - 1] = np.maximum(Q[..., end - 1, end - 1], line)
+        return replace(self, Q=Q)
+
+    def by_step(self, samples: np.ndarray) -> np.ndarray:
+        """Samples (T, …, m) of every step, NaN where none is taken, of some (T/every, …, m)."""
+        samples = np.asarray(samples, dtype=float)
+        if self.every == 1:
+            return samples
+        spread = np.full((len(samples) * self.every, *samples.shape[1:]), np.nan)
+        spread[self.every - 1 :: self.every] = samples
+        return spread
 
     @cached_property
     def transition(self) -> np.ndarray:

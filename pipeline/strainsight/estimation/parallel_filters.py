@@ -6,11 +6,11 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
-from strainsight.parallel.sweep import threads
+from strainsight.parallel import threads
 
 
 @dataclass(frozen=True)
@@ -37,15 +37,8 @@ class Motion:
 
     def __post_init__(self) -> None:
         (B, n, p), q, e = self.fed.shape, self.pairs.shape[-1], self.pairs_nu.shape[1]
-        agree(
-            (self.basis, (B, n, n)),
-            (self.inverse, (B, n, n)),
-            (self.pairs, (B, 4, q)),
-            (self.beside, (B, n - 2 * q, n)),
-            (self.pairs_nu, (B, e, 4, q)),
-            (self.beside_nu, (B, e, n - 2 * q, n)),
-            (self.fed_nu, (B, e, n, p)),
-        )
+        shapes = "basis Bnn, inverse Bnn, pairs B4q, beside Bsn, pairs_nu Be4q, beside_nu Besn, fed_nu Benp"
+        agree(self, shapes, {"B": B, "n": n, "p": p, "q": q, "e": e, "s": n - 2 * q, "4": 4})
 
     def of(self, points: slice) -> Motion:
         """Of some of the models."""
@@ -53,39 +46,21 @@ class Motion:
 
     def about(self, nu: np.ndarray) -> Motion:
         """That at ν (e,), in which it is linear."""
-
-        def there(own: np.ndarray, slope: np.ndarray) -> np.ndarray:
-            return np.asarray(own + np.tensordot(slope, nu, (1, 0)))
-
-        return replace(
-            self,
-            pairs=there(self.pairs, self.pairs_nu),
-            beside=there(self.beside, self.beside_nu),
-            fed=there(self.fed, self.fed_nu),
-        )
+        slopes = {"pairs": self.pairs_nu, "beside": self.beside_nu, "fed": self.fed_nu}
+        moved = {name: getattr(self, name) + np.tensordot(slope, nu, (1, 0)) for name, slope in slopes.items()}
+        return replace(self, **moved)
 
     def with_constants(self, count: int) -> Motion:
         """With as many more states that stay as they are."""
         if count == 0:
             return self
 
-        def wider(own: np.ndarray, *axes: int) -> np.ndarray:
-            return np.pad(own, [(0, count if axis - own.ndim in axes else 0) for axis in range(own.ndim)])
-
-        basis, inverse = wider(self.basis, -1, -2), wider(self.inverse, -1, -2)
-        beside, own = wider(self.beside, -1, -2), range(-count, 0)
+        basis, inverse, beside = (wider(each, count, -1, -2) for each in (self.basis, self.inverse, self.beside))
+        constants = range(-count, 0)
         for each in (basis, inverse, beside):
-            each[:, own, own] = 1.0
-        return Motion(
-            basis,
-            inverse,
-            self.pairs,
-            beside,
-            wider(self.fed, -2),
-            self.pairs_nu,
-            wider(self.beside_nu, -1, -2),
-            wider(self.fed_nu, -2),
-        )
+            each[:, constants, constants] = 1.0
+        beside_nu, fed_nu = wider(self.beside_nu, count, -1, -2), wider(self.fed_nu, count, -2)
+        return Motion(basis, inverse, self.pairs, beside, wider(self.fed, count, -2), self.pairs_nu, beside_nu, fed_nu)
 
     @cached_property
     def transition(self) -> np.ndarray:
@@ -120,17 +95,14 @@ def _full(pairs: np.ndarray, beside: np.ndarray) -> np.ndarray:
 
 def plain_motion(A: np.ndarray, G: np.ndarray, A_nu: np.ndarray, G_nu: np.ndarray) -> Motion:
     """Of full matrices A (B, n, n), G (B, n, p), A_ν (B, e, n, n) and G_ν (B, e, n, p), no mode apart."""
-    own = np.tile(np.eye(A.shape[-1]), (len(A), 1, 1))
-    return Motion(
-        own,
-        own,
-        np.zeros((len(A), 4, 0)),
-        np.swapaxes(A, -1, -2),
-        G,
-        np.zeros((*A_nu.shape[:2], 4, 0)),
-        np.swapaxes(A_nu, -1, -2),
-        G_nu,
-    )
+    one, pairs = np.tile(np.eye(A.shape[-1]), (len(A), 1, 1)), np.zeros((len(A), 4, 0))
+    pairs_nu = np.zeros((*A_nu.shape[:2], 4, 0))
+    return Motion(one, one, pairs, np.swapaxes(A, -1, -2), G, pairs_nu, np.swapaxes(A_nu, -1, -2), G_nu)
+
+
+def wider(array: np.ndarray, count: int, *axes: int) -> np.ndarray:
+    """With as many more zeros along some axes, numbered from the last."""
+    return np.pad(array, [(0, count if axis - array.ndim in axes else 0) for axis in range(array.ndim)])
 
 
 BY_MODEL = ("Q", "H", "F", "shift")
@@ -167,20 +139,9 @@ class LinearModels:
     def __post_init__(self) -> None:
         (B, m, n), p1 = self.H.shape, self.F.shape[-1]
         d, f = len(self.D), len(self.U)
-        agree(
-            (self.motion.basis, (B, n, n)),
-            (self.Q, (B, n, n)),
-            (self.F, (B, m, p1)),
-            (self.D, (d, m, n)),
-            (self.E, (d, m, p1)),
-            (self.offset, (d, m)),
-            (self.B, (d, m, f)),
-            (self.U, (f, n)),
-            (self.W, (f, p1)),
-            (self.about, (d,)),
-            (self.shift, (B, d)),
-            (self.held, (d,)),
-        )
+        sizes = {"B": B, "m": m, "n": n, "p": p1, "d": d, "f": f}
+        agree(self.motion, "basis Bnn", sizes)
+        agree(self, "Q Bnn, F Bmp, D dmn, E dmp, offset dm, B dmf, U fn, W fp, about d, shift Bd, held d", sizes)
 
     @property
     def A(self) -> np.ndarray:
@@ -241,19 +202,17 @@ def compilable(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
 
 def joined_models(parts: Sequence[LinearModels]) -> LinearModels:
     """Models of the same ν, one behind the other."""
-
-    def all_of(of: Sequence[Any], name: str) -> np.ndarray:
-        return np.concatenate([getattr(one, name) for one in of])
-
-    motion = Motion(*(all_of([own.motion for own in parts], entry.name) for entry in fields(Motion)))
-    return replace(parts[0], motion=motion, **{name: all_of(parts, name) for name in BY_MODEL})
+    by_model = {name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_MODEL}
+    return replace(parts[0], motion=joined([part.motion for part in parts]), **by_model)
 
 
-def agree(*sized: tuple[np.ndarray, tuple[int, ...]]) -> None:
-    """Raises ValueError where an array has not the shape that it should have: compiled loops do not look where they write."""
-    wrong = [f"{array.shape} in place of {shape}" for array, shape in sized if array.shape != shape]
-    if wrong:
-        raise ValueError(f"arrays of filters side by side do not fit: {', '.join(wrong)}")
+def agree(arrays: Any, shapes: str, sizes: dict[str, int]) -> None:
+    """Raises ValueError where an array has not the shape that it should have, as "name letters, …" with the size of every letter:
+    compiled loops do not look where they write."""
+    for name, letters in (each.split() for each in shapes.split(", ")):
+        actual, shape = getattr(arrays, name).shape, tuple(sizes[letter] for letter in letters)
+        if actual != shape:
+            raise ValueError(f"arrays of filters side by side do not fit: {name} is {actual} in place of {shape}")
 
 
 KEPT = 4_000_000
@@ -296,9 +255,13 @@ class Filters:
         return Filters(*(getattr(self, entry.name).copy() for entry in fields(self)))
 
 
-def joined_filters(parts: Sequence[Filters]) -> Filters:
-    """Filters of the same ν, one behind the other."""
-    return Filters(*(np.concatenate([getattr(one, entry.name) for one in parts]) for entry in fields(Filters)))
+R = TypeVar("R")
+
+
+def joined(parts: Sequence[R], axis: int = 0) -> R:
+    """Parts of one kind as one, every array joined along an axis."""
+    names = [entry.name for entry in fields(parts[0])]  # type: ignore[arg-type]
+    return type(parts[0])(*(np.concatenate([getattr(part, name) for part in parts], axis=axis) for name in names))
 
 
 def _of_states(
@@ -325,12 +288,24 @@ class States:
 
     def first(self, count: int) -> States:
         """At the first instants."""
-        return States(*(own[:, :count] for own in (self.x, self.P, self.V, self.nu, self.left)))
+        return States(*(each[:, :count] for each in (self.x, self.P, self.V, self.nu, self.left)))
 
 
-def one_passage(parts: Sequence[States]) -> States:
-    """Parts of one record, one behind the other."""
-    return States(*(np.concatenate([getattr(own, entry.name) for own in parts], axis=1) for entry in fields(States)))
+@dataclass(frozen=True)
+class Data:
+    """What filters are given of L steps: known (L, p) in each of them and known_end (L, p₁) at its end, samples (L, m) with NaN
+    where none, noise (L, m) and discrepancy (m,) their variances."""
+
+    known: np.ndarray
+    known_end: np.ndarray
+    samples: np.ndarray
+    noise: np.ndarray
+    discrepancy: np.ndarray
+
+    def of(self, span: slice) -> Data:
+        """Of some steps."""
+        parts = (each[span] for each in (self.known, self.known_end, self.samples, self.noise))
+        return Data(*parts, self.discrepancy)
 
 
 @dataclass(frozen=True)
@@ -354,31 +329,16 @@ def filters_of(
     inverse = models.motion.inverse
     T = np.swapaxes(inverse, 1, 2)
     x, P, V = (x[:, None] @ T)[:, 0], inverse @ covariance @ T, V @ T
-    return Filters(
-        x,
-        P,
-        V,
-        np.zeros((B, m, n)),
-        np.zeros((B, m)),
-        np.zeros((B, m, m)),
-        np.zeros(B, dtype=np.int64),
-        -models.about - models.shift,
-        np.tile(np.eye(models.nuisances), (B, 1, 1)),
-        x[:second].copy(),
-        P[:second].copy(),
-        V[:second].copy(),
-        models.motion.basis,
-    )
+    gain, variance, S, calm = np.zeros((B, m, n)), np.zeros((B, m)), np.zeros((B, m, m)), np.zeros(B, dtype=np.int64)
+    nu, left = -models.about - models.shift, np.tile(np.eye(models.nuisances), (B, 1, 1))
+    considering = (each[:second].copy() for each in (x, P, V))
+    return Filters(x, P, V, gain, variance, S, calm, nu, left, *considering, models.motion.basis)
 
 
 def advance(
     models: LinearModels,
     filters: Filters,
-    known: np.ndarray,
-    known_end: np.ndarray,
-    measurement: np.ndarray,
-    noise: np.ndarray,
-    discrepancy: np.ndarray,
+    data: Data,
     keep: bool,
     states: bool = True,
     less: np.ndarray | None = None,
@@ -398,50 +358,40 @@ def advance(
 
     where a filter that takes its readings for exact would follow what gauges make of their tolerances the more, the quieter
     they are.
-    known (L, p), known_end (L, p₁), measurement (L, m) with NaN where missing, noise (L, m) variances of the samples, with
-    discrepancy (m,) on top of them, which S of what is kept is without; keep: whether states are returned; states: and not mean
-    and covariance of ν alone; less (L, d): information on ν that is taken off in every step (`noise_alone`). Changes `filters`
-    in place.
+    keep: whether states are returned, S of which is without the discrepancy; states: and not mean and covariance of ν alone;
+    less (L, d): information on ν that is taken off in every step (`noise_alone`). Changes `filters` in place.
     Sources: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).
     """
     B, m, n = models.H.shape
     less = np.zeros((0, models.nuisances)) if less is None else less
-    L, d, second = len(measurement), models.nuisances, len(filters.x_c)
+    L, d, second = len(data.samples), models.nuisances, len(filters.x_c)
     kept, whole = L if keep else 0, L if keep and states else 0
-    agree(
-        (filters.x, (B, n)),
-        (filters.P, (B, n, n)),
-        (filters.V, (B, d, n)),
-        (filters.x_c, (B if second else 0, n)),
-        (filters.P_c, (second, n, n)),
-        (filters.V_c, (second, d, n)),
-        (known, (L, models.motion.fed.shape[-1])),
-        (known_end, (L, models.F.shape[-1])),
-        (measurement, (L, m)),
-        (noise, (L, m)),
-        (discrepancy, (m,)),
-        (less, (L if len(less) else 0, d)),
-    )
+    sizes = {"B": B, "c": B if second else 0, "d": d, "m": m, "n": n, "L": L, "p": models.motion.fed.shape[-1]}
+    agree(filters, "x Bn, P Bnn, V Bdn, x_c cn, P_c cnn, V_c cdn", sizes)
+    agree(data, "known Lp, known_end Le, samples Lm, noise Lm, discrepancy m", sizes | {"e": models.F.shape[-1]})
+    if len(less) and less.shape != (L, d):
+        raise ValueError(f"information of shape {less.shape} in place of {(L, d)}")
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
     nu, left, fit = np.zeros((B, kept, d)), np.zeros((B, kept, d, d)), np.zeros((B, L))
     ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))
-    own, (motion, reading, beyond) = filters, models.compiled
-    data = compilable(known, known_end, measurement, noise, discrepancy, less)
+    state = (
+        filters.x,
+        filters.P,
+        filters.V,
+        filters.gain,
+        filters.variance,
+        filters.S,
+        filters.calm,
+        filters.nu,
+        filters.left,
+    )
+    considering = filters.x_c, filters.P_c, filters.V_c
+    read = compilable(data.known, data.known_end, data.samples, data.noise, data.discrepancy, less)
+    out = fit, nu, left, x, P, V
     from strainsight.estimation.compiled.filters import take_steps  # not before: numba takes a second to import
 
     def part(span: np.ndarray) -> None:
-        take_steps(  # type: ignore[no-untyped-call]
-            span,
-            motion,
-            reading,
-            beyond,
-            (own.x, own.P, own.V, own.gain, own.variance, own.S, own.calm, own.nu, own.left),
-            (own.x_c, own.P_c, own.V_c),
-            data,
-            (kept > 0, whole > 0),
-            (fit, nu, left, x, P, V),
-            ahead,
-        )
+        take_steps(span, *models.compiled, state, considering, read, (kept > 0, whole > 0), out, ahead)  # type: ignore[no-untyped-call]
 
     count = min(threads(), max(1, B * L // APART))
     spans = [span for span in np.array_split(np.arange(B), count) if len(span)]

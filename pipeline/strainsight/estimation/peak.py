@@ -7,11 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, BankRecord, about_samples, bank_record, filtered_at
-from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.bank_filters import BankProblem, BankRecord, about_samples, filtered_at
 from strainsight.estimation.lattice import Lattice, one_point
-from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import LOST, Settled
+from strainsight.estimation.reduced import LOST
 from strainsight.rom.model import modal_basis
 
 Density = Callable[..., np.ndarray]
@@ -61,17 +59,8 @@ class Peak:
     about: np.ndarray | None = None
 
 
-def peak_of(
-    model: FilterModel,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measurement: np.ndarray,
-    nuisances: Nuisances,
-    biased: np.ndarray,
-    settled: Settled | None,
-) -> Peak:
-    """Arguments as of `filter_bank`.
+def peak_of(record: BankRecord) -> Peak:
+    """The most likely parameters of a record, and its evidence:
 
         ln p(y) ≈ ln p(y, p̂) + ½ ln det Σ − ½ ln det P₀,     Σ⁻¹ = −∂² ln p(y, p)/∂p² at its largest value p̂
 
@@ -80,10 +69,9 @@ def peak_of(
     follows a posterior to wherever a wrong record drives it; this gives up. A settled motion is far from linear in the damping
     from its first sample on: the search is done again, linear about the damping that the samples speak for.
     """
-    record = bank_record(model, known, measurement, nuisances, settled)
-    problem = BankProblem((record,), mean, covariance, biased, 1.0, 1.0)
+    problem = BankProblem((record,))
     peak = _best(peaks_of_problem(problem))
-    if settled is None or not problem.bilinear:
+    if record.settled is None or not problem.bilinear:
         return peak
     for _ in range(AGAIN):
         here = filtered_at(problem, one_point(peak.point), problem.first[-1])
@@ -98,11 +86,9 @@ def peak_of(
     return peak
 
 
-def peak_of_records(
-    records: Sequence[BankRecord], mean: np.ndarray, covariance: np.ndarray, biased: np.ndarray
-) -> Peak:
-    """The same of records that share their parameters and ν; arguments as of `filter_records`."""
-    return _best(peaks_of_problem(BankProblem(tuple(records), mean, covariance, biased, 1.0, 1.0)))
+def peak_of_records(records: Sequence[BankRecord]) -> Peak:
+    """The same of records that share their parameters and ν, as of `filter_records`."""
+    return _best(peaks_of_problem(BankProblem(tuple(records))))
 
 
 def _best(peaks: Sequence[Peak]) -> Peak:
@@ -198,25 +184,6 @@ def _refined(density: Density, centre: np.ndarray, prior: np.ndarray, start: np.
     sign, logdet = np.linalg.slogdet(-hessian)
     wide = -logdet if sign > 0 else 0.0
     return Peak(best, highest + 0.5 * wide - 0.5 * float(np.linalg.slogdet(prior)[1]), highest)
-
-
-def known_at(
-    model: FilterModel, point: np.ndarray, mean: np.ndarray, covariance: np.ndarray
-) -> tuple[FilterModel, np.ndarray, np.ndarray]:
-    """Model, mean and covariance at t = 0 with the parameters known to be those of `point` (k,), offsets of channels kept."""
-    at = model.parameter_states
-    kept = np.delete(np.arange(len(mean)), np.arange(at.start, at.stop))
-    states = kept[kept < model.size]
-    guess = model.unknowns.guess
-    fixed = {name: float(guess[name] * np.exp(point[i])) for i, name in enumerate(model.unknowns.parameters)}
-    found = replace(
-        model,
-        unknowns=replace(model.unknowns, parameters=()),
-        fixed={**model.fixed, **fixed},
-        H=model.H[..., states],
-        Q=model.Q[..., states[:, None], states],
-    )
-    return found, mean[kept], covariance[np.ix_(kept, kept)]
 
 
 def resonance_widths(records: Sequence[BankRecord]) -> np.ndarray:

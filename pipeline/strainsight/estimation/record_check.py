@@ -14,7 +14,6 @@ from strainsight.estimation.decision import judged
 from strainsight.estimation.fault_search import Finding, checked_by_others, examined
 from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, chosen
 from strainsight.estimation.load_faults import ResidualPattern, residual_pattern
-from strainsight.estimation.peak import known_at
 from strainsight.estimation.suspect import (
     LONGEST,
     Suspect,
@@ -128,13 +127,12 @@ def _unmodelled_load(part: Suspect, fit: tuple[Explained, BankRun | None], findi
     explain the measurements as well, and where channels are too few to tell a pattern.
     """
     as_it_is, bank = fit
-    inputs, every = part.model.unknowns.inputs, part.model.every
+    inputs = part.model.unknowns.inputs
     samples = int(np.isfinite(part.samples).sum())
     explains = any(not judged(one.ratio, samples).overconfident for one in finding.candidates)
     if bank is None or explains or part.samples.shape[1] < len(inputs) + 2:
         return None
-    sampled = slice(every - 1, None, every)
-    white, innovation = bank.run.whitened[sampled, 0], bank.run.innovation[sampled, 0]
+    white, innovation = bank.run.whitened[part.sampled, 0], bank.run.innovation[part.sampled, 0]
     pattern = residual_pattern(white, innovation, part.noise, BELIEVABLE)
     if pattern is None:
         return None
@@ -227,20 +225,9 @@ def _stretch_elsewhere(suspect: Suspect, bank: BankRun, checks: Sequence[RecordC
 
 def _filtered_at(suspect: Suspect, point: np.ndarray) -> tuple[Explained, BankRun | None]:
     """How a record fits with its parameters known: ratio of innovations over the LONGEST samples where it is largest."""
-    nuisances = replace(suspect.nuisances, learned=True)
-    model, mean, covariance = known_at(suspect.model, point, suspect.mean, suspect.covariance)
+    record = replace(suspect, nuisances=replace(suspect.nuisances, learned=True)).known_at(point)
     try:
-        bank = filter_bank(
-            model,
-            mean,
-            covariance,
-            suspect.known,
-            suspect.samples,
-            nuisances,
-            biased=suspect.biased,
-            settled=suspect.settled,
-            keep="mean",
-        )
+        bank = filter_bank(record, "mean")
     except NumericalError:
         return Explained(None, -np.inf, np.inf, point=tuple(point)), None
     begin, every = _loudest_innovations(suspect, bank), suspect.model.every
@@ -250,8 +237,7 @@ def _filtered_at(suspect: Suspect, point: np.ndarray) -> tuple[Explained, BankRu
 
 def _loudest_innovations(suspect: Suspect, bank: BankRun) -> int:
     """First of the LONGEST samples whose innovations are largest over their σ, the first such."""
-    every = suspect.model.every
-    whole = np.concatenate([[0.0], np.cumsum(np.nansum(bank.run.whitened[every - 1 :: every, 0] ** 2, axis=1))])
+    whole = np.concatenate([[0.0], np.cumsum(np.nansum(bank.run.whitened[suspect.sampled, 0] ** 2, axis=1))])
     length = min(LONGEST, len(whole) - 1)
     return int(np.argmax(whole[length:] - whole[:-length]))
 
@@ -273,10 +259,8 @@ def _has_spikes(finding: Finding) -> bool:
 def sizes_of(suspect: Suspect, bank: BankRun) -> tuple[np.ndarray, np.ndarray]:
     """Size (T,) of the innovations of all channels together over their σ; and every one (T, m) over what is usual of its
     channel."""
-    every = suspect.model.every
-    sampled = slice(every - 1, None, every)
-    size = np.sqrt(np.nansum(bank.run.whitened[sampled, 0] ** 2, axis=1))
-    innovation = np.abs(np.nan_to_num(bank.run.innovation[sampled, 0]))
+    size = np.sqrt(np.nansum(bank.run.whitened[suspect.sampled, 0] ** 2, axis=1))
+    innovation = np.abs(np.nan_to_num(bank.run.innovation[suspect.sampled, 0]))
     usual = np.maximum(suspect.noise, 1.5 * np.median(innovation, axis=0))
     return size, innovation / usual
 

@@ -1,4 +1,4 @@
-"""The reduced parametric model under known loads as a `StepModel`: its start, its offsets, and simulated truth."""
+"""The reduced parametric model under known loads as a `StepModel`, its offsets, and simulated truth."""
 
 from __future__ import annotations
 
@@ -8,9 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from strainsight.estimation.conditional import DIFFERENCE, Nuisances, linear_models
 from strainsight.estimation.model import FilterModel, StepModel, constant_acceleration, constant_step, measure, step
-from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.estimation.update import apply, covariance_factor
 
 LOST = 10.0
@@ -188,77 +186,6 @@ def bordered(A: np.ndarray, corner: np.ndarray) -> np.ndarray:
     whole = np.zeros((*A.shape[:-2], n + k, n + k))
     whole[..., :n, :n], whole[..., n:, n:] = A, corner
     return whole
-
-
-@dataclass(frozen=True)
-class Settled:
-    """The known loads have been sums of tones for so long that nothing of their beginning is left at t = 0.
-
-    frequency ω (k,) [rad/s]; held W (k, HOLD, n_known) complex [N]: in the step that begins at jh the hold coefficients of the
-    loads are Σₖ Re Wₖ exp(iωₖjh); std (2n,): what [q, q̇] may differ by from the motion under them.
-    """
-
-    frequency: np.ndarray
-    held: np.ndarray
-    std: np.ndarray
-
-
-def periodic_start(model: FilterModel, models: LinearModels, settled: Settled) -> tuple[np.ndarray, np.ndarray]:
-    """[q, q̇] at t = 0 (B, 2n), and its derivative (B, e, 2n) in those ν that change the motion.
-
-    The periodic solution of the filter's own step, x(jh) = Re X zʲ with z = exp(iωh), and its derivative:
-
-        (zI − A) X = G W,     (zI − A) X_ν = A_ν X + G_ν W
-
-    Where the start is unknown instead, a bank takes noise for a free vibration, the frequency of which speaks for parameters.
-    """
-    moving, e = 2 * model.model.size, models.moving
-    z, w = np.exp(1j * settled.frequency * model.h), settled.held.reshape(len(settled.held), -1)
-    # B points, k tones
-    lhs = z[:, None, None] * np.eye(moving) - models.A[:, None, :moving, :moving]
-    X = np.linalg.solve(lhs, np.einsum("bap,kp->bka", models.G[:, :moving], w)[..., None])
-    pushed = np.einsum("beac,bkc->bkae", models.A_nu[:, :, :moving, :moving], X[..., 0], optimize=True)
-    pushed += np.einsum("beap,kp->bkae", models.G_nu[:, :, :moving], w, optimize=True)
-    slope = np.linalg.solve(lhs, pushed) if e else pushed
-    return X[..., 0].real.sum(axis=1), np.swapaxes(slope.real.sum(axis=1), 1, 2)
-
-
-def beginning(
-    model: FilterModel, models: LinearModels, mean: np.ndarray, covariance: np.ndarray, settled: Settled | None
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Filters at t = 0: x (B, n), P (n, n), and V (B, d, n), what one of ν adds to the error x̂ − x; mean (n,), covariance (n, n)
-    of their states where the motion is not settled."""
-    B, n = models.count, len(mean)
-    x, P, V = np.tile(mean, (B, 1)), covariance.copy(), np.zeros((B, models.nuisances, n))
-    if settled is None:
-        return x, P, V
-    moving = slice(0, 2 * model.model.size)
-    start, slope = periodic_start(model, models, settled)
-    x[:, moving], V[:, : slope.shape[1], moving] = start, -slope
-    return x, _about(P, settled), V
-
-
-def start_errors(
-    model: FilterModel, nuisances: Nuisances, covariance: np.ndarray, settled: Settled | None
-) -> tuple[np.ndarray, np.ndarray]:
-    """At the guess, covariance (n*, n*) of x* at t = 0 with constants as they are, and V (d + k, n), what one of every nuisance
-    and parameter adds to the error of the states before the parameters."""
-    n = model.parameter_states.start
-    k = model.size - n
-    ends = DIFFERENCE * np.concatenate([np.zeros((1, k)), *(own * np.eye(k) for own in (-2, -1, 1, 2))])
-    x, _, V = beginning(model, linear_models(model, ends, nuisances), np.zeros(n), covariance[:n, :n], settled)
-    far, near, nearer, farther = x[1:].reshape(4, k, n)
-    by_parameters = (8 * (nearer - near) - (farther - far)) / (12 * DIFFERENCE)
-    P = covariance if settled is None else _about(covariance, settled)
-    return P, np.concatenate([V[0], -by_parameters])
-
-
-def _about(covariance: np.ndarray, settled: Settled) -> np.ndarray:
-    """The covariance with that of the motion about the periodic one."""
-    P, moving = covariance.copy(), np.arange(len(settled.std))
-    P[moving], P[:, moving] = 0.0, 0.0
-    P[moving, moving] = settled.std**2
-    return P
 
 
 def draw_truth(

@@ -7,6 +7,7 @@ from typing import Literal
 
 import numpy as np
 
+from strainsight.errors import NumericalError
 from strainsight.estimation.model import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
@@ -46,10 +47,10 @@ class FilterRun:
     lost: np.ndarray
     log_likelihood: np.ndarray
     last: np.ndarray
-    covariance: np.ndarray | None
-    jacobian: np.ndarray | None
-    rows: np.ndarray | None
-    adjusted: np.ndarray | None
+    covariance: np.ndarray | None = None
+    jacobian: np.ndarray | None = None
+    rows: np.ndarray | None = None
+    adjusted: np.ndarray | None = None
     process: np.ndarray | None = None
     noise: np.ndarray | None = None
     fit: np.ndarray | None = None
@@ -57,7 +58,7 @@ class FilterRun:
 
 class Record:
     """The arrays of a FilterRun while it runs: B runs, b covariances, T steps of a model; iterating: whether the
-    innovations of the last linearisation are other than the first; regressed: whether `noises` are to be kept, too; found:
+    innovations of the last linearisation are other than the first; regressed: whether `noises` are to be kept, too; each:
     whether the process noise is."""
 
     def __init__(
@@ -69,7 +70,7 @@ class Record:
         keep: Keep,
         iterating: bool = False,
         regressed: bool = False,
-        found: bool = False,
+        each: bool = False,
     ):
         n, m, k = model.size, model.channels, len(model.position)
         self.model, self.steps = model, steps
@@ -88,7 +89,7 @@ class Record:
         self.covariance = np.empty((steps + 1, b, n, n)) if kept else None
         self.jacobian = np.empty((once, b, n, n)) if kept else None
         self.rows = np.zeros((once, b, m, n)) if kept else None
-        self.process = np.empty((steps, b, n, n)) if kept and (regressed or found) else None
+        self.process = np.empty((steps, b, n, n)) if kept and (regressed or each) else None
         self.noise = np.empty((steps, b, m, m)) if kept and regressed else None
 
     def state(self, k: int, x: np.ndarray, P: np.ndarray | None) -> None:
@@ -124,12 +125,21 @@ class Record:
         if self.noise is not None:
             self.noise[k] = noise if noise.ndim == 3 else noise[:, None, :] * np.eye(noise.shape[1])
 
-    def finished(self, P: np.ndarray, there: np.ndarray) -> FilterRun:
-        """The run, P its last covariance and there (T, b, m) what was measured; a diverged run is NaN from its divergence on."""
+    def astray(self, k: int, x: np.ndarray, refuse: bool) -> np.ndarray:
+        """Which runs (B,) step k has lost, x (B, n) after it; they are marked. Raises NumericalError where none is left, and
+        `refuse`."""
+        lost = self.model.lost(x)
+        self.lost[lost & (self.lost < 0)] = k + 1
+        if refuse and np.all(self.lost >= 0):
+            raise all_lost(self.model, self.lost)
+        return lost
+
+    def finished(self, P: np.ndarray, measured: np.ndarray) -> FilterRun:
+        """The run, P its last covariance, measured (T, b, m) its samples; a diverged run is NaN from its divergence on."""
         steps, missing = self.steps, np.isnan(self.innovation)
         self.whitened[missing] = self.adjusted[missing] = np.nan
         nis = np.nansum(self.whitened**2, axis=2)
-        spread = np.where(there, np.log(2 * np.pi) + 2 * np.log(self.spread), 0.0)
+        spread = np.where(measured, np.log(2 * np.pi) + 2 * np.log(self.spread), 0.0)
         fit = -0.5 * (np.nansum(self.adjusted**2, axis=2) + spread.sum(axis=2))
         for run in np.flatnonzero(self.lost >= 0):
             first = self.lost[run]
@@ -163,3 +173,11 @@ class Record:
 
 def _every_step(kept: np.ndarray | None, steps: int) -> np.ndarray | None:
     return None if kept is None else np.broadcast_to(kept, (steps, *kept.shape[1:]))
+
+
+def all_lost(model: StepModel, lost: np.ndarray) -> NumericalError:
+    """What to say where every run diverges; lost (B,): the steps that lost them."""
+    return NumericalError(
+        f"the filter diverged: {model.loss} in all of {len(lost)} runs, first at {lost.min() * model.h:g} s",
+        remedy="choose a guess nearer to the truth, a smaller initial standard deviation or a smaller time step",
+    )

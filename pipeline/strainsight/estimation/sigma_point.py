@@ -8,21 +8,13 @@ from itertools import product
 
 import numpy as np
 
-from strainsight.estimation.filter import all_lost, filter_runs, samples_by_step
+from strainsight.estimation.filter import filter_runs, samples_by_step
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun, Keep, Record
-from strainsight.estimation.update import Form, apply, belief_of, symmetric, transposed, whiten
+from strainsight.estimation.update import Form, Transition, apply, belief_of, symmetric, transposed, whiten
 
 Outcome = tuple[np.ndarray, np.ndarray]
-
-
-@dataclass(frozen=True)
-class Points:
-    """Sigma points of k standard normal numbers: z (N, k) with weights (N,), all positive."""
-
-    z: np.ndarray
-    weight: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -32,6 +24,10 @@ class Regression:
     mean: np.ndarray
     slope: np.ndarray
     rest: np.ndarray
+
+
+Points = tuple[np.ndarray, np.ndarray]
+"""Sigma points z (N, k) of k standard normal numbers with weights (N,), all positive."""
 
 
 def points_of(k: int) -> Points:
@@ -44,7 +40,7 @@ def points_of(k: int) -> Points:
     """
     node, weight = (0.0, np.sqrt(3.0), -np.sqrt(3.0)), (2 / 3, 1 / 6, 1 / 6)
     z = np.array(list(product(node, repeat=k))).reshape(3**k, k)
-    return Points(z, np.array([np.prod(own) for own in product(weight, repeat=k)]))
+    return z, np.array([np.prod(weights) for weights in product(weight, repeat=k)])
 
 
 def regression(
@@ -64,18 +60,18 @@ def regression(
     47 (2002).
 
     """
-    N, (B, n) = len(points.weight), x.shape
+    (z, w), (B, n) = points, x.shape
+    N = len(w)
     inverse, spread = _inverse_factor(P[:, parameters, parameters]), P[:, :, parameters]
     C = spread @ inverse
-    f, J = of((x + np.einsum("bnk,ik->ibn", C, points.z)).reshape(N * B, n))
+    f, J = of((x + np.einsum("bnk,ik->ibn", C, z)).reshape(N * B, n))
     f = f.reshape(N, B, -1)
     J = np.array(np.broadcast_to(J, (N * B, *J.shape[1:]))).reshape(N, B, -1, n)
     J[..., parameters] = 0.0
-    w = points.weight
     mean, middle = np.tensordot(w, f, 1), np.tensordot(w, J, 1)
-    along = np.einsum("i,ibr,ik->brk", w, f - mean, points.z)
+    along = np.einsum("i,ibr,ik->brk", w, f - mean, z)
     slope = middle + (along - middle @ C) @ transposed(_wide(inverse, parameters, n))
-    off = f - mean - np.einsum("brk,ik->ibr", along, points.z)
+    off = f - mean - np.einsum("brk,ik->ibr", along, z)
     turned = J - middle
     rest = np.einsum("i,ibr,ibs->brs", w, off, off) + np.tensordot(
         w, turned @ (P - C @ transposed(C)) @ transposed(turned), 1
@@ -112,11 +108,10 @@ def run_sigma_points(
     if core.linear:
         return filter_runs(core, mean, covariance, y, keep, form=form, refuse=refuse)
     parameters, points = model.parameter_states, points_of(len(model.unknowns.parameters))
-    many = driven_with_offsets(_repeated(model, len(points.weight)), known, biased)
-    curved = model.curved
+    many = driven_with_offsets(_repeated(model, len(points[1])), known, biased)
     sets = max(core.sets, len(covariance) if covariance.ndim == 3 else 1)
-    runs, there = max(y.shape[1], sets, mean.size // core.size), np.isfinite(y)
-    there = np.broadcast_to(there, (len(y), runs, y.shape[2]))
+    runs = max(y.shape[1], sets, mean.size // core.size)
+    measured = np.broadcast_to(np.isfinite(y), (len(y), runs, y.shape[2]))
     x = np.broadcast_to(mean, (runs, core.size)).astype(float)
     P = np.broadcast_to(covariance, (runs, core.size, core.size)).astype(float)
     start, belief = (x.copy(), P.copy()), belief_of(form, P)
@@ -125,35 +120,32 @@ def run_sigma_points(
     for k in range(len(y)):
         moved = _constant(regression(lambda at, k=k: many.step(at, k), x, P, parameters, points), x, parameters)  # type: ignore[misc]
         x, A, process = moved.mean, moved.slope, core.process(k) + moved.rest
-        belief = belief.predicted(A, process, None)
+        belief = belief.predicted(Transition(A, process))
         H: np.ndarray | None = None
-        R = np.broadcast_to(core.noise(k), there[k].shape)
-        if there[k].any():
+        R = np.broadcast_to(core.noise(k), measured[k].shape)
+        if measured[k].any():
             expected, H = core.measure(x, k)
-            if curved:
+            if model.curved:
                 read = regression(lambda at, k=k: many.measure(at, k), x, belief.covariance, parameters, points)  # type: ignore[misc]
-                both = there[k][:, :, None] & there[k][:, None, :]
+                both = measured[k][:, :, None] & measured[k][:, None, :]
                 expected, H = read.mean, read.slope
                 R = np.where(both, read.rest, 0.0) + R[:, None, :] * np.eye(R.shape[1])
             innovation = record.innovation[k] = y[k] - expected
-            if not there[k].all():
-                H, innovation = np.where(there[k][..., None], H, 0.0), np.nan_to_num(innovation)
+            if not measured[k].all():
+                H, innovation = np.where(measured[k][..., None], H, 0.0), np.nan_to_num(innovation)
             belief, G, L = belief.updated(H, R, (k + 1) * core.h)
             record.whitened[k] = whiten(L, innovation)
             record.spread[k] = np.diagonal(L, axis1=-2, axis2=-1)
             x = x + apply(G, record.whitened[k])
-        astray = core.lost(x)
+        astray = record.astray(k, x, refuse)
         if astray.any():
-            record.lost[astray & (record.lost < 0)] = k + 1
-            if refuse and np.all(record.lost >= 0):
-                raise all_lost(core, record.lost)
             x, belief = np.where(astray[:, None], start[0], x), belief.reset(astray, start[1])
         P = belief.covariance
         record.state(k + 1, x, P)
         record.readings(k, *core.measure(x, k), P)
         record.linearised(k, A, H, None)
         record.noises(k, process, R)
-    return record.finished(P, there)
+    return record.finished(P, measured)
 
 
 def _repeated(model: FilterModel, times: int) -> FilterModel:
@@ -180,10 +172,9 @@ def _inverse_factor(P: np.ndarray) -> np.ndarray:
     std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
     size = np.where(std > 0, std, 1.0)
     values, vectors = np.linalg.eigh(P / (size[:, :, None] * size[:, None, :]))
-    there = values > P.shape[-1] * np.finfo(float).eps
-    return np.asarray(
-        vectors / size[:, :, None] * np.where(there, 1 / np.sqrt(np.where(there, values, 1.0)), 0.0)[:, None]
-    )
+    spread = values > P.shape[-1] * np.finfo(float).eps
+    inverse = np.where(spread, 1 / np.sqrt(np.where(spread, values, 1.0)), 0.0)
+    return np.asarray(vectors / size[:, :, None] * inverse[:, None])
 
 
 def _wide(inverse: np.ndarray, parameters: slice, n: int) -> np.ndarray:

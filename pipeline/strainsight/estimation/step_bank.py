@@ -9,14 +9,14 @@ all of them linearises what ξ does to the motion, too. Where the step is linear
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.estimation.bank import DEPTH, SPACING
-from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice
+from strainsight.estimation.lattice import DEPTH, SPACING, Bank, Lattice, first_lattice, next_lattice
 from strainsight.estimation.mixture import Standing, log_normal
+from strainsight.estimation.parallel_filters import joined
 from strainsight.estimation.run import FilterRun
 
 MOST_POINTS = 1000
@@ -160,11 +160,8 @@ def _followed(bank: StepBank, samples: np.ndarray, lattice: Lattice, step: int) 
 
 def _joined(lattice: Lattice, parts: Sequence[Followed]) -> Followed:
     """Parts of one lattice, in the order of its points."""
-    own = Histories(
-        *(np.concatenate([getattr(part.own, field.name) for part in parts], axis=1) for field in fields(Histories))
-    )
     prior, fit = (np.concatenate([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
-    return Followed(lattice, prior, fit, parts[0].step, own)
+    return Followed(lattice, prior, fit, parts[0].step, joined([part.own for part in parts], axis=1))
 
 
 def _mixed(

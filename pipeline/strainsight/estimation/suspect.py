@@ -1,4 +1,4 @@
-"""A record and the filter it is judged by: its evidence under a fault or none, and the parts of it that speak loudest."""
+"""A record and the filter it is judged by: its evidence under a fault or none, whether it is believable, its loudest parts."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.decision import judged
 from strainsight.estimation.faults import BELIEVABLE, FORESEEN, Explained, Fault, dead_density, of_any_size, undone
-from strainsight.estimation.load_faults import KnownLoads
+from strainsight.estimation.load_faults import without_load_fault
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.peak import known_at, peak_of
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.peak import peak_of
+from strainsight.estimation.record import BankRecord
 
 IMPOSSIBLE = -1e200
 """ln evidence below which a record is beyond what numbers can hold."""
@@ -25,37 +25,22 @@ BROAD = np.sqrt(3.0)
 """σ of an offset, or of a drift by the end of the record, before the samples, over the RMS of the channel."""
 
 
-@dataclass(frozen=True)
-class Suspect:
-    """A record and the filter it is judged by.
+@dataclass(frozen=True, kw_only=True)
+class Suspect(BankRecord):
+    """A record whose channels and known loads may be wrong, and the bank that it is judged by.
 
-    model, without drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0; known (T, HOLD, n_known) [N]; samples
-    (T/every, m), NaN where missing; nuisances; biased (b,): channels with an unknown offset; settled: as of `filter_bank`.
     turned_rows (m, angles, n*): what a channel would read turned by each of ANGLES, NaN where it cannot be; turned: channel and
-    degrees → model and nuisances with it turned. load (n_known,): number of the load that each column of `known` belongs to,
-    None: each is one. moving (n*, n*): the covariance where nothing is known of the motion, None: the same. begin: samples of
-    the record before these; span: the first sample that moves, and the one behind the last.
+    degrees → model and nuisances with it turned. load (n_known,): number of the load that each column of `known` belongs to.
+    moving (n*, n*): the covariance where nothing is known of the motion, None: the same. begin: samples of the record before
+    these; span: the first sample that moves, and the one behind the last.
     """
 
-    model: FilterModel
-    mean: np.ndarray
-    covariance: np.ndarray
-    known: np.ndarray
-    samples: np.ndarray
-    nuisances: Nuisances
-    biased: np.ndarray
-    settled: Settled | None
     turned_rows: np.ndarray
     turned: Callable[[int, float], tuple[FilterModel, Nuisances]]
-    load: np.ndarray | None = None
+    load: np.ndarray
     moving: np.ndarray | None = None
     begin: int = 0
     span: tuple[int, int] | None = None
-
-    @property
-    def loads(self) -> KnownLoads:
-        load = np.arange(self.known.shape[-1]) if self.load is None else self.load
-        return KnownLoads(self.known, load, self.settled, self.samples)
 
     @property
     def noise(self) -> np.ndarray:
@@ -81,41 +66,39 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
     Offset and drift are one more of its constants ν, whose σ is BROAD times the RMS of the channel, so that a fault with a free
     size pays for it. A dead channel has the density of a constant and white noise.
     """
-    # likelihood and innovations are the same whether states follow what is learned of ν, which is the quicker
-    model, nuisances, unit = suspect.model, replace(suspect.nuisances, learned=True), 0.0
-    loads, samples, change = suspect.loads, suspect.samples, 0.0
+    record, change, unit = suspect, 0.0, 0.0
     if fault is not None and fault.of_load:
-        loads = loads.without(fault, model)
-        samples = loads.samples
+        record = without_load_fault(suspect, suspect.load, fault)
     elif fault is not None:
-        samples, change = undone(fault, samples)
+        samples, change = undone(fault, suspect.samples)
+        record = replace(suspect, samples=samples)
     if fault is not None and fault.kind == "angle":
         model, nuisances = suspect.turned(fault.channel, fault.amount)
-        nuisances = replace(nuisances, learned=True)
+        record = replace(record, model=model, nuisances=nuisances)
+    # likelihood and innovations are the same whether states follow what is learned of ν, which is the quicker
+    nuisances = replace(record.nuisances, learned=True)
     if fault is not None and fault.kind in ("offset", "drift"):
-        unit = BROAD * float(np.sqrt(np.nanmean(samples[:, fault.channel] ** 2)))
+        unit = BROAD * float(np.sqrt(np.nanmean(record.samples[:, fault.channel] ** 2)))
         nuisances = _with_zero(nuisances, fault, unit, suspect)
-    kept = np.isfinite(samples)
-    missing = np.isfinite(suspect.samples).sum(axis=0) - kept.sum(axis=0)
+    measured = np.isfinite(record.samples)
+    missing = np.isfinite(suspect.samples).sum(axis=0) - measured.sum(axis=0)
     if fault is not None:
         change += of_any_size(fault, suspect.samples, suspect.noise)
     if fault is not None and fault.kind == "dead":
         change += dead_density(suspect.samples[:, fault.channel], suspect.noise[fault.channel])
         missing[fault.channel] = 0
-    mean, covariance, known, settled = suspect.mean, suspect.covariance, loads.held, loads.settled
     try:
         # parameters explain frequencies that are off, and are no result here
-        exact = nuisances.exactly_tuned if model.unknowns.parameters else nuisances
-        peak = peak_of(model, mean, covariance, known, samples, exact, suspect.biased, settled)
+        exact = nuisances.exactly_tuned if record.model.unknowns.parameters else nuisances
+        peak = peak_of(replace(record, nuisances=exact))
         if peak.evidence < IMPOSSIBLE:
             return Explained(fault, -np.inf, np.inf), None
         if peak.about is not None:
             nuisances = replace(nuisances, about=peak.about)
-        there, mean, covariance = known_at(model, peak.point, mean, covariance)
-        bank = filter_bank(there, mean, covariance, known, samples, nuisances, biased=suspect.biased, settled=settled)
+        bank = filter_bank(replace(record, nuisances=nuisances).known_at(peak.point))
     except NumericalError:
         return Explained(fault, -np.inf, np.inf), None
-    evidence = peak.evidence + change + float(kept.sum(axis=0) @ np.log(suspect.noise))
+    evidence = peak.evidence + change + float(measured.sum(axis=0) @ np.log(suspect.noise))
     evidence += FORESEEN * float(missing.sum())
     amount, std = 0.0 if fault is None else fault.amount, 0.0
     if unit:

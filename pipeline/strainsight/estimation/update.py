@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Literal, Protocol
+from typing import Literal
 
 import numpy as np
 from scipy.linalg.lapack import dpstrf
@@ -61,19 +61,6 @@ def corrected(P: np.ndarray, K: np.ndarray, H: np.ndarray, R: np.ndarray) -> np.
     left = np.eye(P.shape[-1]) - K @ H
     KR = K @ R if R.ndim == 3 else K * R[..., None, :]
     return symmetric(left @ P @ transposed(left) + KR @ transposed(K))
-
-
-def update(
-    x: np.ndarray, P: np.ndarray, H: np.ndarray, R: np.ndarray, innovation: np.ndarray, instant: float = np.nan
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """x⁺ = x + Kν (1.59), P⁺ by `joseph`.
-
-    x (B, n); P (b, n, n); H (m, n) or (b, m, n); R (b, m) variances; innovation ν (B, m).
-    Returns x⁺, P⁺ and the whitened innovation L⁻¹ν (B, m).
-    """
-    P, G, L = joseph(P, H, R, instant)
-    whitened = whiten(L, innovation)
-    return x + apply(G, whitened), P, whitened
 
 
 def predict_factor(F: np.ndarray, A: np.ndarray, Q_factor: np.ndarray) -> np.ndarray:
@@ -144,10 +131,10 @@ def pivoted_factors(P: np.ndarray) -> np.ndarray:
         raise np.linalg.LinAlgError("a covariance is not finite")
     for F, covariance in zip(factors, P, strict=True):
         std = np.sqrt(np.maximum(np.diag(covariance), 0.0))
-        there = np.flatnonzero(std)
-        scaled = covariance[np.ix_(there, there)] / np.outer(std[there], std[there])
+        moving = np.flatnonzero(std)
+        scaled = covariance[np.ix_(moving, moving)] / np.outer(std[moving], std[moving])
         lower, order, rank, _ = dpstrf(scaled, lower=1, tol=len(covariance) * np.finfo(float).eps)
-        F[there[order - 1], :rank] = std[there[order - 1], None] * np.tril(lower)[:, :rank]
+        F[moving[order - 1], :rank] = std[moving[order - 1], None] * np.tril(lower)[:, :rank]
     return factors
 
 
@@ -207,111 +194,80 @@ def _indefinite(instant: float) -> NumericalError:
     )
 
 
-class Belief(Protocol):
-    """The covariance of b runs."""
+@dataclass(frozen=True)
+class Transition:
+    """P → A (P + before) Aᵀ + process: A (b, n, n), covariances (n, n) or (b, n, n), before None for none."""
 
-    @property
-    def covariance(self) -> np.ndarray:
-        """P (b, n, n)."""
-        ...
-
-    def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> Belief:
-        """A (P + before) Aᵀ + process."""
-        ...
-
-    def expected(
-        self,
-        A: np.ndarray,
-        process: np.ndarray,
-        before: np.ndarray | None,
-        H: np.ndarray,
-        R: np.ndarray,
-        instant: float,
-    ) -> np.ndarray:
-        """L (b, m, m) of the innovations after `predicted`, without it."""
-        ...
-
-    def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[Belief, np.ndarray, np.ndarray]:
-        """After the measurement, with G (b, n, m) and L (b, m, m) of `whitened_gain`."""
-        ...
-
-    def reset(self, runs: np.ndarray, P: np.ndarray) -> Belief:
-        """With the covariances P (b, n, n) in the runs (b,) of bool."""
-        ...
+    A: np.ndarray
+    process: np.ndarray
+    before: np.ndarray | None = None
 
 
 @dataclass(frozen=True)
 class Joseph:
-    """P itself, updated by Joseph's form."""
+    """P (b, n, n) of b runs itself, updated by Joseph's form."""
 
     covariance: np.ndarray
 
-    def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> Joseph:
-        return Joseph(predict(self.covariance if before is None else self.covariance + before, A, process))
+    def predicted(self, step: Transition) -> Joseph:
+        """After a step."""
+        P = self.covariance if step.before is None else self.covariance + step.before
+        return Joseph(predict(P, step.A, step.process))
 
-    def expected(
-        self,
-        A: np.ndarray,
-        process: np.ndarray,
-        before: np.ndarray | None,
-        H: np.ndarray,
-        R: np.ndarray,
-        instant: float,
-    ) -> np.ndarray:
-        return whitened_gain(self.predicted(A, process, before).covariance, H, R, instant)[1]
+    def expected(self, step: Transition, H: np.ndarray, R: np.ndarray, instant: float) -> np.ndarray:
+        """L (b, m, m) of the innovations after `predicted`, without it."""
+        return whitened_gain(self.predicted(step).covariance, H, R, instant)[1]
 
     def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[Joseph, np.ndarray, np.ndarray]:
+        """After the measurement, with G (b, n, m) and L (b, m, m) of `whitened_gain`."""
         P, G, L = joseph(self.covariance, H, R, instant)
         return Joseph(P), G, L
 
     def reset(self, runs: np.ndarray, P: np.ndarray) -> Joseph:
+        """With the covariances P (b, n, n) in the runs (b,) of bool."""
         return Joseph(np.where(runs[:, None, None], P, self.covariance))
 
 
 @dataclass(frozen=True)
 class SquareRoot:
-    """F with P = F Fᵀ, moved by orthogonal steps; known: factors of the noise met last, so that constant noise is factored
-    once."""
+    """F with P = F Fᵀ, moved by orthogonal steps, with the methods of `Joseph`; factors: of the noise met last, so that constant
+    noise is factored once."""
 
     factor: np.ndarray
-    known: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
+    factors: dict[str, tuple[np.ndarray, np.ndarray]] = field(default_factory=dict)
 
     @property
     def covariance(self) -> np.ndarray:
         return self.factor @ transposed(self.factor)
 
-    def predicted(self, A: np.ndarray, process: np.ndarray, before: np.ndarray | None) -> SquareRoot:
-        return SquareRoot(predict_factor(self._with(before), A, self._factor("process", process)), self.known)
+    def predicted(self, step: Transition) -> SquareRoot:
+        F = predict_factor(self._at_start(step), step.A, self._factor("process", step.process))
+        return SquareRoot(F, self.factors)
 
-    def expected(
-        self,
-        A: np.ndarray,
-        process: np.ndarray,
-        before: np.ndarray | None,
-        H: np.ndarray,
-        R: np.ndarray,
-        instant: float,
-    ) -> np.ndarray:
-        return innovation_factor(self._with(before), A, self._factor("process", process), H, R, instant)
+    def expected(self, step: Transition, H: np.ndarray, R: np.ndarray, instant: float) -> np.ndarray:
+        return innovation_factor(self._at_start(step), step.A, self._factor("process", step.process), H, R, instant)
 
     def updated(self, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[SquareRoot, np.ndarray, np.ndarray]:
         F, G, L = update_factor(self.factor, H, R, instant)
-        return SquareRoot(F, self.known), G, L
+        return SquareRoot(F, self.factors), G, L
 
     def reset(self, runs: np.ndarray, P: np.ndarray) -> SquareRoot:
-        return SquareRoot(np.where(runs[:, None, None], square_factor(P), self.factor), self.known)
+        return SquareRoot(np.where(runs[:, None, None], square_factor(P), self.factor), self.factors)
 
-    def _with(self, before: np.ndarray | None) -> np.ndarray:
+    def _at_start(self, step: Transition) -> np.ndarray:
         """A factor of P + before."""
-        return self.factor if before is None else beside(self.factor, self._factor("before", before))
+        return self.factor if step.before is None else beside(self.factor, self._factor("before", step.before))
 
     def _factor(self, which: str, Q: np.ndarray) -> np.ndarray:
-        if which not in self.known or self.known[which][0] is not Q:
+        if which not in self.factors or self.factors[which][0] is not Q:
             # what is constant is factored once, what is found on the way in every step
             factor = square_factor(Q[None]) if Q.ndim == 2 else pivoted_factors(Q)
             # noise on few states has few columns, and every column costs an orthogonal step
-            self.known[which] = (Q, factor[:, :, np.any(factor, axis=(0, 1))])
-        return self.known[which][1]
+            self.factors[which] = (Q, factor[:, :, np.any(factor, axis=(0, 1))])
+        return self.factors[which][1]
+
+
+Belief = Joseph | SquareRoot
 
 
 def belief_of(form: Form, P: np.ndarray) -> Belief:

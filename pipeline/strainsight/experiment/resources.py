@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Protocol
 
-from strainsight.parallel.sweep import Sweep
+from strainsight.parallel import Sweep
 
 
 class Resources(Protocol):

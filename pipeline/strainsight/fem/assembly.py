@@ -11,8 +11,14 @@ from scipy import sparse
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.by_region import region_operator, targets
 from strainsight.fem.checks import check_mesh
-from strainsight.fem.elasticity import anisotropic_regions, by_rule, elasticities, relative_masses
-from strainsight.fem.element_matrices import anisotropic_stiffnesses, element_stiffnesses
+from strainsight.fem.elasticity import (
+    anisotropic_regions,
+    anisotropic_stiffnesses,
+    by_rule,
+    elasticities,
+    element_stiffnesses,
+    relative_masses,
+)
 from strainsight.memory import require_memory
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import CellBlock, Mesh

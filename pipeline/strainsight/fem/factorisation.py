@@ -1,19 +1,154 @@
-"""Sparse Cholesky, once, for many right-hand sides."""
+"""Sparse factors of symmetric matrices, real and complex, by PARDISO or SuperLU, and of free structures by inertia relief."""
 
 from __future__ import annotations
 
+import ctypes
+import os
+import sys
 import warnings
-from collections.abc import Callable
+import weakref
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from pathlib import Path
+from threading import current_thread, main_thread
+from typing import Any, Protocol
 
 import numpy as np
 from scipy import sparse
+from scipy.linalg import qr
 from scipy.sparse.linalg import SuperLU, splu
 
 from strainsight.errors import MachineWarning, NumericalError, UserError
-from strainsight.fem.pardiso import MECHANISM, pardiso
 from strainsight.memory import require_memory
+
+MECHANISM = "the structure has a mechanism or an element of no stiffness: check supports, connections and materials"
+POSITIVE_DEFINITE = 2
+ANALYSE, FACTORISE, SOLVE = 11, 22, 33
+OWN_VALUES, ORDERING, NUMERICAL_MEMORY, FROM_ZERO = 1, 2, 17, 35
+"""Places in iparm, counted from 1 as in its manual."""
+NESTED_DISSECTION = 2
+_NOT_DEFINITE, _NO_MEMORY = -4, -2
+_MKL_CBWR_AUTO, _MKL_CBWR_AVX2 = 2, 10
+
+
+def pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
+    """Factorise A = LLᵀ and return B (n, r) → A⁻¹B.
+
+    upper (n, n) the upper triangle of A, CSR with sorted indices. The factor's memory goes with the last reference to the
+    result. Raises ImportError or OSError where PARDISO cannot be loaded, NumericalError where A is not positive definite,
+    UserError where the memory is not enough: the analysis tells it before the factorisation takes it.
+    """
+    return factorised(upper, POSITIVE_DEFINITE, f"the factor of {upper.shape[0]} unknowns")[0]
+
+
+def factorised(
+    upper: sparse.csr_array, kind: int, what: str, options: Sequence[tuple[int, int]] = ()
+) -> tuple[Callable[[np.ndarray], np.ndarray], np.ndarray]:
+    """B (n, r) → A⁻¹B, and iparm as the factorisation has left it; kind of A, what it is in words, options of iparm.
+
+    Otherwise as `pardiso`.
+    """
+    solver = solver_of(kind)
+    # Everything else stays zero. PARDISO's own defaults order with several threads, which differs between runs, and refine
+    # every solution twice, which takes four times as long and which a positive definite matrix does not need.
+    for place, value in ((OWN_VALUES, 1), (ORDERING, NESTED_DISSECTION), (FROM_ZERO, 1), *options):
+        solver.iparm[place - 1] = value
+    call = interface(solver, upper)
+
+    def solve(B: np.ndarray) -> np.ndarray:
+        X = np.empty(B.shape, upper.dtype, order="F")
+        call(SOLVE, np.asfortranarray(B), X)
+        return X
+
+    weakref.finalize(solve, solver.free_memory, everything=True).atexit = False
+    nothing = np.zeros((upper.shape[0], 1), upper.dtype)
+    call(ANALYSE, nothing, nothing)
+    require_memory(1024.0 * float(solver.iparm[NUMERICAL_MEMORY - 1]), what)
+    call(FACTORISE, nothing, nothing)
+    return solve, solver.iparm
+
+
+def interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray, np.ndarray], None]:
+    """One phase: (phase, B, X) with B, X (n, r) in columns, X written. Raises the errors of `pardiso`.
+
+    pypardiso's own compares the matrix with its copy before each solve, or copies all its indices. Solutions are found by one
+    thread: of several columns their last bits depend on how many there are, and more were no faster.
+    """
+    size = upper.shape[0]
+    row, column = (np.ascontiguousarray(index, dtype=np.int32) for index in (upper.indptr, upper.indices))
+    one, n, kind, silent = (ctypes.byref(ctypes.c_int32(value)) for value in (1, size, solver.mtype, 0))
+
+    def integers(values: np.ndarray) -> Any:
+        return values.ctypes.data_as(ctypes.POINTER(ctypes.c_int32))
+
+    def call(phase: int, B: np.ndarray, X: np.ndarray) -> None:
+        code, library = ctypes.c_int32(0), solver.libmkl
+        before = library.MKL_Set_Num_Threads_Local(1) if phase == SOLVE else 0
+        solver._mkl_pardiso(
+            solver.pt.ctypes.data_as(ctypes.POINTER(solver._pt_type[0])),
+            one,
+            one,
+            kind,
+            ctypes.byref(ctypes.c_int32(phase)),
+            n,
+            upper.data.ctypes.data_as(ctypes.c_void_p),
+            integers(row),
+            integers(column),
+            integers(solver.perm),
+            ctypes.byref(ctypes.c_int32(B.shape[1])),
+            integers(solver.iparm),
+            silent,
+            B.ctypes.data_as(ctypes.c_void_p),
+            X.ctypes.data_as(ctypes.c_void_p),
+            ctypes.byref(code),
+        )
+        if phase == SOLVE:
+            library.MKL_Set_Num_Threads_Local(before)
+        if code.value:
+            raise _failure(code.value, phase, size)
+
+    return call
+
+
+def _failure(code: int, phase: int, size: int) -> NumericalError | UserError:
+    if code == _NOT_DEFINITE:
+        return NumericalError("the stiffness is not positive definite: a pivot is not positive", remedy=MECHANISM)
+    if code == _NO_MEMORY:
+        return UserError(
+            f"there is not enough memory to factorise {size} unknowns",
+            remedy="take a coarser mesh or a larger machine, or end other programs",
+        )
+    return NumericalError(
+        f"PARDISO stopped with code {code} in phase {phase} on {size} unknowns",
+        remedy="look the code up in the manual of oneMKL, under pardiso",
+    )
+
+
+def solver_of(kind: int) -> Any:
+    """PARDISO for matrices of that kind, the same bits on every run whatever the alignment of the arrays.
+
+    MKL takes its branch before its first computation only, so that no other solver may be made. Raises ImportError or OSError
+    where PARDISO cannot be loaded.
+    """
+    name_mkl()  # first: the import makes a solver, too
+    from pypardiso import PyPardisoSolver
+
+    solver = PyPardisoSolver(mtype=kind)
+    if current_thread() is not main_thread():  # beside others, which share the cores
+        solver.libmkl.MKL_Set_Num_Threads_Local(1)
+    if solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AVX2) != 0:
+        solver.libmkl.MKL_CBWR_Set(_MKL_CBWR_AUTO)
+    return solver
+
+
+def name_mkl() -> None:
+    """Name the MKL library where pip puts it: without that, pypardiso searches the whole environment for every factor (0.3 s).
+    Threads of MKL are to sleep between calls: they would spin for 0.2 s on cores that NumPy's threads need."""
+    os.environ.setdefault("KMP_BLOCKTIME", "0")
+    found = sorted(Path(sys.prefix, "lib").glob("libmkl_rt.so*"))
+    if found:
+        os.environ.setdefault("PYPARDISO_MKL_RT", str(found[0]))
+
 
 SUPERLU_LIMIT = 100_000
 BLOCK = 32
@@ -124,3 +259,115 @@ def _superlu(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
     if np.any(factor.U.diagonal() <= 0):
         raise NumericalError("the stiffness is not positive definite: a pivot is not positive", remedy=MECHANISM)
     return factor.solve
+
+
+COMPLEX_SYMMETRIC = 6
+PERTURBATION, PERTURBED, PIVOTING = 10, 14, 21
+_TINY = 13
+"""A pivot below 1e-13 of the matrix is a failure, not something to be corrected."""
+COMPLEX_BYTES = 64
+"""PARDISO's analysis, the upper triangle and a factor without fill, per entry of the matrix."""
+
+
+def factorise_complex(A: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
+    """A = LDLᵀ without pivoting, by PARDISO or SuperLU; returns b (n,) → A⁻¹b.
+
+    A (n, n) complex symmetric (A = Aᵀ); only its upper triangle is read. Some complex multiple of A must have a positive
+    definite real part: then no pivot can vanish and none need be sought. K + sC + s²M over s has one where Re s > 0.
+    Raises NumericalError where a pivot vanishes, UserError where the memory is not enough and beyond 100 000 unknowns
+    without PARDISO.
+    Source: Higham, Mathematics of Computation 67 (1998); George, Ikramov and Kucherov, SIAM J. Matrix Anal. 23 (2002).
+    """
+    require_memory(COMPLEX_BYTES * A.nnz, f"the complex factor of {A.shape[0]} unknowns, at the very least")
+    size = np.abs(A.diagonal())
+    if not np.all(size > 0):
+        raise NumericalError("a dynamic stiffness has a zero on its diagonal", remedy=MECHANISM)
+    scale = 1.0 / np.sqrt(size)
+    upper = scaled_upper(A, scale)
+    try:
+        solve = _pardiso(upper)
+    except (ImportError, OSError):
+        if A.shape[0] > SUPERLU_LIMIT:
+            raise too_large(A.shape[0]) from None
+        solve = superlu(upper, "a dynamic stiffness").solve
+    return lambda b: scale * solve(scale * b)
+
+
+def _pardiso(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
+    what = f"the complex factor of {upper.shape[0]} unknowns"
+    solve, iparm = factorised(upper, COMPLEX_SYMMETRIC, what, ((PERTURBATION, _TINY), (PIVOTING, 0)))
+    if iparm[PERTURBED - 1]:
+        raise NumericalError("a pivot of a dynamic stiffness vanishes", remedy=MECHANISM)
+    return lambda b: solve(b[:, None])[:, 0]
+
+
+MASSLESS = 1e-12
+"""Share of the largest inertia below which a rigid motion has none."""
+
+
+@dataclass(frozen=True)
+class Relief:
+    """R (n, k) [1/√kg], a basis of the rigid motions with KR = 0 and RᵀMR = I, and inertia MR (n, k) [√kg].
+
+    The modes that strain the structure are orthogonal to R in M: z = R r + z_e, r̈ = Rᵀf, and z_e has no part of R.
+    """
+
+    shapes: np.ndarray
+    inertia: np.ndarray
+
+    def balanced(self, F: np.ndarray) -> np.ndarray:
+        """F − MRRᵀF: forces (n, k) and the inertia forces of the rigid accelerations that they cause, in equilibrium."""
+        return np.asarray(F - self.inertia @ (self.shapes.T @ F))
+
+    def elastic(self, Z: np.ndarray) -> np.ndarray:
+        """Z − R(MR)ᵀZ: displacements (n, k) without their rigid motions."""
+        return np.asarray(Z - self.shapes @ (self.inertia.T @ Z))
+
+
+def relief_of(M: sparse.csr_array, rigid: np.ndarray) -> Relief:
+    """rigid (n, k): any basis of the rigid motions. Raises UserError where one of them moves no mass."""
+    rigid = rigid / np.linalg.norm(rigid, axis=0)
+    moment, V = np.linalg.eigh(rigid.T @ (M @ rigid))
+    if not moment[0] > MASSLESS * moment[-1]:
+        raise UserError(
+            "a rigid motion of the structure moves no mass", key="mesh.free", remedy="give its materials a density"
+        )
+    shapes = rigid @ (V / np.sqrt(moment))
+    return Relief(shapes, np.asarray(M @ shapes))
+
+
+def pinned(K: sparse.csr_array, rigid: np.ndarray) -> sparse.csr_array:
+    """K with a spring to the ground in k unknowns that R (n, k) moves independently: positive definite.
+
+    A statically determinate support: forces in equilibrium leave its springs alone, whatever their stiffness.
+    """
+    at = qr(rigid.T, mode="r", pivoting=True)[1][: rigid.shape[1]]
+    diagonal = np.zeros(K.shape[0])
+    diagonal[at] = K.diagonal()[at]
+    return sparse.csr_array(K + sparse.diags_array(diagonal))
+
+
+def factorise_free(K: sparse.csr_array, relief: Relief, by: Factorise = factorise) -> Factor:
+    """The inverse of K in the space of elastic motions, as a factor:
+
+        K⁺f = (I − R(MR)ᵀ) A⁻¹ (f − MRRᵀf),     A = K and the springs of `pinned`;     M K⁺f ⊥ R,  K K⁺f = f − MRRᵀf
+
+    Raises the errors of `factorise`.
+    """
+    inner = by(pinned(K, relief.shapes))
+
+    def lowest(
+        M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Orthogonal to R in M, so that no vector of the iterations stretches a spring; A⁻¹Mφ that a solver may return for φ
+        holds rigid motions."""
+        assert inner.lowest is not None
+        values, moved = inner.lowest(M, count, basis, start, np.hstack([relief.shapes, beside]), tolerance)
+        return values, relief.elastic(moved)
+
+    return Factor(
+        inner.size,
+        inner.solver,
+        lambda B: relief.elastic(inner.solve(relief.balanced(B))),
+        None if inner.lowest is None else lowest,
+    )

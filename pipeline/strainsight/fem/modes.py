@@ -10,8 +10,7 @@ from scipy.linalg import eigh, null_space
 from scipy.sparse.linalg import ArpackError, LinearOperator, eigsh
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.factorisation import Factor, Factorise, factorise
-from strainsight.fem.relief import Relief, factorise_free, pinned, relief_of
+from strainsight.fem.factorisation import Factor, Factorise, Relief, factorise, factorise_free, pinned, relief_of
 from strainsight.memory import require_memory
 
 DEPENDENT = 1e-14

@@ -21,7 +21,7 @@ from strainsight.fem.beam_matrices import (
 )
 from strainsight.fem.by_region import density_of, region_operator, regions_of
 from strainsight.fem.shells import shell_axes, shell_masses, shell_stiffnesses
-from strainsight.fem.shells.laminate import Resistance, in_shear, laminate_resistance, plane_stress
+from strainsight.fem.shells.matrices import Resistance, in_shear, laminate_resistance, plane_stress
 from strainsight.mesh.model import Material, Mesh
 from strainsight.mesh.thin import (
     BeamBlock,
@@ -33,7 +33,7 @@ from strainsight.mesh.thin import (
     ShellSection,
     nodes_along_beams,
 )
-from strainsight.parallel.sweep import mapped
+from strainsight.parallel import mapped
 
 RIGID_IN_SHEAR = 1000.0
 """What stands for t_s/t = ∞: shear adds a thousandth of what it would to a deflection."""

@@ -12,8 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.complex_factor import factorise_complex
-from strainsight.fem.factorisation import BLOCK, Factor, factorise
+from strainsight.fem.factorisation import BLOCK, Factor, factorise, factorise_complex
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import modes as lowest_modes
 

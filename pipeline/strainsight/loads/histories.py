@@ -1,14 +1,15 @@
-"""Load histories u(t) and the polynomial that holds them within a time step."""
+"""Load histories u(t), the polynomial that holds them within a time step, and their rates where they are motions."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 from itertools import pairwise
+from typing import Literal
 
 import numpy as np
-from scipy.interpolate import make_interp_spline
+from scipy.interpolate import CubicSpline, make_interp_spline
 
 from strainsight.errors import InfeasibleError
 
@@ -169,34 +170,20 @@ def evaluate(signal: Signal, t: np.ndarray) -> np.ndarray:
     Raises InfeasibleError where a recorded history does not cover t.
     """
     t = np.asarray(t, dtype=float)
-    match signal:
-        case Constant():
-            return np.full_like(t, signal.value)
-        case Ramp():
-            s = np.clip((t - signal.begin) / signal.duration, 0.0, 1.0)
-            return signal.start + (signal.end - signal.start) * s**3 * (10 - 15 * s + 6 * s**2)
-        case Sine():
-            return signal.amplitude * np.sin(2 * np.pi * signal.frequency * t + signal.phase)
-        case Sweep():
-            swept = np.minimum(t, signal.duration)
-            rate = (signal.stop - signal.start) / signal.duration
-            cycles = signal.start * swept + 0.5 * rate * swept**2 + signal.stop * (t - swept)
-            return signal.amplitude * np.sin(2 * np.pi * cycles + signal.phase)
-        case MultiSine():
-            frequency, phase = multisine(signal)
-            # One line at a time: a long history by many lines would not fit as one table.
-            lines = (np.sin(2 * np.pi * f * t + shift) for f, shift in zip(frequency, phase, strict=True))
-            return signal.amplitude / np.sqrt(signal.count) * np.asarray(sum(lines))
-        case FromSamples():
-            first, last = signal.time[0], signal.time[-1]
-            slack = TIME_SLACK * (last - first)
-            if t.size and (t.min() < first - slack or t.max() > last + slack):
-                raise InfeasibleError(
-                    f"the record covers {first:g} to {last:g} s, asked for {t.min():g} to {t.max():g} s",
-                    remedy="shorten the run or record longer",
-                )
-            return np.interp(t, signal.time, signal.value)
-    raise TypeError(f"not a signal: {signal!r}")
+    if not isinstance(signal, FromSamples):
+        return _derivative(signal, t, 0)
+    _check_covered(signal, t)
+    return np.interp(t, signal.time, signal.value)
+
+
+def _check_covered(signal: FromSamples, t: np.ndarray) -> None:
+    first, last = signal.time[0], signal.time[-1]
+    slack = TIME_SLACK * (last - first)
+    if t.size and (t.min() < first - slack or t.max() > last + slack):
+        raise InfeasibleError(
+            f"the record covers {first:g} to {last:g} s, asked for {t.min():g} to {t.max():g} s",
+            remedy="shorten the run or record longer",
+        )
 
 
 def hold_coefficients(signals: Sequence[Signal], start: float, h: float, steps: int) -> np.ndarray:
@@ -315,3 +302,129 @@ def density(values: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
 def noise_density(std: float, step: float) -> float:
     """The same of white noise [unit²/Hz] of this standard deviation [unit] at this step [s]: 2 σ² h."""
     return 2 * std**2 * step
+
+
+Motion = Callable[[np.ndarray], np.ndarray]
+"""Times t (k,) [s] → p, ṗ, p̈ (3, k)."""
+
+
+def motion(signal: Signal, of: Literal["position", "rate"], start: float = 0.0) -> Motion:
+    """p(t) = u(t), or p(t) = start + ∫₀ᵗ u where the history is that of a rate; derivatives in closed form.
+
+    A recorded history is the cubic spline through its samples (not-a-knot), whose acceleration does not jump: straight lines
+    would have a velocity that does. Raises InfeasibleError where a record does not cover t, or has fewer than two samples, and
+    for a sweep of a rate, whose integral has no closed form.
+    """
+    if isinstance(signal, FromSamples):
+        return _recorded(signal, of, start)
+    if of == "position":
+        return lambda t: np.stack([_derivative(signal, np.asarray(t, float), order) for order in range(3)])
+    if isinstance(signal, Sweep):
+        raise InfeasibleError("a sweep of a rate", remedy="give a sweep of the position, or a recorded rate")
+    first = _integral(signal, np.zeros(1))[0]
+
+    def at(t: np.ndarray) -> np.ndarray:
+        t = np.asarray(t, dtype=float)
+        return np.stack([start + _integral(signal, t) - first, _derivative(signal, t, 0), _derivative(signal, t, 1)])
+
+    return at
+
+
+def swing(signal: FromSamples) -> tuple[float, float]:
+    """How far the spline through the samples goes beyond both neighbours, over the range of all samples, and the time of it [s]:
+    about 0.05 where a sine is sampled seven times a period, more about a jump."""
+    t, y = np.asarray(signal.time, float), np.asarray(signal.value, float)
+    between = t[:-1, None] + np.diff(t)[:, None] * np.array([0.25, 0.5, 0.75])
+    p = CubicSpline(t, y)(between)
+    low, high = np.minimum(y[:-1], y[1:])[:, None], np.maximum(y[:-1], y[1:])[:, None]
+    beyond = np.maximum(p - high, low - p)
+    worst = np.unravel_index(int(np.argmax(beyond)), beyond.shape)
+    return max(float(beyond[worst]), 0.0) / (float(np.ptp(y)) or 1.0), float(between[worst])
+
+
+def gap(signal: FromSamples) -> tuple[float, float, float]:
+    """The longest time without a sample over the median of all, and where it begins and ends [s]."""
+    t = np.asarray(signal.time, float)
+    steps = np.diff(t)
+    k = int(np.argmax(steps))
+    return float(steps[k] / np.median(steps)), float(t[k]), float(t[k + 1])
+
+
+def _recorded(signal: FromSamples, of: str, start: float) -> Motion:
+    if len(signal.time) < 2:
+        raise InfeasibleError("a record of one sample is no motion", remedy="record at least two instants")
+    spline = CubicSpline(signal.time, signal.value)
+    parts = [spline, spline.derivative(1), spline.derivative(2)]
+    shift = 0.0
+    if of == "rate":
+        parts = [spline.antiderivative(1), spline, spline.derivative(1)]
+        shift = start - float(parts[0](min(max(0.0, signal.time[0]), signal.time[-1])))
+
+    def at(t: np.ndarray) -> np.ndarray:
+        t = np.asarray(t, dtype=float)
+        _check_covered(signal, t)
+        motions = np.stack([part(t) for part in parts])
+        motions[0] += shift
+        return motions
+
+    return at
+
+
+def _derivative(signal: Signal, t: np.ndarray, order: int) -> np.ndarray:
+    """dᵏu/dtᵏ, k = 0, 1, 2."""
+    match signal:
+        case Constant():
+            return np.full_like(t, signal.value if order == 0 else 0.0)
+        case Ramp():
+            s = np.clip((t - signal.begin) / signal.duration, 0.0, 1.0)
+            shapes = s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
+            return (order == 0) * signal.start + (signal.end - signal.start) * shapes[order] / signal.duration**order
+        case Sine():
+            w = 2 * np.pi * signal.frequency
+            return signal.amplitude * _of_phase(w * t + signal.phase, w + 0 * t, 0 * t, order)
+        case Sweep():
+            swept = np.minimum(t, signal.duration)
+            rate = (signal.stop - signal.start) / signal.duration
+            cycles = signal.start * swept + 0.5 * rate * swept**2 + signal.stop * (t - swept)
+            w = 2 * np.pi * (signal.start + rate * swept)
+            bend = np.where(t < signal.duration, 2 * np.pi * rate, 0.0)
+            return signal.amplitude * _of_phase(2 * np.pi * cycles + signal.phase, w, bend, order)
+        case MultiSine():
+            # one line at a time: a long history by many lines would not fit as one table
+            lines = (
+                _of_phase(2 * np.pi * f * t + shift, 2 * np.pi * f + 0 * t, 0 * t, order)
+                for f, shift in zip(*multisine(signal), strict=True)
+            )
+            return signal.amplitude / np.sqrt(signal.count) * np.asarray(sum(lines))
+    raise TypeError(f"not a signal in closed form: {signal!r}")
+
+
+def _of_phase(phase: np.ndarray, rate: np.ndarray, bend: np.ndarray, order: int) -> np.ndarray:
+    """Derivatives of sin Φ(t)."""
+    if order == 0:
+        return np.sin(phase)
+    if order == 1:
+        return rate * np.cos(phase)
+    return bend * np.cos(phase) - rate**2 * np.sin(phase)
+
+
+def _integral(signal: Signal, t: np.ndarray) -> np.ndarray:
+    """∫u, of any constant."""
+    match signal:
+        case Constant():
+            return signal.value * t
+        case Ramp():
+            s = np.clip((t - signal.begin) / signal.duration, 0.0, 1.0)
+            after = np.maximum(t - signal.begin - signal.duration, 0.0)
+            risen = signal.duration * s**4 * (2.5 - 3 * s + s**2) + after
+            return signal.start * t + (signal.end - signal.start) * risen
+        case Sine():
+            w = 2 * np.pi * signal.frequency
+            return -signal.amplitude / w * np.cos(w * t + signal.phase)
+        case MultiSine():
+            lines = (
+                -np.cos(2 * np.pi * f * t + shift) / (2 * np.pi * f)
+                for f, shift in zip(*multisine(signal), strict=True)
+            )
+            return signal.amplitude / np.sqrt(signal.count) * np.asarray(sum(lines))
+    raise TypeError(f"no integral in closed form: {signal!r}")

@@ -182,6 +182,14 @@ def _positive(value: float, what: str) -> None:
         raise ConfigError(f"{what} is {value}", remedy="give a positive number")
 
 
+def positive_of(values: Mapping[str, float], name: str, word: str) -> float:
+    """The number of that name. Raises ConfigError where it is missing or not positive; word: what it is."""
+    value = values.get(name)
+    if value is None or not 0 < value < np.inf:
+        raise ConfigError(f"{word} of {name} is {value}", remedy=f"give {name} a positive {word}")
+    return value
+
+
 @dataclass(frozen=True)
 class Unknowns:
     """x* = [q, q̇, ζ of every input one behind the other, p] with uᵢ = amplitudeᵢ ũᵢ, ũᵢ = ζ₁ of input i, ζ̇ = A_u ζ + w,
@@ -201,14 +209,10 @@ class Unknowns:
     frequency: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        for names, scales, word in (
-            (self.inputs, self.amplitude, "amplitude"),
-            (self.parameters, self.guess, "guess"),
-        ):
-            for name in names:
-                value = scales.get(name)
-                if value is None or not 0 < value < np.inf:
-                    raise ConfigError(f"{word} of {name} is {value}", remedy=f"give {name} a positive {word}")
+        for name in self.inputs:
+            positive_of(self.amplitude, name, "amplitude")
+        for name in self.parameters:
+            positive_of(self.guess, name, "guess")
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -248,10 +252,7 @@ class Unknowns:
 
     def frequency_of(self, name: str) -> float:
         """Typical frequency [Hz] of one input. Raises ConfigError where none is given."""
-        value = self.frequency.get(name)
-        if value is None or not 0 < value < np.inf:
-            raise ConfigError(f"frequency of {name} is {value}", remedy=f"give {name} a positive frequency")
-        return value
+        return positive_of(self.frequency, name, "frequency")
 
     def rate_matrix(self) -> np.ndarray:
         """A_u of all inputs (Σk, Σk) [1/s], block by block."""

@@ -11,11 +11,9 @@ from scipy.linalg import solve_triangular
 
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
-from strainsight.loads.input_models import WALK, RandomWalk, Unknowns, block_diagonal, input_intensity
+from strainsight.loads.input_models import WALK, RandomWalk, Unknowns, block_diagonal, input_intensity, positive_of
 from strainsight.rom.model import ReducedModel, accelerations, damping_derivative, damping_matrix
 from strainsight.sensors.candidates import ACCELERATION
-
-__all__ = ["Unknowns", "augment_rows", "linearisation_instants", "linearise", "parameter_forces"]
 
 
 def linearise(
@@ -206,13 +204,13 @@ def process_intensity(
     if rule != "intensity" and not (h and h > 0):
         raise ConfigError(f"noise rule {rule} depends on the time step, which is {h}", remedy="state the step")
     step = h if h is not None else 0.0
-    delta = np.array([_positive(drift, p, "process noise scale") for p in unknowns.parameters])
+    delta = np.array([positive_of(drift, p, "process noise scale") for p in unknowns.parameters])
     factor = {"intensity": 1.0, "thesis": step, "as_printed": step * step}[rule]
     blocks = [np.zeros((size, size)), np.diag(np.broadcast_to(np.asarray(velocity, dtype=float), size))]
     for name, k in zip(unknowns.inputs, np.broadcast_to(kappa, len(unknowns.inputs)), strict=True):
         model, walk = unknowns.model_of(name), 0.0
         if isinstance(model, RandomWalk):
-            omega = 2 * np.pi * _positive(frequency, name, "frequency")
+            omega = 2 * np.pi * positive_of(frequency, name, "frequency")
             walk = k * omega if rule == "intensity" else factor * omega**2
         elif rule != "intensity":
             raise ConfigError(f"noise rule {rule} is that of a random walk; {name} is none", remedy="rule: intensity")
@@ -246,10 +244,3 @@ def channel_intensity(
     n = rows.shape[-1]
     process = np.einsum("...i,ij,...j->...", rows, Q[n : 2 * n, n : 2 * n], rows)
     return gauge_intensity(std, h, rule) + np.where(np.asarray(quantity) == ACCELERATION, process, 0.0)
-
-
-def _positive(values: Mapping[str, float], name: str, word: str) -> float:
-    value = values.get(name)
-    if value is None or not 0 < value < np.inf:
-        raise ConfigError(f"{word} of {name} is {value}", remedy=f"give {name} a positive {word}")
-    return value

@@ -317,33 +317,21 @@ def cases(
         F = linearise(*motion)
         by_size, as_is = (own.linearised(*motion, F) for own in (scaled, plain))
         results = [
-            _observability(*own, unknowns=unknowns, frequency=np.sqrt(lam), energy=energy)
-            for own in zip(F, by_size, as_is, strict=True)
+            observability(
+                each,
+                divided,
+                names=unknowns.names,
+                frequency=np.sqrt(lam),
+                state_amplitude=energy,
+                largest_strain=1.0,
+                raw_scale=unknowns.scale,
+                raw_rows=raw,
+            )
+            for each, divided, raw in zip(F, by_size, as_is, strict=True)
         ]
         middle = np.argsort([result.condition for result in results], kind="stable")[(len(at) - 1) // 2]
         found.append(Case(label, unknowns.names, results[middle], int(at[middle]), len(at)))
     return tuple(found)
-
-
-def _observability(
-    F: np.ndarray,
-    scaled: np.ndarray,
-    plain: np.ndarray,
-    unknowns: Unknowns,
-    frequency: np.ndarray,
-    energy: float,
-) -> Observability:
-    """`observability` with every row divided by its own reading; the raw condition is that of the rows as they are."""
-    return observability(
-        F,
-        scaled,
-        names=unknowns.names,
-        frequency=frequency,
-        state_amplitude=energy,
-        largest_strain=1.0,
-        raw_scale=unknowns.scale,
-        raw_rows=plain,
-    )
 
 
 def _compressed(own: Sensed, factor: np.ndarray) -> Sensed:

@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.errors import UserError, blame, did_you_mean
 from strainsight.measurements.calibration import ChannelSettings, calibrate
 from strainsight.measurements.clock import shifted, to_step, uniform_clock
-from strainsight.measurements.records import Recording, plain
+from strainsight.measurements.records import Recording, check_no_infinity, missing, plain
 
 STRETCH = 20
 """Samples missing in a row of which the record says where they are."""
@@ -199,14 +199,7 @@ def chosen(name: str, places: Sequence[Place], path: Path) -> int:
                 remedy=f"name the group too: {' or '.join(map(plain, said))}{' …' if len(found) > 10 else ''}",
             )
     known = list(dict.fromkeys(word for place in places for word in place.names[:2]))
-    said = list(dict.fromkeys(plain(place.names[0]) for place in places))
-    raise UserError(
-        f"no channel {name!r}",
-        where=str(path),
-        remedy=did_you_mean(
-            name, known, f"it has {', '.join(said[:20])}{' …' if len(said) > 20 else ''}" if said else "it has none"
-        ),
-    )
+    raise missing("channel", name, known, str(path), [place.names[0] for place in places])
 
 
 def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
@@ -264,19 +257,5 @@ def numbers(values: np.ndarray, name: str, where: str) -> np.ndarray:
             f"{name!r} holds {said}, not numbers", where=where, remedy="take a channel with one real number a sample"
         )
     found = values.astype(float)
-    if np.isinf(found).any():
-        sample = int(np.argmax(np.isinf(found)))
-        raise UserError(
-            f"sample {sample + 1} of {name!r} is infinite", where=where, remedy="write NaN where the sample is missing"
-        )
+    check_no_infinity(found, name, where)
     return found
-
-
-def one_unit(stated: Sequence[str], name: str, where: str) -> str | None:
-    """The unit that a channel states, None where it states none. Raises UserError where it states several."""
-    words = sorted({word.strip() for word in stated} - {""})
-    if len(words) > 1:
-        raise UserError(
-            f"{name!r} states the units {' and '.join(map(plain, words))}", where=where, remedy="leave the right one"
-        )
-    return words[0] if words else None

@@ -3,20 +3,16 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from strainsight.errors import UserError, did_you_mean
-from strainsight.measurements.records import plain
-from strainsight.measurements.sandbox import DAMAGED
+from strainsight.errors import UserError
+from strainsight.measurements.records import Signals, check_count, check_no_infinity, missing, one_unit, plain
 from strainsight.memory import require_memory
 
-MOST_SAMPLES = 200_000_000
-"""Of one channel: five and a half hours at 10 kHz."""
 LARGEST_CHUNK = 1 << 28
 """[bytes] that the library holds at once."""
 PACKING = 1100
@@ -30,13 +26,14 @@ _PACKING = {"scale_factor": 1.0, "add_offset": 0.0}
 INSTEAD = "write the samples into the file itself, one plain dataset a channel"
 
 
-def signals(path: Path, names: Sequence[str]) -> Iterator[tuple[np.ndarray, str | None]]:
+def signals(path: Path, names: Sequence[str]) -> Signals:
     """Values (T,) [unit of the file] of every name, NaN where missing, all as long as the first one, and their units.
 
-    Raises UserError for links to other files, shapes, types and packed values that cannot be imported, and for damage,
-    as far as the library survives it.
+    Raises UserError for links to other files, shapes, types and packed values that cannot be imported.
     """
-    with _opened(path) as file:
+    import h5py
+
+    with h5py.File(path, "r") as file:
         samples: int | None = None
         for name in names:
             values, unit = _signal(file, name, path, samples)
@@ -49,8 +46,10 @@ def declared(path: Path, names: Sequence[str]) -> list[int]:
 
     Raises UserError as `signals` does before it reads a sample, and where memory does not hold all of them.
     """
+    import h5py
+
     found, held = [], 0
-    with _opened(path) as file:
+    with h5py.File(path, "r") as file:
         samples: int | None = None
         for name in names:
             item, column = _checked(file, name, path, samples)
@@ -71,21 +70,6 @@ def _held(item: Any) -> int:
     return int((item.shape[0] + rows * max(columns, item.shape[1])) * item.dtype.itemsize)
 
 
-@contextmanager
-def _opened(path: Path) -> Iterator[Any]:
-    """The file; what the library says of a damaged one is a UserError."""
-    import h5py
-
-    try:
-        with h5py.File(path, "r") as file:
-            yield file
-    except UserError:
-        raise
-    except Exception as error:  # the library has no class of its own for damaged files
-        reason = f"cannot be read as HDF5: {' '.join(str(error).split())[:200]}"
-        raise UserError(reason, where=str(path), remedy=DAMAGED) from None
-
-
 def _checked(file: Any, name: str, path: Path, samples: int | None) -> tuple[Any, int | None]:
     """The dataset of a name, and which column of it. Raises UserError where there is none that can be imported."""
     where = place_of(path, name)
@@ -93,12 +77,7 @@ def _checked(file: Any, name: str, path: Path, samples: int | None) -> tuple[Any
     if item is None and (found := _COLUMN.fullmatch(name)):
         item, column = resolved(file, found[1], where), int(found[2])
     if item is None:
-        known = datasets(file)
-        raise UserError(
-            f"no dataset {name!r}",
-            where=str(path),
-            remedy=did_you_mean(name, known, f"it has {', '.join(map(plain, known[:20]))}" if known else "it has none"),
-        )
+        raise missing("dataset", name, datasets(file), str(path))
     _check(item, column, samples, path, where)
     return item, column
 
@@ -114,12 +93,8 @@ def _signal(file: Any, name: str, path: Path, samples: int | None) -> tuple[np.n
         if attribute in item.attrs:
             for word in np.atleast_1d(item.attrs[attribute]):
                 values[np.asarray(raw).reshape(-1) == word] = np.nan
-    if np.isinf(values).any():
-        sample = int(np.argmax(np.isinf(values)))
-        raise UserError(
-            f"sample {sample + 1} of {name!r} is infinite", where=where, remedy="write NaN where the sample is missing"
-        )
-    return values, _unit(item, column, where)
+    check_no_infinity(values, name, where)
+    return values, _unit(item, column, name, where)
 
 
 def resolved(file: Any, name: str, where: str) -> Any:
@@ -162,10 +137,7 @@ def _check(item: Any, column: int | None, samples: int | None, path: Path, where
             where=where,
             remedy="columns count from 0, as in 'table[0]'",
         )
-    if shape[0] > MOST_SAMPLES:
-        raise UserError(
-            f"claims {shape[0]} samples", where=where, remedy=f"cut the record: the limit is {MOST_SAMPLES} samples"
-        )
+    check_count(shape[0], item.name, where)
     if samples is not None and shape[0] != samples:
         raise UserError(
             f"has {shape[0]} samples, the clock {samples}",
@@ -204,22 +176,17 @@ def check_stored(item: Any, where: str, file_size: int) -> None:
         )
 
 
-def _unit(item: Any, column: int | None, where: str) -> str | None:
-    stated = set()
-    for name in _UNIT_NAMES:
-        if name not in item.attrs:
+def _unit(item: Any, column: int | None, name: str, where: str) -> str | None:
+    stated = []
+    for attribute in _UNIT_NAMES:
+        if attribute not in item.attrs:
             continue
-        value = np.atleast_1d(item.attrs[name])
+        value = np.atleast_1d(item.attrs[attribute])
         word = (
             value[column] if column is not None and len(value) == item.shape[1] else value[0] if len(value) == 1 else ""
         )
-        stated.add((word.decode("utf-8", "replace") if isinstance(word, bytes) else str(word)).strip())
-    stated.discard("")
-    if len(stated) > 1:
-        raise UserError(
-            f"states the units {' and '.join(map(plain, sorted(stated)))}", where=where, remedy="leave the right one"
-        )
-    return stated.pop() if stated else None
+        stated.append(word.decode("utf-8", "replace") if isinstance(word, bytes) else str(word))
+    return one_unit(stated, name, where)
 
 
 def datasets(file: Any) -> list[str]:

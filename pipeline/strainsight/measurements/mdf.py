@@ -1,4 +1,4 @@
-"""Channels of an MDF file: found, scaled, their invalid samples taken out. Read in a child process, see daq_file.py.
+"""Channels of an MDF file: found, scaled, their invalid samples taken out. Read in a child process, see reader.py.
 
 asammdf gives raw values only: it would hand conversion formulas, which are text of the file, to `eval`.
 """
@@ -18,9 +18,8 @@ import numpy as np
 
 from strainsight.errors import UserError
 from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers
-from strainsight.measurements.hdf5_datasets import MOST_SAMPLES
 from strainsight.measurements.mdf_conversion import to_physical
-from strainsight.measurements.sandbox import DAMAGED, Signals
+from strainsight.measurements.records import DAMAGED, Signals, check_count
 
 _TIME = 1
 """Synchronisation type of a master channel that is a time."""
@@ -175,12 +174,7 @@ def _time_channel(
 
 
 def _check_size(file: Any, group: int, name: str, path: Path) -> None:
-    if (samples := file.groups[group].channel_group.cycles_nr) > MOST_SAMPLES:
-        raise UserError(
-            f"{name!r} claims {samples} samples",
-            where=str(path),
-            remedy=f"cut the record: the limit is {MOST_SAMPLES} samples",
-        )
+    check_count(file.groups[group].channel_group.cycles_nr, name, str(path))
 
 
 def _values(file: Any, rules: Rules, name: str, group: int, number: int, path: Path) -> tuple[np.ndarray, str | None]:

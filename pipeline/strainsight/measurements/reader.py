@@ -2,12 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import os
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from importlib import import_module
+from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
+
+from strainsight.child_reader import Message, answer, child_reader, reason
 from strainsight.errors import UserError
+from strainsight.measurements.clock import counted, recording_of
 from strainsight.measurements.csv_layout import TextFormat
-from strainsight.measurements.records import Recording
+from strainsight.measurements.records import DAMAGED, Read, Recording, Signals, opened
+from strainsight.processes import python
 
 FORMATS = {
     "csv": (".csv", ".txt", ".tsv", ".dat", ".asc", ".lvm"),
@@ -18,9 +29,38 @@ FORMATS = {
     "mat": (".mat",),
 }
 """Format → endings of the names it has."""
-
-
 SPREADSHEETS = (".xlsx", ".xls", ".xlsm", ".ods")
+COMMAND = python("strainsight.measurements.reader")
+EXTRA = "daq"
+MEMORY_LIMIT = 1 << 30
+"""[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file."""
+MEMORY_A_BYTE = 20
+
+
+@dataclass(frozen=True)
+class Library:
+    """What reads a format in a child process: its name for messages, the modules of the library, the package that holds them
+    where it is not installed with this one, and the module here whose `signals` calls it.
+
+    seconds: of processor time for every channel, and one more for every `rate` bytes of the file; unpacked: and for every so many
+    bytes that a channel unpacks to, as `declared` of the module says; None where it has no such.
+    """
+
+    format: str
+    modules: tuple[str, ...]
+    package: str | None
+    reader: str
+    seconds: float = 20.0
+    rate: float = 5e6
+    unpacked: float | None = None
+
+
+LIBRARIES = {
+    "hdf5": Library("HDF5", ("h5py",), None, "strainsight.measurements.hdf5_datasets", 7.0, 1e7, 5e7),
+    "mdf": Library("MDF", ("asammdf",), "asammdf", "strainsight.measurements.mdf"),
+    "tdms": Library("TDMS", ("nptdms",), "npTDMS", "strainsight.measurements.tdms"),
+    "mat": Library("MAT", ("scipy.io", "h5py"), None, "strainsight.measurements.mat"),
+}
 
 
 def read_recording(
@@ -42,35 +82,30 @@ def read_recording(
     Raises UserError for a file that cannot be imported, with its line.
     """
     path = Path(path)
-    match format_of(path) if format == "auto" else format:
-        case "csv":
-            from strainsight.measurements.csv_file import read_csv
+    kind = format_of(path) if format == "auto" else format
+    if kind not in FORMATS:
+        raise UserError(f"unknown format {kind!r}", remedy=f"known formats: {', '.join(FORMATS)}")
+    if kind in ("csv", "hdf5", "mat") and time is None and rate is None:
+        raise UserError(
+            "the clock is not named",
+            where=str(path),
+            remedy="set estimate.time.channel to a column, dataset or variable, or estimate.time.rate to the sampling rate [Hz]",
+        )
+    if kind == "csv":
+        from strainsight.measurements.csv_file import read_csv
 
-            return read_csv(path, channels, time=_clock(time, rate, path), time_unit=time_unit, rate=rate, form=form)
-        case "hdf5":
-            from strainsight.measurements.hdf5_file import read_hdf5
+        return read_csv(path, channels, time=time, time_unit=time_unit, rate=rate, form=form)
+    if kind == "uff58":
+        from strainsight.measurements.uff58_file import read_uff58
 
-            return read_hdf5(path, channels, time=_clock(time, rate, path), time_unit=time_unit, rate=rate)
-        case "uff58":
-            from strainsight.measurements.uff58_file import read_uff58
-
-            if time is not None or rate is not None:
-                raise UserError(
-                    f"the time {time or f'at {rate:g} Hz'!r} is asked for, but functions of a universal file carry their own",
-                    where=str(path),
-                    remedy="remove estimate.time",
-                )
-            return read_uff58(path, channels, time_unit=time_unit)
-        case "mdf" | "tdms" as kind:
-            from strainsight.measurements.daq_file import read_daq
-
-            return read_daq(kind, path, channels, time=time, time_unit=time_unit, rate=rate)
-        case "mat":
-            from strainsight.measurements.daq_file import read_daq
-
-            return read_daq("mat", path, channels, time=_clock(time, rate, path), time_unit=time_unit, rate=rate)
-        case unknown:
-            raise UserError(f"unknown format {unknown!r}", remedy=f"known formats: {', '.join(FORMATS)}")
+        if time is not None or rate is not None:
+            raise UserError(
+                f"the time {time or f'at {rate:g} Hz'!r} is asked for, but functions of a universal file carry their own",
+                where=str(path),
+                remedy="remove estimate.time",
+            )
+        return read_uff58(path, channels, time_unit=time_unit)
+    return read_binary(kind, path, channels, time=time, time_unit=time_unit, rate=rate)
 
 
 def format_of(path: Path) -> str:
@@ -85,12 +120,108 @@ def format_of(path: Path) -> str:
     raise UserError(f"the ending {ending!r} says no format of test data", where=str(path), remedy=remedy)
 
 
-def _clock(time: str | None, rate: float | None, path: Path) -> str | None:
-    """The name of the time of a file that has none of its own, None where a rate takes its place."""
-    if time is None and rate is None:
+def read_binary(
+    kind: str,
+    path: Path,
+    channels: Sequence[str],
+    *,
+    time: str | None = None,
+    time_unit: str | None = None,
+    rate: float | None = None,
+    sandboxed: bool = True,
+) -> Recording:
+    """Channels of a file of a kind of LIBRARIES, as the `signals` of its reader has them.
+
+    time: that of the clock; None where the file has its own; or rate: samples per second [Hz]. sandboxed: in a child process.
+    Raises UserError as the reader does, where its library is not installed, and where that fails.
+    """
+    path, library = Path(path), LIBRARIES[kind]
+    with opened(path) as file:
+        size = os.fstat(file.fileno()).st_size
+    if library.package is not None and find_spec(library.modules[0]) is None:
         raise UserError(
-            "the clock is not named",
+            f"a {library.format} file is read by {library.package}, which is not installed",
             where=str(path),
-            remedy="set estimate.time.channel to a column, dataset or variable, or estimate.time.rate to the sampling rate [Hz]",
+            remedy=f'install it: pip install "strainsight[{EXTRA}]"',
         )
-    return time
+    names = [time if rate is None else channels[0], *channels]
+    found = list(_signals_apart(kind, path, names, size) if sandboxed else reading(kind)(path, names))
+    t, unit = found[0]
+    if time is not None and kind == "mat" and t.size == 1 and len(found) > 1 and found[1][0].size > 1:
+        found[0] = counted(float(t[0]), found[1][0].size, time, time_unit, unit, str(path))
+        time_unit = None
+    where = f"{path}, {time}" if time and kind != "hdf5" else _place(kind, path, names[0])
+    return recording_of(found, channels, path, where, time_unit, rate)
+
+
+def _place(kind: str, path: Path, name: str | None) -> str:
+    return f"{path}:/{(name or '').strip('/')}" if kind == "hdf5" else str(path)
+
+
+def _signals_apart(kind: str, path: Path, names: Sequence[str | None], size: int) -> Signals:
+    """What `reading` makes of the names, in a child process."""
+    library = LIBRARIES[kind]
+    crashed = f"the {library.format} library crashed, or did not come to an end"
+    failure = UserError(crashed, where=_place(kind, path, names[0]), remedy=DAMAGED)
+    limit, more = library.seconds + size / library.rate, [0.0] * len(names)
+    with child_reader([*COMMAND, kind], [str(path), *names], failure) as receive:
+        if library.unpacked is not None:
+            more = [count / library.unpacked for count in receive(limit)[0]["declared"]]
+        for name, longer in zip(names, more, strict=True):
+            failure.where = _place(kind, path, name)
+            head, (values,) = receive(limit + longer)
+            yield values, head["unit"]
+
+
+def reading(kind: str) -> Read:
+    """The `signals` of the reader of a kind, where all that its library raises is a UserError."""
+
+    def read(path: Path, names: Sequence[str | None]) -> Signals:
+        with _library_errors(kind, path):
+            yield from import_module(LIBRARIES[kind].reader).signals(path, names)
+
+    return read
+
+
+@contextmanager
+def _library_errors(kind: str, path: Path) -> Iterator[None]:
+    """What a library raises of a file, as a UserError."""
+    name = LIBRARIES[kind].format
+    try:
+        yield
+    except UserError:
+        raise
+    except MemoryError:
+        raise UserError(
+            f"reading it as {name} takes more memory than a file of its size may",
+            where=str(path),
+            remedy=f"{DAMAGED}; or export a part of the record",
+        ) from None
+    except Exception as error:
+        raise UserError(f"cannot be read as {name}: {reason(error)}", where=str(path), remedy=DAMAGED) from None
+
+
+def messages(kind: str, asked: Sequence[str | None]) -> Iterator[Message]:
+    """In the child process: bytes that each name unpacks to, where the format says so, then the signals."""
+    path, names = Path(asked[0] or ""), asked[1:]
+    if LIBRARIES[kind].unpacked is not None:
+        with _library_errors(kind, path):
+            declared = import_module(LIBRARIES[kind].reader).declared(path, names)
+        yield {"declared": declared}, []
+    for values, unit in reading(kind)(path, names):
+        yield {"unit": unit}, [np.asarray(values, dtype=float)]
+
+
+def answer_for(kind: str) -> None:
+    """In the child process: `messages` with limits of memory, but for HDF5, which declares what it needs."""
+    library = LIBRARIES[kind]
+
+    def memory(asked: Sequence[str]) -> int:
+        return MEMORY_LIMIT + MEMORY_A_BYTE * Path(asked[0]).stat().st_size
+
+    modules = (*library.modules, library.reader)
+    answer(lambda asked: messages(kind, asked), modules, memory if library.unpacked is None else None)
+
+
+if __name__ == "__main__":
+    answer_for(sys.argv[1])

@@ -4,14 +4,22 @@ from __future__ import annotations
 
 import math
 import unicodedata
-from collections.abc import Collection, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import BinaryIO, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
+
+MOST_SAMPLES = 200_000_000
+"""Of one channel: five and a half hours at 10 kHz."""
+DAMAGED = "export the test data again: the file is damaged or none"
+Signals = Iterator[tuple[np.ndarray, str | None]]
+"""Values (T,) and their unit, None where the file states none."""
+Read = Callable[[Path, Sequence[Any]], Signals]
+"""File, names → their signals; the first name is that of the time, None where the format has one of its own."""
 
 
 @dataclass(frozen=True)
@@ -55,6 +63,45 @@ def plain(text: str, most: int = 40) -> str:
     """A piece of a file for a message: quoted, cut, and without signs that a terminal would obey."""
     cut = text if len(text) <= most else text[: most - 1] + "…"
     return "'" + "".join(sign if sign.isprintable() else "?" for sign in cut) + "'"
+
+
+def missing(
+    kind: str, name: str, known: Collection[str], where: str, shown: Collection[str] | None = None
+) -> UserError:
+    """No `kind` of this name among those known; shown: which of these the remedy lists, by default all."""
+    listed = [plain(each) for each in dict.fromkeys(known if shown is None else shown)]
+    has = f"it has {', '.join(listed[:20])}{' …' * (len(listed) > 20)}" if listed else "it has none"
+    return UserError(f"no {kind} {name!r}", where=where, remedy=did_you_mean(name, known, has))
+
+
+def check_count(samples: int, name: str, where: str) -> None:
+    """Raise UserError for a channel of more samples than MOST_SAMPLES."""
+    if samples > MOST_SAMPLES:
+        raise UserError(
+            f"{name!r} claims {samples} samples",
+            where=where,
+            remedy=f"cut the record: the limit is {MOST_SAMPLES} samples",
+        )
+
+
+def check_no_infinity(values: np.ndarray, name: str, where: str) -> None:
+    """Raise UserError for a channel (T,) with an infinite sample."""
+    if (infinite := np.isinf(values)).any():
+        raise UserError(
+            f"sample {int(np.argmax(infinite)) + 1} of {name!r} is infinite",
+            where=where,
+            remedy="write NaN where the sample is missing",
+        )
+
+
+def one_unit(stated: Sequence[str], name: str, where: str) -> str | None:
+    """The unit that a channel states, None where it states none. Raises UserError where it states several."""
+    words = sorted({word.strip() for word in stated} - {""})
+    if len(words) > 1:
+        raise UserError(
+            f"{name!r} states the units {' and '.join(map(plain, words))}", where=where, remedy="leave the right one"
+        )
+    return words[0] if words else None
 
 
 def decoded(line: bytes) -> str:

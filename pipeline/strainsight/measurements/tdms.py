@@ -1,4 +1,4 @@
-"""Channels of a TDMS file: found, scaled, on the clock of their waveform. Read in a child process, see daq_file.py."""
+"""Channels of a TDMS file: found, scaled, on the clock of their waveform. Read in a child process, see reader.py."""
 
 from __future__ import annotations
 
@@ -10,25 +10,16 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers, one_unit
-from strainsight.measurements.records import plain
-from strainsight.measurements.sandbox import DAMAGED, Signals
+from strainsight.measurements.assemble import Place, check_one_clock, chosen, numbers
+from strainsight.measurements.records import DAMAGED, Signals, one_unit, plain
 
 _UNITS = ("unit_string", "NI_UnitDescription", "unit", "Unit", "units")
 """Properties that hold a unit: of DAQmx and DIAdem, and what people write."""
 _SCALE_TYPE = re.compile(r"NI_Scale\[\d+\]_Scale_Type")
-_SCALES = [
-    "Add",
-    "AdvancedAPI",
-    "Linear",
-    "Polynomial",
-    "RTD",
-    "Strain",
-    "Subtract",
-    "Table",
-    "Thermistor",
-    "Thermocouple",
-]
+_SCALES = (
+    *("Add", "AdvancedAPI", "Linear", "Polynomial", "RTD", "Strain", "Subtract", "Table", "Thermistor"),
+    *("Thermocouple",),
+)
 """Those that npTDMS applies."""
 
 

@@ -12,8 +12,8 @@ from typing import BinaryIO
 
 import numpy as np
 
-from strainsight.errors import UserError, did_you_mean
-from strainsight.measurements.records import Recording, decoded, opened, plain, time_factor
+from strainsight.errors import UserError
+from strainsight.measurements.records import Recording, decoded, missing, opened, plain, time_factor
 
 DAMAGED = "export the file again: it was cut short or altered"
 HEADER = 11
@@ -346,13 +346,7 @@ def _chosen(name: str, known: Mapping[str, list[Function]], path: Path) -> Funct
             remedy="ask for them by their id lines, or give each its own node and direction",
         )
     first = [function.names[-1] for functions in known.values() for function in functions[:1]]
-    raise UserError(
-        f"no function {name!r}",
-        where=str(path),
-        remedy=did_you_mean(
-            name, known, f"it has {', '.join(map(plain, dict.fromkeys(first[:20])))}" if known else "it has none"
-        ),
-    )
+    raise missing("function", name, known, str(path), first)
 
 
 def _read(file: BinaryIO, path: Path, function: Function, time_unit: str | None) -> tuple[np.ndarray, np.ndarray]:

@@ -56,10 +56,6 @@ class Orientation:
         """Axes (n, 3, 3), one in a column, at positions (n, 3) [m]; on the axis of a cylinder those that define it."""
         return np.asarray(local_axes(position, self.system)[0] @ self.turn)
 
-    def resized(self, length: float) -> Orientation:
-        """In other units of length, or of another size about the origin."""
-        return replace(self, system=replace(self.system, origin=self.system.origin * length))
-
 
 def orthotropic(moduli: Sequence[float], ratios: Sequence[float], shear: Sequence[float]) -> FloatArray:
     """C (6, 6) of engineering constants: moduli E₁, E₂, E₃, ratios ν₁₂, ν₁₃, ν₂₃, shear moduli G₁₂, G₁₃, G₂₃, all of these > 0:
@@ -188,8 +184,3 @@ class CompositeSolid:
         cut = np.diff(np.clip(self.ends, low, high))
         parts = zip(self.layers, cut.tolist(), strict=True)
         return replace(self, layers=tuple(replace(own, thickness=share) for own, share in parts if share > 1e-12))
-
-    def resized(self, length: float) -> CompositeSolid:
-        """In other units of length, or of another size about the origin; thicknesses are relative, and stay."""
-        layers = (replace(own, orientation=own.orientation.resized(length)) for own in self.layers)
-        return replace(self, layers=tuple(layers))

@@ -10,7 +10,6 @@ import numpy as np
 from strainsight.errors import DeckError
 from strainsight.mesh.model import CellBlock, Mesh
 from strainsight.mesh.node_order import plate_normals
-from strainsight.mesh.scaling import resized
 from strainsight.mesh.thin import (
     CORNERS,
     SHELL_KINDS,
@@ -20,6 +19,7 @@ from strainsight.mesh.thin import (
     ShellBlock,
     ShellSection,
 )
+from strainsight.mesh.units import rescaled
 
 LINE, LINE3 = "line2", "line3"
 """Kinds of the lines that become beams or rods; triangles and quadrangles have the names of shells."""
@@ -50,7 +50,7 @@ class GivenSection:
 
     def resized(self, length: float, mass: float) -> GivenSection:
         """With lengths and masses multiplied."""
-        return replace(self, section=resized(self.section, length, mass), offset=self.offset * length)
+        return replace(self, section=rescaled(self.section, length, mass), offset=self.offset * length)
 
 
 def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, GivenSection]) -> Mesh:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Annotated
 
@@ -176,6 +177,19 @@ class Springs:
 
     def __str__(self) -> str:
         return self.name
+
+
+def spring_between(name: str, stiffness: float, ends: Sequence[tuple[int, int, FloatArray]]) -> Springs:
+    """One spring; ends: node, 0 for its motions or 3 for its rotations, and the elongation (3,) for a unit of each of these."""
+    node, first, value = zip(*ends, strict=True)
+    return Springs(
+        name,
+        np.array([stiffness]),
+        np.zeros(3 * len(ends), dtype=np.int64),
+        np.repeat(node, 3).astype(np.int64),
+        np.concatenate([component + np.arange(3) for component in first]),
+        np.concatenate(value),
+    )
 
 
 @dataclass(frozen=True)

@@ -1,19 +1,19 @@
-"""Units of a deck and their conversion to SI; the unit of time is always the second."""
+"""Units of a deck, their conversion to SI, and a structure of another size; the unit of time is always the second."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import is_dataclass, replace
 from difflib import get_close_matches
 from itertools import product
+from typing import Any, TypeVar, cast
 
 import numpy as np
 
+from strainsight.columns import columns_of
 from strainsight.errors import UserError
-from strainsight.mesh.joins import Springs
+from strainsight.mesh.joins import PointMass, Relation, Springs
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.scaling import relations_resized, resized_matrix, with_thin_resized
-from strainsight.mesh.thin import GeneralShell, scaled
 
 LENGTH: Mapping[str, float] = {
     "m": 1.0,
@@ -62,68 +62,100 @@ def _factor(unit: str, table: Mapping[str, float], key: str) -> float:
     )
 
 
+POWERS: Mapping[str, tuple[int, int, int]] = {
+    "m": (1, 0, 0),
+    "m^2": (2, 0, 0),
+    "m^4": (4, 0, 0),
+    "kg": (0, 1, 0),
+    "kg/m": (-1, 1, 0),
+    "kg/m^2": (-2, 1, 0),
+    "kg/m^3": (-3, 1, 0),
+    "kg m^2": (2, 1, 0),
+    "Pa": (0, 0, 1),
+    "N": (2, 0, 1),
+    "N m": (3, 0, 1),
+}
+"""Unit of a `Column` → powers of length, mass and pressure; N/m is pressure times length."""
+PHYSICAL = (
+    *("materials", "laminae", "anisotropic", "orientations", "composites", "sections"),
+    *("shells", "beams", "relations", "point_masses", "springs"),
+)
+"""Fields of a mesh that hold quantities."""
+T = TypeVar("T")
+
+
+def rescaled(value: T, length: float = 1.0, mass: float = 1.0, pressure: float = 1.0) -> T:
+    """A part of a mesh, or a tuple or mapping of such, whose quantities are multiplied by the factors of their units (`Column`).
+
+    A relation Σ c u + Σ d θ = 0 has u' = L u and θ' = θ: d becomes L d, and so does what a rotation stretches a spring by. A mass
+    matrix on translations and rotations becomes [M, M L; M L, M L²]. Ratios, angles and directions stay.
+    """
+
+    def factor(unit: str) -> float:
+        l, m, p = POWERS[unit]
+        scale = mass**m * pressure**p
+        return scale * length**l if l >= 0 else scale / length**-l
+
+    def changed(value: Any) -> Any:
+        if isinstance(value, Mapping):
+            return {key: changed(each) for key, each in value.items()}
+        if isinstance(value, tuple):
+            return tuple(changed(each) for each in value)
+        if not is_dataclass(value):
+            return value
+        changes: dict[str, Any] = {}
+        for name, (_, column) in columns_of(type(value)).items():  # type: ignore[arg-type]
+            quantity = getattr(value, name)
+            if quantity is None or column is None or column.unit not in POWERS:
+                changes[name] = changed(quantity) if is_dataclass(quantity) or isinstance(quantity, tuple) else quantity
+            else:
+                by = factor(column.unit)
+                changes[name] = tuple(by * each for each in quantity) if isinstance(quantity, tuple) else by * quantity
+        if isinstance(value, Relation):
+            changes["value"] = value.value * np.where(value.component > 2, length, 1.0)
+        elif isinstance(value, Springs):
+            arms = (value.component > 2) & ~value.torsion[value.spring]
+            changes["value"] = value.value * np.where(arms, length, 1.0)
+            changes["stiffness"] = value.stiffness * np.where(value.torsion, factor("N m"), pressure * length)
+        elif isinstance(value, PointMass) and value.matrix is not None:
+            arm = np.repeat([1.0, length], 3)
+            changes["matrix"] = mass * arm[:, None] * value.matrix * arm
+        return replace(value, **changes)  # type: ignore[type-var]
+
+    return cast(T, changed(value))
+
+
+def _rescaled_mesh(mesh: Mesh, length: float, mass: float, pressure: float) -> Mesh:
+    """All but its loads."""
+    parts: dict[str, Any] = {name: rescaled(getattr(mesh, name), length, mass, pressure) for name in PHYSICAL}
+    return replace(mesh, position=length * mesh.position, **parts)
+
+
+def scaled(mesh: Mesh, s: float) -> Mesh:
+    """The structure s times as large, of the same material: x → s x, sections too, point masses m → s³ m, their inertia → s⁵.
+
+    Stiffness grows with s, that of springs too, mass with s³, frequencies fall with 1/s. Forces of the file stay as they are.
+    """
+    return mesh if s == 1.0 else _rescaled_mesh(mesh, s, s**3, 1.0)
+
+
 def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
     """A mesh in deck units → in m, kg, s.
 
         x [L],   m [M],   E [M/(L s²)],   ρ [M/L³],   I [M L²],   f [M L/s²],   moments [M L²/s²],   a [L/s²],   k [M/s², M L²/s²]
 
-    and sections of shells and beams as `resized` has them; what multiplies a rotation in a relation is a length.
     So millimetres go with tonnes where moduli are in MPa. Weights of averaging elements are ratios and stay.
     Raises UserError for an unknown unit.
     """
     L, M = length_factor(length_unit), mass_factor(mass_unit)
-    materials = {
-        i: replace(m, youngs_modulus=m.youngs_modulus * M / L, density=m.density * M / L**3)
-        for i, m in mesh.materials.items()
-    }
-    laminae = {i: scaled(own, M / L, M / L**3) for i, own in mesh.laminae.items()}
-    anisotropic = {
-        i: replace(own, stiffness=own.stiffness * M / L, density=own.density * M / L**3)
-        for i, own in mesh.anisotropic.items()
-    }
-    masses = tuple(
-        replace(
-            point,
-            mass=point.mass * M,
-            offset=point.offset * L,
-            inertia=point.inertia * M * L**2,
-            matrix=resized_matrix(point.matrix, L, M),
-        )
-        for point in mesh.point_masses
-    )
-    springs = tuple(_in_si(own, L, M) for own in mesh.springs)
     loads = {
         name: replace(
-            load,
-            force=load.force * M * L,
-            moment=None if load.moment is None else load.moment * M * L**2,
+            rescaled(load, L, M, M / L),
             body=tuple(replace(b, acceleration=b.acceleration * L, centre=b.centre * L) for b in load.body),
         )
         for name, load in mesh.loads.items()
     }
-    sized = with_thin_resized(mesh, L, M)
-    sections = {i: own.stiffer(M / L) if isinstance(own, GeneralShell) else own for i, own in sized.sections.items()}
-    return replace(
-        sized,
-        sections=sections,
-        position=mesh.position * L,
-        materials=materials,
-        laminae=laminae,
-        anisotropic=anisotropic,
-        orientations={i: own.resized(L) for i, own in mesh.orientations.items()},
-        composites={i: own.resized(L) for i, own in mesh.composites.items()},
-        relations=relations_resized(mesh, L),
-        point_masses=masses,
-        springs=springs,
-        loads=loads,
-    )
-
-
-def _in_si(own: Springs, L: float, M: float) -> Springs:
-    """A force is k s; what a rotation stretches a spring by, r θ, is a length."""
-    arms = (own.component > 2) & ~own.torsion[own.spring]
-    stiffness = own.stiffness * np.where(own.torsion, M * L**2, M)
-    return replace(own, stiffness=stiffness, value=own.value * np.where(arms, L, 1.0))
+    return replace(_rescaled_mesh(mesh, L, M, M / L), loads=loads)
 
 
 LIKELY_MODULUS = (1e9, 6e11)

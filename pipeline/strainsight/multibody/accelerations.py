@@ -8,13 +8,12 @@ import numpy as np
 from scipy.linalg.lapack import dgecon, dgetrf, dgetrs
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.bodies import Carried, Frame, cross_matrix
+from strainsight.multibody.bodies import Carried, Frame, cross_matrix, inertia_load
 from strainsight.multibody.compiled.arrays import compiled
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED, natural_equations
 from strainsight.multibody.forces import Gravity, Load
-from strainsight.multibody.inertia import inertia_load
 from strainsight.multibody.joints import Driven, DrivenRelation, Joint, driven_of
-from strainsight.multibody.laws.actuators import TurningGravity
+from strainsight.multibody.laws import TurningGravity
 from strainsight.multibody.relations import Relation, relation_bends, relation_rows
 from strainsight.multibody.sensors import Felt, Readings
 from strainsight.multibody.system import Element, System
@@ -47,24 +46,29 @@ def balance(
     system: System,
     q: np.ndarray,
     v: np.ndarray,
-    a: np.ndarray,
-    mu: np.ndarray,
-    lam: np.ndarray,
     u: np.ndarray,
     theta: np.ndarray,
+    *,
+    a: np.ndarray | None = None,
+    lam: np.ndarray | None = None,
+    mu: np.ndarray | None = None,
     tangents: bool = True,
 ) -> Balance:
-    """All terms at once, without tangents no stiffness and no damping;
-    q, v, a (n,), mu, lam (m,), u (nu,), theta (nθ,).
+    """All terms at once, without tangents no stiffness and no damping; q, v, a (n,), u (nu,), theta (nθ,), lam, mu (m,); what is
+    left out is zero.
 
     Every force but the moment is conjugate to relations ρ: f = ∇ρᵀF with F = −u for an input, −1 for the weight, F(ρ, ρ̇, θ)
     for an element, ρ̇ = ∇ρ v; ∂f/∂q = ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ vᵀ∇²ρ) + Σ F ∇²ρ, ∂f/∂v = ∇ρᵀ ∂F/∂ρ̇ ∇ρ.
     """
-    q, v, a, mu, lam, u, theta = (np.ascontiguousarray(x, dtype=float) for x in (q, v, a, mu, lam, u, theta))
-    m, own = system.constrained, compiled(system)
-    point = own.at(system, theta)._replace(u=u)
-    state, t = natural_equations(own.natural, point, theta, np.zeros(own.memory), q, v, a, mu, lam, tangents)
-    if state == BROKEN and (failure := own.failure()):
+    m, arrays = system.constrained, compiled(system)
+    q, v, u, theta = (np.ascontiguousarray(x, dtype=float) for x in (q, v, u, theta))
+    a, lam, mu = (
+        np.zeros(size) if x is None else np.ascontiguousarray(x, dtype=float)
+        for x, size in ((a, system.size), (lam, m), (mu, m))
+    )
+    point = arrays.at(system, theta)._replace(u=u)
+    state, t = natural_equations(arrays.natural, point, np.zeros(arrays.memory), q, v, a, mu, lam, tangents)
+    if state == BROKEN and (failure := arrays.failure()):
         raise failure
     if state != SOLVED:
         rho, G, _ = relation_rows(system.products, q, v)
@@ -98,10 +102,7 @@ def element_load(element: Element, rho: np.ndarray, rho_dot: np.ndarray, theta: 
     """Of an element's relations, ρ and ρ̇ (k,), from θ (nθ,) and u of the system. Raises NumericalError that names the element."""
     force = element.force
     try:
-        own = theta[element.parameters]
-        if len(element.inputs):
-            own = np.concatenate([own, u[element.inputs]])
-        return force.law.load(rho, rho_dot, own)
+        return force.law.load(rho, rho_dot, np.concatenate([theta[element.parameters], u[element.inputs]]))
     except NumericalError as error:
         raise NumericalError(f"{force.name}: {error.what}", remedy=error.remedy) from error
 
@@ -190,21 +191,20 @@ def instant_slopes(
     u: np.ndarray,
     theta: np.ndarray,
     p_second: np.ndarray,
-    found: Instant,
+    now: Instant,
 ) -> InstantSlopes:
-    """Of both rows of (1.3) as they are solved for (v̇, λ), off the constraints, too:
+    """Of the instant, by both rows of (1.3) as they are solved for (v̇, λ), off the constraints, too:
 
     [M  −Bᵀ] [∂v̇]     [∂(M v̇ + c + f − Bᵀλ)                      ]
     [B   0 ] [∂λ] = − [∂(B v̇ + B_rate v + …) = ∂φ̈,  ∂φ̈/∂v = 2 B_rate]
     """
     n, m, d = system.size, system.constrained, system.metric
     _, A, s, _ = _equations(system, q, v, u, theta, p_second)
-    a, none = found.acceleration, np.zeros(m)
-    at = balance(system, q, v, a, none, found.lam, u, theta)
+    at = balance(system, q, v, u, theta, a=now.acceleration, lam=now.lam)
     by_u, by_theta = input_slopes(system, at, q), parameter_slopes(system, at, q, v)
     upper = np.hstack([at.stiffness, at.damping, by_u, by_theta]) / d[:, None]
     lower = np.zeros((m, upper.shape[1]))
-    lower[:, :n], lower[:, n : 2 * n] = _bends(system, at, q, v, a, u, p_second), 2 * at.B_rate
+    lower[:, :n], lower[:, n : 2 * n] = _bends(system, at, q, v, now.acceleration, u, p_second), 2 * at.B_rate
     z = _solved(A, -np.vstack([upper, s[:, None] * lower]))[:n] / d[:, None]
     return InstantSlopes(*np.split(z, np.cumsum([n, n, by_u.shape[1]]), axis=1))
 
@@ -215,18 +215,18 @@ def _bends(
     """∂φ̈/∂q (m, n); of a driven angle φ̈ = cos p ρ̈ − sin p ρ̈' + 2ṗ φ̇_p + p̈ φ_p − ṗ² φ, with ρ̇ for ρ in φ̇_p."""
     drives, m = system.drives, system.constrained
     whole = relation_bends(system.products, q, v, a)
-    found = whole[:m].copy()
+    bends = whole[:m].copy()
     if at.driven is None:
-        return found
+        return bends
     rate = relation_rows(system.products, q, v)[2]
     p, p_rate = u[drives.at : drives.at + len(drives.names)], u[drives.at + len(drives.names) :]
     for i, (row, across, k) in enumerate(zip(drives.row, drives.across, drives.which, strict=True)):
         if across < 0:
             continue  # neither p nor its square stands beside q
         c, s = np.cos(p[k]), np.sin(p[k])
-        found[row] = c * whole[row] - s * whole[across] - 2 * p_rate[k] * (s * rate[row] + c * rate[across])
-        found[row] += p_second[k] * at.driven.gradient[i] - p_rate[k] ** 2 * at.B[row]
-    return found
+        bends[row] = c * whole[row] - s * whole[across] - 2 * p_rate[k] * (s * rate[row] + c * rate[across])
+        bends[row] += p_second[k] * at.driven.gradient[i] - p_rate[k] ** 2 * at.B[row]
+    return bends
 
 
 def _equations(
@@ -234,8 +234,7 @@ def _equations(
 ) -> tuple[Balance, np.ndarray, np.ndarray, np.ndarray]:
     """Balance without accelerations; matrix (n + m square) and right-hand side of `instant` for (D v̇, λ/s), s (m,)."""
     n, m, d, drives = system.size, system.constrained, system.metric, system.drives
-    none = np.zeros(m)
-    at = balance(system, q, v, np.zeros(n), none, none, u, theta, tangents=False)
+    at = balance(system, q, v, u, theta, tangents=False)
     bend = at.B_rate @ v
     if at.driven is not None:
         p_rate = u[drives.at + len(drives.names) :]

@@ -25,9 +25,15 @@ class Tangent:
     at: Balance
     scale: float
 
-    def project(self, X: np.ndarray) -> np.ndarray:
-        """TᵀXT (r, r)."""
-        return self.T.T @ X @ self.T
+    @property
+    def matrices(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """M, C, K (r, r): TᵀXT of mass, damping and stiffness."""
+        M, C, K = (self.T.T @ X @ self.T for X in (self.at.mass, self.at.damping, self.at.stiffness))
+        return M, C, K
+
+    def pushes(self, slopes: np.ndarray) -> np.ndarray:
+        """−Tᵀ ∂f (r, k) of slopes ∂f (n, k)."""
+        return np.asarray(-self.T.T @ slopes)
 
 
 def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> Tangent:
@@ -35,15 +41,13 @@ def tangent_space(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, t
 
     The stiffness is K_T − Σ λ ∇²φ, K_T the tangent of all forces, λ the constraint forces that balance them best.
     """
-    n, m = system.size, system.constrained
-    zero = np.zeros(n)
-    at = balance(system, q, v, zero, np.zeros(m), np.zeros(m), u, theta)
     d = system.metric
+    at = balance(system, q, v, u, theta)
     scale = float(np.linalg.norm(at.stiffness / np.outer(d, d)))
-    N = np.eye(n)
-    if m:
+    N = np.eye(system.size)
+    if system.constrained:
         N, lam = _held(at.B / d, at.load / d)
-        held = balance(system, q, v, zero, np.zeros(m), lam, u, theta)
+        held = balance(system, q, v, u, theta, lam=lam)
         scale += float(np.linalg.norm((held.stiffness - at.stiffness) / np.outer(d, d)))
         at = held
     return Tangent(N / d[:, None], at, scale)
@@ -100,8 +104,8 @@ class CoupledModes:
     @property
     def damping(self) -> np.ndarray:
         """Damping ratios (r,) of the modes by themselves, 0 where there is no frequency."""
-        own, omega = np.diag(self.C), np.sqrt(np.maximum(self.squares, 0.0))
-        return np.divide(own, 2 * omega, out=np.zeros(len(own)), where=omega > 0)
+        omega = np.sqrt(np.maximum(self.squares, 0.0))
+        return np.divide(np.diag(self.C), 2 * omega, out=np.zeros(len(omega)), where=omega > 0)
 
     @property
     def A(self) -> np.ndarray:
@@ -112,23 +116,22 @@ class CoupledModes:
     @property
     def eigenvalues(self) -> np.ndarray:
         """Of A (2r,) complex [1/s], by their size."""
-        found = np.linalg.eigvals(self.A) if len(self.squares) else np.zeros(0, dtype=complex)
-        return found[np.lexsort((found.imag, found.real, np.round(np.abs(found), 12)))]
+        values = np.linalg.eigvals(self.A) if len(self.squares) else np.zeros(0, dtype=complex)
+        return values[np.lexsort((values.imag, values.real, np.round(np.abs(values), 12)))]
 
 
 def coupled_modes(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray) -> CoupledModes:
     """Of the system held where it is; q (n,) on the constraints, v only sets the forces that depend on it."""
-    found = tangent_space(system, q, v, u, theta)
-    M, C, K = (found.project(X) for X in (found.at.mass, found.at.damping, found.at.stiffness))
-    force = -found.T.T @ input_slopes(system, found.at, np.asarray(q, dtype=float))
+    tangent = tangent_space(system, q, v, u, theta)
+    M, C, K = tangent.matrices
+    force = tangent.pushes(input_slopes(system, tangent.at, np.asarray(q, dtype=float)))
     if not len(M):
-        none = np.zeros((0, 0))
-        return CoupledModes(found.T, np.zeros(0), none, none, np.zeros((0, force.shape[1])))
+        return CoupledModes(tangent.T, np.zeros(0), C, K, force)
     squares, V = eigh(0.5 * (K + K.T), 0.5 * (M + M.T))
-    squares = np.where(np.abs(squares) > ROUNDING * system.size * np.finfo(float).eps * found.scale, squares, 0.0)
+    squares = np.where(np.abs(squares) > ROUNDING * system.size * np.finfo(float).eps * tangent.scale, squares, 0.0)
     turning = 0.5 * (K - K.T)
-    K = np.diag(squares) + (V.T @ turning @ V if np.abs(turning).max() > 1e-12 * found.scale else 0.0)
-    return CoupledModes(found.T @ V, squares, V.T @ C @ V, K, V.T @ force)
+    K = np.diag(squares) + (V.T @ turning @ V if np.abs(turning).max() > 1e-12 * tangent.scale else 0.0)
+    return CoupledModes(tangent.T @ V, squares, V.T @ C @ V, K, V.T @ force)
 
 
 def growth(system: System, modes: CoupledModes) -> tuple[float, str]:

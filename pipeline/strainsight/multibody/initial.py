@@ -63,16 +63,11 @@ def state(system: System, poses: Mapping[str, Pose]) -> tuple[np.ndarray, np.nda
     return q, v
 
 
-def constraints_at(system: System, q: np.ndarray, u: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
-    """φ (m,), B (m, n); u: the loads with p and ṗ behind them, of a system with driven joints."""
-    phi, B, _ = moving_constraints(system, q, u)
-    return phi, B
-
-
-def moving_constraints(
+def constraints_at(
     system: System, q: np.ndarray, u: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """φ (m,), B (m, n) and φ_t (m,), the rate of φ at rest."""
+    """φ (m,), B (m, n) and φ_t (m,), the rate of φ at rest; u: the loads with p and ṗ behind them, of a system with driven
+    joints."""
     rho, G, *_ = relation_rows(system.products, q, np.zeros_like(q))
     m = system.constrained
     if not system.drives.names:
@@ -87,11 +82,11 @@ def moving_constraints(
 def driven_slopes(system: System, q: np.ndarray, u: np.ndarray) -> list[tuple[str, float]]:
     """Drive and φ_p of every driven angle: −1 where the angle is p, 1 where it is p + π."""
     rho, G, *_ = relation_rows(system.products, q, np.zeros_like(q))
-    found, drives = drive(system.drives, system.constrained, u, rho, G), system.drives
-    if found is None:
+    driven, drives = drive(system.drives, system.constrained, u, rho, G), system.drives
+    if driven is None:
         return []
     angles = drives.power == 0
-    return [(drives.names[k], float(own)) for k, own in zip(drives.which[angles], found.slope[angles], strict=True)]
+    return [(drives.names[k], float(own)) for k, own in zip(drives.which[angles], driven.slope[angles], strict=True)]
 
 
 def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
@@ -105,7 +100,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
     if not system.constrained:
         return q
     for _ in range(50):
-        phi, B = constraints_at(system, q, u)
+        phi, B, _ = constraints_at(system, q, u)
         B = B / d
         s = 1 / np.maximum(np.linalg.norm(B, axis=1), np.finfo(float).tiny)
         # pseudo-inverse: redundant joints are no reason to fail, only contradictory ones
@@ -116,7 +111,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
         q += x / d
         if size <= 1e-15 * whole:
             break
-    phi, B = constraints_at(system, q, u)
+    phi, B, _ = constraints_at(system, q, u)
     violation = np.abs(phi) / np.maximum(np.linalg.norm(B / d, axis=1), np.finfo(float).tiny) / np.linalg.norm(d * q)
     if np.max(violation) > 1e-9:
         worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
@@ -132,7 +127,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
 def project_velocity(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> np.ndarray:
     """The nearest v with B(q)v = −φ_t, in the metric of the mass; q (n,) on the constraints; u as in `constraints_at`."""
     d = system.metric
-    _, B, rate = moving_constraints(system, q, u)
+    _, B, rate = constraints_at(system, q, u)
     if not len(B):
         return np.array(v, dtype=float)
     B = B / d
@@ -160,7 +155,7 @@ def nearest_state(
         return q, np.array(v, dtype=float)
     before, per = np.inf, 1 / d
     for _ in range(NEAREST):
-        phi, B, rate = moving_constraints(system, q, u)
+        phi, B, rate = constraints_at(system, q, u)
         across = _factor(B * per)
         if across is None:
             break
@@ -207,7 +202,7 @@ def _across(B: _Across, value: np.ndarray) -> np.ndarray:
 def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> None:
     """Raise InfeasibleError naming the constraints that a state breaks, φ(q) ≠ 0 or B(q)v ≠ −φ_t, beside its own size."""
     d = system.metric
-    phi, B, rate = moving_constraints(system, q, u)
+    phi, B, rate = constraints_at(system, q, u)
     if not len(phi):
         return
     lengths = np.maximum(np.linalg.norm(B / d, axis=1), np.finfo(float).tiny)
@@ -228,13 +223,12 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
 
     Pivoted QR of the joints' gradients after those of the rigid motions, unit rows in the metric of the mass.
     """
-    d = system.metric
-    _, B = constraints_at(system, q, u)
+    d, rigid = system.metric, system.rigid
+    _, B, _ = constraints_at(system, q, u)
     if not len(B):
         return
     B = B / d
     norms = np.linalg.norm(B, axis=1)
-    rigid = 6 * sum(moves(body) for body in system.bodies)
     idle = [system.constraints[i] for i in range(len(B)) if norms[i] <= DEPENDENT * norms.max()]
     heavy = np.flatnonzero(norms[:rigid] <= DEPENDENT * norms.max())
     if len(heavy):
@@ -266,11 +260,9 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
         mass = mass_at(system, q) / np.outer(d, d)
         values, vectors = np.linalg.eigh(null.T @ mass @ null)
         if values[0] < 1e-10 * values[-1]:
-            motion = np.abs(null @ vectors[:, 0])
-            name = max(system.of, key=lambda body: float(np.max(motion[system.of[body]])))
             raise InfeasibleError(
-                f"body {name} can move without moving any mass (least eigenvalue of the mass on the free motions "
-                f"{values[0] / values[-1]:.1e} of the largest)",
+                f"body {system.most_in(null @ vectors[:, 0])} can move without moving any mass (least eigenvalue of the mass on "
+                f"the free motions {values[0] / values[-1]:.1e} of the largest)",
                 remedy="give it the missing inertia, or hold that motion with a joint",
             )
 
@@ -279,12 +271,12 @@ def _dependence(system: System, T: np.ndarray, order: np.ndarray, rank: int) -> 
     """What to say of columns beyond the rank: which they are, and on which others each depends."""
     names = system.constraints
     shares = np.linalg.solve(T[:rank, :rank], T[:rank, rank:])
-    found = []
+    dependent = []
     for k, share in zip(order[rank:], shares.T, strict=True):
         others = [names[order[i]] for i in np.argsort(-np.abs(share)) if abs(share[i]) > 1e-6][:4]
-        found.append(f"{names[k]} follows from {', '.join(others) or 'the rigidity of the bodies'}")
-    listed = "; ".join(found[:6])
-    return f"{len(found)} of {len(names)} constraints are redundant in this configuration: {listed}"
+        dependent.append(f"{names[k]} follows from {', '.join(others) or 'the rigidity of the bodies'}")
+    listed = "; ".join(dependent[:6])
+    return f"{len(dependent)} of {len(names)} constraints are redundant in this configuration: {listed}"
 
 
 ITERATIONS = 200
@@ -314,8 +306,8 @@ def static_equilibrium(
     """
     q, u, theta = np.array(q, dtype=float), np.asarray(u, dtype=float), np.asarray(theta, dtype=float)
     d, m, n = system.metric, system.constrained, system.size
-    zero, lam = np.zeros(n), np.zeros(m)
-    at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta)
+    still, lam = np.zeros(n), np.zeros(m)
+    at = balance(system, q, still, u, theta)
     K, B, s = in_the_metric(at, d)
     if m:
         lam = np.linalg.lstsq(B.T, at.load / d, rcond=None)[0] * s
@@ -323,7 +315,7 @@ def static_equilibrium(
     before, shift, whole, good = np.inf, NEAR * stiffness if near else stiffness, 1.0, (q, lam)
     for _ in range(ITERATIONS):
         try:
-            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta)
+            at = balance(system, q, still, u, theta, lam=lam)
         except NumericalError:
             # a force that cannot be had at a trial state: go there in smaller steps
             shift = max(10 * shift, 1e-3 * stiffness)
@@ -350,7 +342,7 @@ def static_equilibrium(
         if shift < 1e-10 * stiffness and (
             size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before)
         ):
-            at = balance(system, q, zero, zero, np.zeros(m), lam, u, theta)
+            at = balance(system, q, still, u, theta, lam=lam)
             refuse_free(system, *in_the_metric(at, d)[:2])
             return q, lam
         shift *= 0.2 if size < before or size < ROUNDING * whole else 2.0
@@ -375,9 +367,8 @@ def refuse_free(system: System, K: np.ndarray, B: np.ndarray) -> None:
         return
     _, sigma, V = np.linalg.svd(null.T @ K @ null)
     if sigma[-1] < FREE * max(sigma[0], np.finfo(float).tiny):
-        motion = np.abs(null @ V[-1])
-        name = max(system.of, key=lambda body: float(np.max(motion[system.of[body]])))
+        share = sigma[-1] / max(sigma[0], 1e-300)
         raise InfeasibleError(
-            f"nothing holds body {name} in one motion (stiffness {sigma[-1] / max(sigma[0], 1e-300):.1e} of the largest)",
+            f"nothing holds body {system.most_in(null @ V[-1])} in one motion (stiffness {share:.1e} of the largest)",
             remedy="hold that motion with a joint or a spring",
         )

@@ -269,20 +269,23 @@ def driven_distance(name: str, i: Frame, j: Frame) -> Joint:
 
 
 JOINTS: Mapping[str, Callable[..., Joint]] = {
-    "spherical": spherical,
-    "revolute": revolute,
-    "prismatic": prismatic,
-    "cylindrical": cylindrical,
-    "universal": universal,
-    "pin": pin,
-    "fixed": fixed,
-    "coincidence": coincidence,
-    "perpendicular": perpendicular,
-    "distance": distance,
-    "generic": generic,
-    "driven_angle": driven_angle,
-    "driven_displacement": driven_displacement,
-    "driven_distance": driven_distance,
+    joint.__name__: joint
+    for joint in (
+        spherical,
+        revolute,
+        prismatic,
+        cylindrical,
+        universal,
+        pin,
+        fixed,
+        coincidence,
+        perpendicular,
+        distance,
+        generic,
+        driven_angle,
+        driven_displacement,
+        driven_distance,
+    )
 }
 """The joints under the names that a config has for them: (name of the joint, first frame, second frame, the keys of its
 section) → joint."""

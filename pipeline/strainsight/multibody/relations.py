@@ -93,6 +93,27 @@ class Relations(NamedTuple):
     feels: np.ndarray
 
 
+class Vectors(NamedTuple):
+    """Carried vectors at a state: b (nc, 3), its rate, J (nc, 3, ·) = ∂b and its rate by the coordinates of its body; turned
+    (nc, 3): R(c + Cη) in minimal coordinates."""
+
+    b: np.ndarray
+    rate: np.ndarray
+    J: np.ndarray
+    J_rate: np.ndarray
+    turned: np.ndarray
+
+
+class Values(NamedTuple):
+    """Relations at a state: ρ, ρ̇ (nr,), ∇ρ and ∂ρ̇ under q alone (nr, nt), their two vectors x (nr, 2, 3)."""
+
+    rho: np.ndarray
+    rho_dot: np.ndarray
+    g: np.ndarray
+    g_rate: np.ndarray
+    x: np.ndarray
+
+
 class Products(NamedTuple):
     """Relations over natural coordinates; body (nb, 6): whether it moves, its first natural coordinate, its first one in the
     equations, modes, where its inertia begins (−1: it is constant), number of coordinates in the equations."""
@@ -144,10 +165,8 @@ def _key(b: Carried) -> Key:
 
 
 @joined
-def carried_vectors(
-    r: Relations, body: np.ndarray, q: np.ndarray, v: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """b (nc, 3), its rate, its Jacobian (nc, 3, 12 + k) by the natural coordinates of its body, and the rate of that."""
+def carried_vectors(r: Relations, body: np.ndarray, q: np.ndarray, v: np.ndarray) -> Vectors:
+    """In natural coordinates, J (nc, 3, 12 + k)."""
     nc, most = len(r.t), r.C.shape[2]
     b, rate = np.zeros((nc, 3)), np.zeros((nc, 3))
     J, J_rate = np.zeros((nc, 3, 12 + most)), np.zeros((nc, 3, 12 + most))
@@ -178,26 +197,18 @@ def carried_vectors(
                 for k in range(n):
                     J[i, a, 12 + k] += q[R] * r.C[i, beta, k]
                     J_rate[i, a, 12 + k] += v[R] * r.C[i, beta, k]
-    return b, rate, J, J_rate
+    return Vectors(b, rate, J, J_rate, b)
 
 
 @joined
-def rows(
-    r: Relations,
-    body: np.ndarray,
-    b: np.ndarray,
-    rate: np.ndarray,
-    J: np.ndarray,
-    Jr: np.ndarray,
-    rho: np.ndarray,
-    rho_dot: np.ndarray,
-    g: np.ndarray,
-    gr: np.ndarray,
-    x: np.ndarray,
-) -> None:
-    """ρ, ρ̇ (nr,), its two vectors x (nr, 2, 3); ∇ρ, ∂ρ̇ under q alone (nr, nt), given as zeros; gr (0, nt): that one not."""
-    xr, moving = np.empty((2, 3)), len(gr) > 0
-    for row in range(len(rho)):
+def rows(r: Relations, body: np.ndarray, vectors: Vectors, size: int, moving: bool) -> Values:
+    """Of carried vectors and so many coordinates, without ∂ρ̇ (0, size) unless moving."""
+    b, rate, J, Jr, _ = vectors
+    nr = len(r.value)
+    rho, rho_dot, x, xr = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3)), np.empty((2, 3))
+    # an element may have rows that feel different bodies
+    g, gr = np.zeros((nr, size)), np.zeros((nr if moving else 0, size))
+    for row in range(nr):
         for a in range(3):
             x[row, 0, a] = x[row, 1, a] = xr[0, a] = xr[1, a] = 0.0
         for p in range(4):
@@ -223,30 +234,29 @@ def rows(
             for k in range(width if moving else 0):
                 gr[row, t0 + k] += J[i, 0, k] * r0 + J[i, 1, k] * r1 + J[i, 2, k] * r2
                 gr[row, t0 + k] += Jr[i, 0, k] * f0 + Jr[i, 1, k] * f1 + Jr[i, 2, k] * f2
+    return Values(rho, rho_dot, g, gr, x)
 
 
 @kept()
 def relation_rows(p: Products, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """ρ (nr,), ∇ρ (nr, n), and its rate d/dt ∇ρ = vᵀ∇²ρ (nr, n)."""
-    nr, n = len(p.relations.value), len(q)
-    b, rate, J, J_rate = carried_vectors(p.relations, p.body, q, v)
-    rho, rho_dot, x = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3))
-    g, g_rate = np.zeros((nr, n)), np.zeros((nr, n))
-    rows(p.relations, p.body, b, rate, J, J_rate, rho, rho_dot, g, g_rate, x)
-    return rho, g, g_rate
+    # no literal, for which numba would compile `rows` a second time
+    moving = len(q) > 0
+    values = rows(p.relations, p.body, carried_vectors(p.relations, p.body, q, v), len(q), moving)
+    return values.rho, values.g, values.g_rate
 
 
 @kept()
 def relation_bends(p: Products, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> np.ndarray:
     """∂ρ̈/∂q (nr, n), ρ̈ = ∇ρ a + vᵀ∇²ρ v for coordinates that move with v and a; ∂ρ̈/∂v is 2 vᵀ∇²ρ, ∂ρ̈/∂a is ∇ρ."""
     r, body = p.relations, p.body
-    b, rate, J, J_rate = carried_vectors(r, body, q, v)
-    _, second, _, J_second = carried_vectors(r, body, q, a)
+    b, rate, J, J_rate, _ = carried_vectors(r, body, q, v)
+    _, second, _, J_second, _ = carried_vectors(r, body, q, a)
     for i in range(len(b)):
         for k in range(12 * body[r.on[i], 0] + r.felt[i] if r.on[i] >= 0 else 0):
             for c in range(3):
                 second[i, c] += J_rate[i, c, k] * v[body[r.on[i], 1] + k]
-    found = np.zeros((len(r.value), len(q)))
+    bends = np.zeros((len(r.value), len(q)))
     x, x_rate, x_second = np.empty((2, 3)), np.empty((2, 3)), np.empty((2, 3))
     for row in range(len(r.value)):
         x[:], x_rate[:], x_second[:] = 0.0, 0.0, 0.0
@@ -266,5 +276,5 @@ def relation_bends(p: Products, q: np.ndarray, v: np.ndarray, a: np.ndarray) -> 
                 for c in range(3):
                     slope += J_second[i, c, k] * x[other, c] + 2 * J_rate[i, c, k] * x_rate[other, c]
                     slope += J[i, c, k] * x_second[other, c]
-                found[row, body[r.on[i], 1] + k] += r.sign[row, s] * slope
-    return found
+                bends[row, body[r.on[i], 1] + k] += r.sign[row, s] * slope
+    return bends

@@ -1,14 +1,17 @@
-"""A run of steps, all alike or divided until halving them again changes nothing that counts."""
+"""A run of steps of one length or of controlled length, or by Radau collocation of fifth order."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.linalg import LinAlgError, lu_factor, lu_solve
 
 from strainsight.errors import NumericalError
-from strainsight.multibody.initial import check_consistent
+from strainsight.multibody.accelerations import Balance, balance
+from strainsight.multibody.initial import check_consistent, nearest_state
 from strainsight.multibody.step import Advance, Method, advance
 from strainsight.multibody.system import System
 
@@ -52,21 +55,50 @@ def simulate(
     Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails.
     """
     u = np.asarray(u, dtype=float)
-    check_consistent(system, np.asarray(q0, dtype=float), np.asarray(v0, dtype=float), u[0])
-    count = len(u) - 1
-    q, v = np.empty((count + 1, system.size)), np.empty((count + 1, system.size))
-    lam = np.empty((count, system.constrained))
-    q[0], v[0] = q0, v0
     last: Advance | None = None
+
+    def step(k: int, q: np.ndarray, v: np.ndarray) -> State:
+        nonlocal last
+        with at_time(k * h):
+            last = advance(system, q, v, (u[k], u[k + 1]), h, theta, method, last=last)
+        return last.q, last.v, last.stages[-1].lam
+
+    return _run(system, (q0, v0), u, h, step, progress)
+
+
+State = tuple[np.ndarray, np.ndarray, np.ndarray]
+"""q, v (n,), λ (m,)."""
+
+
+def _run(
+    system: System,
+    start: tuple[np.ndarray, np.ndarray],
+    u: np.ndarray,
+    h: float,
+    step: Callable[[int, np.ndarray, np.ndarray], State],
+    progress: Callable[[int], None] | None,
+) -> Trajectory:
+    """The states at 0, h, 2h, … under u (T + 1, nu); step: from k, q, v. Raises InfeasibleError where the start breaks a
+    constraint."""
+    check_consistent(system, *(np.asarray(x, dtype=float) for x in start), u[0])
+    count = len(u) - 1
+    q, v = np.empty((2, count + 1, system.size))
+    lam = np.empty((count, system.constrained))
+    q[0], v[0] = start
     for k in range(count):
-        try:
-            last = advance(system, q[k], v[k], (u[k], u[k + 1]), h, theta, method, last=last)
-        except NumericalError as error:
-            raise NumericalError(f"at t = {k * h:g} s: {error.what}", remedy=error.remedy) from error
-        q[k + 1], v[k + 1], lam[k] = last.q, last.v, last.stages[-1].lam
+        q[k + 1], v[k + 1], lam[k] = step(k, q[k], v[k])
         if progress is not None:
             progress(k + 1)
     return Trajectory(h * np.arange(count + 1), q, v, u, lam)
+
+
+@contextmanager
+def at_time(t: float) -> Iterator[None]:
+    """Say in a NumericalError at which time [s] it was raised."""
+    try:
+        yield
+    except NumericalError as error:
+        raise NumericalError(f"at t = {t:g} s: {error.what}", remedy=error.remedy) from error
 
 
 @dataclass(frozen=True)
@@ -99,17 +131,22 @@ def simulate_controlled(
     tolerance. Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where FINEST parts are not
     enough.
     """
-    check_consistent(system, np.asarray(q0, dtype=float), np.asarray(v0, dtype=float), loads(np.zeros(1))[0])
-    q, v = np.empty((steps + 1, system.size)), np.empty((steps + 1, system.size))
-    lam, parts = np.empty((steps, system.constrained)), np.empty(steps, dtype=int)
-    q[0], v[0] = q0, v0
-    largest, last, n = _sizes(system, q[0]), None, 1
-    heaviest = np.zeros(system.drives.width)
-    for k in range(steps):
+    largest, last, n = _sizes(system, np.asarray(q0, dtype=float)), None, 1
+    heaviest, parts = np.zeros(system.drives.width), np.empty(steps, dtype=int)
+
+    def step(k: int, q: np.ndarray, v: np.ndarray) -> State:
+        nonlocal largest, last, n, heaviest
         heaviest, n = _straight(loads(k * h + h / SAMPLED * np.arange(SAMPLED + 1)), heaviest, n)
 
-        def through(count: int, k: int = k, last: Advance | None = last) -> Advance:
-            return _through(system, q[k], v[k], loads, k * h, h, count, theta, method, last)
+        def through(count: int) -> Advance:
+            """The step in so many equal parts."""
+            own, at = last, (q, v)
+            u = loads(k * h + h / count * np.arange(count + 1))
+            for i in range(count):
+                own = advance(system, *at, (u[i], u[i + 1]), h / count, theta, method, last=own)
+                at = own.q, own.v
+            assert own is not None
+            return own
 
         coarse: Advance | None = None
         while True:
@@ -128,14 +165,12 @@ def simulate_controlled(
                 raise _refused(k * h, h, 2 * n, off, unsolved)
             coarse, n = fine, 2 * n
         assert fine is not None
-        largest = whole
-        q[k + 1], v[k + 1], lam[k], parts[k], last = fine.q, fine.v, fine.stages[-1].lam, 2 * n, fine
+        largest, last, parts[k] = whole, fine, 2 * n
         if EASY * steps * off < tolerance:
             n = max(1, n // 2)
-        if progress is not None:
-            progress(k + 1)
-    u = loads(h * np.arange(steps + 1))
-    return Controlled(Trajectory(h * np.arange(steps + 1), q, v, u, lam), parts)
+        return fine.q, fine.v, fine.stages[-1].lam
+
+    return Controlled(_run(system, (q0, v0), loads(h * np.arange(steps + 1)), h, step, progress), parts)
 
 
 def _straight(u: np.ndarray, heaviest: np.ndarray, parts: int) -> tuple[np.ndarray, int]:
@@ -149,27 +184,6 @@ def _straight(u: np.ndarray, heaviest: np.ndarray, parts: int) -> tuple[np.ndarr
             break
         parts *= 2
     return largest, parts
-
-
-def _through(
-    system: System,
-    q: np.ndarray,
-    v: np.ndarray,
-    loads: Callable[[np.ndarray], np.ndarray],
-    start: float,
-    h: float,
-    parts: int,
-    theta: np.ndarray,
-    method: Method,
-    last: Advance | None,
-) -> Advance:
-    """A step in equal parts."""
-    u = loads(start + h / parts * np.arange(parts + 1))
-    for k in range(parts):
-        last = advance(system, q, v, (u[k], u[k + 1]), h / parts, theta, method, last=last)
-        q, v = last.q, last.v
-    assert last is not None
-    return last
 
 
 def _sizes(system: System, q: np.ndarray) -> np.ndarray:
@@ -186,3 +200,132 @@ def _refused(time: float, h: float, parts: int, off: float, unsolved: NumericalE
         f"at t = {time:g} s the step of {h:g} s is {off:.2g} off in {parts} parts",
         remedy="take a smaller simulate.time_step, or a larger simulate.tolerance",
     )
+
+
+ROOT = np.sqrt(6.0)
+PLACES = np.array([(4 - ROOT) / 10, (4 + ROOT) / 10, 1.0])
+"""Of the stages in a step; the last one is its end."""
+WEIGHTS = np.array(
+    [
+        [(88 - 7 * ROOT) / 360, (296 - 169 * ROOT) / 1800, (-2 + 3 * ROOT) / 225],
+        [(296 + 169 * ROOT) / 1800, (88 + 7 * ROOT) / 360, (-2 - 3 * ROOT) / 225],
+        [(16 - ROOT) / 36, (16 + ROOT) / 36, 1 / 9],
+    ]
+)
+"""Integrals up to the stages of the polynomials that are 1 at one stage and 0 at the others (Hairer, Wanner 1996)."""
+ITERATIONS, DONE = 25, 1e-12
+"""Most of a step, and what a last change of the displacements is, beside the coordinates in the metric of the mass."""
+SLOW = 0.05
+"""Factor by which an iteration has to be better than the one before for its matrices to serve the next step, too."""
+
+
+def simulate_radau(
+    system: System,
+    q0: np.ndarray,
+    v0: np.ndarray,
+    u: np.ndarray,
+    h: float,
+    theta: np.ndarray,
+    progress: Callable[[int], None] | None = None,
+) -> Trajectory:
+    """q, v of M v̇ + c + f = Bᵀλ, B v̇ + Ḃ v = 0 at 0, h, 2h, …, which shares the equations with `simulate`, and no step:
+
+        vᵢ = v + h Σ Aᵢⱼ aⱼ,     qᵢ = q + h cᵢ v + h² Σ (A²)ᵢⱼ aⱼ,     aᵢ, λᵢ from the equations at every stage i
+
+    A the three stages of Radau IIA, of fifth order; simplified Newton along the eigenvectors of A. Every step ends on φ = 0 and
+    Bv = 0. u (T + 1, nu): loads at these instants, straight between them [N, N m]; no joint is driven.
+    Raises InfeasibleError where the start breaks a constraint, NumericalError with the time where a step fails.
+    """
+    if system.drives.names:
+        raise NumericalError("a driven joint has no such truth", remedy="set estimate.truth.model: fine")
+    u, n = np.asarray(u, dtype=float), system.size
+    eigen = np.linalg.eig(WEIGHTS)
+    stages, factors = np.zeros((3, n + system.constrained)), None
+
+    def step(k: int, q: np.ndarray, v: np.ndarray) -> State:
+        nonlocal stages, factors
+        loads = u[k] + PLACES[:, None] * (u[k + 1] - u[k])
+
+        def equations(x: np.ndarray, here: np.ndarray, moving: np.ndarray, load: np.ndarray) -> Balance:
+            return balance(system, here, moving, load, theta, a=x[:n], lam=x[n:])
+
+        with at_time(k * h):
+            stages, factors = _step(system, equations, q, v, loads, h, eigen, stages, factors)
+        ahead = q + h * v + h**2 * (WEIGHTS @ WEIGHTS)[-1] @ stages[:, :n]
+        end, lam = nearest_state(system, ahead, v + h * WEIGHTS[-1] @ stages[:, :n], u[k + 1]), stages[-1, n:]
+        stages = _EXTENDED @ stages
+        return *end, lam
+
+    return _run(system, (q0, v0), u, h, step, progress)
+
+
+Equations = Callable[[np.ndarray, np.ndarray, np.ndarray, np.ndarray], Balance]
+"""(a, λ) (n + m,), q, v (n,) and loads (nu,) of a stage → the terms there."""
+Factors = list[tuple[np.ndarray, np.ndarray]]
+"""Of the matrix of every eigenvalue."""
+
+
+def _step(
+    system: System,
+    equations: Equations,
+    q: np.ndarray,
+    v: np.ndarray,
+    loads: np.ndarray,
+    h: float,
+    eigen: tuple[np.ndarray, np.ndarray],
+    x: np.ndarray,
+    factors: Factors | None,
+) -> tuple[np.ndarray, Factors | None]:
+    """a, λ (3, n + m) of the stages from a guess x, and matrices for the next step; factors: those of the step before."""
+    n, (values, across) = system.size, eigen
+    back, size, before = np.linalg.inv(across), float(np.linalg.norm(system.metric * q)), np.inf
+    fresh = factors is None
+    for _ in range(ITERATIONS):
+        speeds = v + h * WEIGHTS @ x[:, :n]
+        places = q + h * PLACES[:, None] * v + h**2 * WEIGHTS @ WEIGHTS @ x[:, :n]
+        found = [equations(*own) for own in zip(x, places, speeds, loads, strict=True)]
+        if factors is None:
+            factors, fresh = [_factor(found[-1], h * value) for value in values], True
+        left = np.array(
+            [
+                np.concatenate([at.load - at.B.T @ own[n:], at.B @ own[:n] + at.B_rate @ moving])
+                for at, own, moving in zip(found, x, speeds, strict=True)
+            ]
+        )
+        along = back @ left
+        change = -(across @ np.array([lu_solve(f, r) for f, r in zip(factors, along, strict=True)])).real
+        x = x + change
+        moved = float(np.linalg.norm(h**2 * system.metric * change[:, :n]))
+        # what starts at zero moves beside where it gets
+        size = max(size, float(np.linalg.norm(system.metric * places, axis=1).max()))
+        if not np.isfinite(moved):
+            break
+        if moved <= DONE * size or (moved < 1e3 * DONE * size and moved > 0.5 * before):
+            return x, factors if moved <= SLOW * before else None
+        if moved > SLOW * before and not fresh:
+            factors = None  # of a bench that has moved on since
+        before = moved
+    raise NumericalError("a step of the truth does not converge", remedy="take a smaller estimate.truth.step")
+
+
+def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
+    """LU of [M + sC + s²K, −Bᵀ; B, 0], s = hλ of an eigenvalue λ of A."""
+    n, m = len(at.mass), len(at.phi)
+    whole = np.zeros((n + m, n + m), dtype=complex if scale.imag else float)
+    s = scale if scale.imag else scale.real
+    whole[:n, :n] = at.mass + s * at.damping + s**2 * at.stiffness
+    whole[:n, n:], whole[n:, :n] = -at.B.T, at.B
+    try:
+        lu, pivots = lu_factor(whole)
+    except (LinAlgError, ValueError) as error:
+        raise NumericalError("the matrix of a step of the truth is singular", remedy="look at the joints") from error
+    return np.asarray(lu), np.asarray(pivots)
+
+
+def _extended() -> np.ndarray:
+    """(3, 3): values at the stages of the next step of the polynomial through those of this one."""
+    powers = PLACES[:, None] ** np.arange(3)
+    return np.asarray((1 + PLACES[:, None]) ** np.arange(3) @ np.linalg.inv(powers))
+
+
+_EXTENDED = _extended()

@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.accelerations import balance, element_load
 from strainsight.multibody.compiled import newton as iteration
-from strainsight.multibody.compiled.arrays import NONE, Compiled, Point, compiled
+from strainsight.multibody.compiled.arrays import NONE, Compiled, Point, Trial, compiled
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
 from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages, step_slopes
 from strainsight.multibody.initial import check_regular
@@ -124,25 +124,16 @@ def stages(
     past: Past,
 ) -> Stages:
     """`solve_stages` of the problem; near: where the iteration of the last one starts. Raises the errors of laws in Python."""
-    given = problem.point._replace(q=problem.q, v=problem.v, h=h, u=problem.u[0], w=problem.w)
+    point = problem.point._replace(q=problem.q, v=problem.v, h=h, u=problem.u[0], w=problem.w)
     start = np.zeros((0, len(problem.q))) if near is None else np.stack(near)
     mu, lam, memory = left
-    found: Stages = solve_stages(
-        problem.compiled.arrays,
-        problem.compiled.pattern,
-        given,
-        problem.u,
-        carried,
-        problem.theta,
-        memory,
-        mu,
-        lam,
-        start,
-        past,
+    arrays = problem.compiled
+    solution: Stages = solve_stages(
+        arrays.arrays, arrays.pattern, point, problem.u, carried, memory, mu, lam, start, past
     )
-    if found.ended == BROKEN and (failure := problem.compiled.failure()):
+    if solution.ended == BROKEN and (failure := arrays.failure()):
         raise failure
-    return found
+    return solution
 
 
 def solved(problem: Problem, h: float, found: Stages) -> tuple[Step, ...]:
@@ -218,7 +209,7 @@ def _farthest(problem: Problem, h: float, trial: tuple[np.ndarray, ...]) -> str:
         F = element_load(element, rho[element.rows], G[element.rows] @ v, problem.theta, problem.u[0]).F
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
-    at = balance(system, q, v, (v - problem.v) / h, mu, lam, problem.u[0], problem.theta)
+    at = balance(system, q, v, problem.u[0], problem.theta, a=(v - problem.v) / h, lam=lam, mu=mu)
     lengths = np.sqrt(np.maximum(np.einsum("ij,ij->i", at.B / d, at.B / d), np.finfo(float).tiny))
     whole = float(np.linalg.norm(d * problem.q)) or 1.0
     r3, r4 = at.B @ v + (0.0 if at.driven is None else at.driven.rate), at.phi
@@ -232,9 +223,8 @@ def _farthest(problem: Problem, h: float, trial: tuple[np.ndarray, ...]) -> str:
     # what the rigidity of the bodies carries is in balance
     E = at.B[:rigid] / d
     forces = r2 / d - E.T @ np.linalg.lstsq(E.T, r2 / d, rcond=None)[0] if rigid else r2 / d
-    name = max(system.of, key=lambda body: float(np.max(np.abs(forces[system.of[body]]), initial=0.0)))
-    own = system.of[name]
-    return f"largest residual {np.max(np.abs((d * forces)[own])):.3g} in the balance of body {name}"
+    name = system.most_in(forces)
+    return f"largest residual {np.max(np.abs((d * forces)[system.of[name]])):.3g} in the balance of body {name}"
 
 
 def _dependent(system: System, q: np.ndarray, u: np.ndarray) -> str:
@@ -401,11 +391,11 @@ def sensitivities(system: System, at: Step) -> Sensitivities:
     state before its last correction. Valid off the constraints too: x_k may be any state, x_{k+1} is on them.
     Raises NumericalError where the matrix is singular.
     """
-    own = compiled(system)
+    arrays, solution = compiled(system), Trial(at.q, at.motion, at.mu, at.lam)
     elastic = np.ascontiguousarray((system.stiffness_terms @ at.q + system.damping_terms @ at.v).T)
-    given = own.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)
+    point = arrays.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)
     regular, A, B_u, B_theta, B_w = step_slopes(
-        own.arrays, own.pattern, given, at.theta, at.memory.copy(), at.q, at.motion, at.mu, at.lam, elastic
+        arrays.arrays, arrays.pattern, point, at.memory.copy(), solution, elastic
     )
     if not regular:
         raise NumericalError("the matrix of the step is singular")

@@ -15,7 +15,9 @@ from strainsight.multibody.bodies import (
     Carried,
     FlexibleBody,
     Frame,
+    Inertia,
     RigidBody,
+    as_inertia,
     constant,
     mass_matrix,
     mass_moment,
@@ -25,7 +27,6 @@ from strainsight.multibody.bodies import (
     size,
 )
 from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
-from strainsight.multibody.inertia import Inertia, as_inertia
 from strainsight.multibody.joints import DrivenRelation, Drives, Joint, compile_drives
 from strainsight.multibody.relations import Products, Relation, compile_products, place
 
@@ -105,6 +106,10 @@ class System:
         """The modal coordinates of a body."""
         body = next(b for b in self.bodies if b.name == name)
         return slice(self.of[name].stop - modes(body), self.of[name].stop)
+
+    def most_in(self, x: np.ndarray) -> str:
+        """The body with the largest of these entries (n,) by size."""
+        return max(self.of, key=lambda name: float(np.max(np.abs(x[self.of[name]]), initial=0.0)))
 
     def at(self, theta: Sequence[float] | np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K(θ), C(θ) (n, n)."""

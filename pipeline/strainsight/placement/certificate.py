@@ -10,11 +10,11 @@ from scipy.optimize import linprog
 
 from strainsight.errors import NumericalError
 from strainsight.loads.observability import undetectable_directions
+from strainsight.placement.exchange import costs_of, gradients_of
 from strainsight.placement.increment import gauge_gradients
-from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, Region, as_limits, cheapest
-from strainsight.placement.riccati import Loop, close_loop
-from strainsight.placement.scenario import Aggregate, Pool, refined
+from strainsight.placement.riccati import Loop, close_loop, information
+from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,9 @@ class _Relaxation:
 
     def evaluate(self, w: np.ndarray, temperature: float) -> tuple[float, np.ndarray, float, float]:
         """Objective, its gradient (pool,), the aggregate cost and the lower bound at w (pool,)."""
-        loops = [self._loop(i, w) for i in range(len(self.pools))]
-        costs = np.array([p.metric.value(l.P) for p, l in zip(self.pools, loops, strict=True)])
+        loops = [relaxed_loop(p, weighed_rows(p, w), P) for p, P in zip(self.pools, self.last, strict=True)]
+        self.last = [loop.P for loop in loops]
+        costs = costs_of(self.pools, loops)
         soft, levels, gradients = np.empty_like(costs), np.empty_like(costs), np.empty((len(costs), len(w)))
         for i, (p, l) in enumerate(zip(self.pools, loops, strict=True)):
             metric = p.metric.softened(temperature)
@@ -156,15 +157,18 @@ class _Relaxation:
         least, rise = self.region.least(slope)
         bound = float(mu @ levels - slope @ w + least)
         self.lower, self.including = max(self.lower, bound), np.maximum(self.including, bound + rise)
-        return float(value), slope, float(costs.max() if self.aggregate == "worst" else costs.mean()), bound
+        return float(value), slope, float(aggregated(costs, self.aggregate)), bound
 
-    def _loop(self, i: int, w: np.ndarray) -> Loop:
-        pool = self.pools[i]
-        rows = (pool.rows * np.sqrt(w)[:, None, None]).reshape(-1, pool.rows.shape[2])
-        G = information(rows)
-        P = refined(pool, G, self.last[i])
-        self.last[i] = P
-        return close_loop(pool.scenario.F, G, P)
+
+def weighed_rows(pool: Pool, w: np.ndarray) -> np.ndarray:
+    """√w_g h_g (pool · c, n*), of which G = Σ_g w_g h_gᵀh_g."""
+    return (pool.rows * np.sqrt(w)[:, None, None]).reshape(-1, pool.rows.shape[2])
+
+
+def relaxed_loop(pool: Pool, rows: np.ndarray, last: np.ndarray | None) -> Loop:
+    """The closed loop with `weighed_rows`; last: a covariance of weights nearby."""
+    G = information(rows)
+    return close_loop(pool.scenario.F, G, refined(pool, G, last))
 
 
 @dataclass(frozen=True)
@@ -200,21 +204,17 @@ def cut_at(pools: Sequence[Pool], w: np.ndarray, last: Sequence[np.ndarray] | No
 
     A plane bounds f everywhere because f is convex (`Criterion`). last: covariances of weights nearby.
     """
-    cost, slope, covariances = [], [], []
-    for i, pool in enumerate(pools):
-        rows = (pool.rows * np.sqrt(w)[:, None, None]).reshape(-1, pool.rows.shape[2])
+    loops = []
+    for pool, P in zip(pools, [None] * len(pools) if last is None else last, strict=True):
+        rows = weighed_rows(pool, w)
         if not detects(pool, rows):
             return None
-        G = information(rows)
         try:
-            P = refined(pool, G, None if last is None else last[i])
+            loops.append(relaxed_loop(pool, rows, P))
         except NumericalError:
             return None
-        cost.append(pool.metric.value(P))
-        slope.append(-gauge_gradients(close_loop(pool.scenario.F, G, P), pool.rows, pool.metric.gradient(P)))
-        covariances.append(P)
-    f, g = np.array(cost), np.array(slope)
-    return Cut(f - g @ w, g, f, tuple(covariances))
+    f, g = costs_of(pools, loops), -gradients_of(pools, loops)
+    return Cut(f - g @ w, g, f, tuple(loop.P for loop in loops))
 
 
 def detects(pool: Pool, rows: np.ndarray) -> bool:

@@ -10,21 +10,16 @@ import numpy as np
 
 from strainsight.errors import InfeasibleError
 from strainsight.ordering import TIE, first_of_largest
-from strainsight.parallel.sweep import Sweep, serial
 from strainsight.placement.increment import Slopes, least_increments, removal, sharper_bound, slopes, squares
-from strainsight.placement.information import information
 from strainsight.placement.layouts import Detection
 from strainsight.placement.limits import Limits, as_limits
-from strainsight.placement.riccati import Loop, close_loop, relative_residual
+from strainsight.placement.riccati import Loop, close_loop, information, relative_residual
 from strainsight.placement.scenario import (
     Aggregate,
     Pool,
-    Scenario,
     aggregated,
     fewest_gauges,
     refined,
-    solved,
-    whole_pool_weight,
 )
 from strainsight.placement.witness import Guard, Remaining
 
@@ -186,9 +181,6 @@ def _rest(pool: Pool, left: Remaining, at: int) -> np.ndarray:
     return pool.rows[left.without(at)]
 
 
-__all__ = ["Elimination", "Scenario", "eliminate", "eliminate_from", "whole_pool_weight"]
-
-
 @dataclass(frozen=True)
 class Elimination:
     """What was removed and what it cost.
@@ -209,20 +201,6 @@ class Elimination:
     ties: tuple[tuple[int, ...], ...]
     residual: float
     pools: tuple[Pool, ...]
-
-
-def eliminate(
-    scenarios: Sequence[Scenario],
-    keep: int | Limits,
-    aggregate: Aggregate = "mean",
-    *,
-    fixed: Collection[int] = (),
-    names: Sequence[str] = (),
-    sweep: Sweep = serial,
-) -> Elimination:
-    """`eliminate_from` of the scenarios as solved; names: of the unknowns; sweep: solves them with the whole pool."""
-    limits = as_limits(len(scenarios[0].H), keep, fixed)
-    return eliminate_from(sweep(solved, scenarios, names), limits, aggregate, names=names)
 
 
 def eliminate_from(

@@ -10,15 +10,12 @@ import numpy as np
 
 from strainsight.ordering import TIE, tied_order
 from strainsight.placement.increment import addition, gauge_gradients, removal
-from strainsight.placement.information import information
 from strainsight.placement.limits import Limits, Swaps, as_limits
-from strainsight.placement.riccati import Loop, close_loop
-from strainsight.placement.scenario import Aggregate, Pool, aggregated, loop_of, refined, subset_covariance
+from strainsight.placement.riccati import Loop, close_loop, information
+from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, loop_of, loops_of, refined
 
 
-def fill(
-    pools: Sequence[Pool], gauges: Sequence[int] | np.ndarray, limits: Limits, aggregate: Aggregate = "mean"
-) -> np.ndarray:
+def fill(pools: Sequence[Pool], gauges: Gauges, limits: Limits, aggregate: Aggregate = "mean") -> np.ndarray:
     """Add, again and again, the gauge that lowers the aggregate f of the metric most, until none fits in the limits.
 
         f(S + j) ≥ agg(f_s − φ_j),   φ_j = tr(h_j P X P h_jᵀ) of the present set
@@ -31,12 +28,9 @@ def fill(
     room = _room(limits, chosen)
     if not len(room):
         return chosen
-    loops = []
-    for pool in pools:
-        P = subset_covariance(pool, chosen)
-        if P is None:
-            raise ValueError("only a set that detects every unknown is filled")
-        loops.append(loop_of(pool, chosen, P))
+    loops = loops_of(pools, chosen)
+    if loops is None:
+        raise ValueError("only a set that detects every unknown is filled")
     while len(room):
         into, loops = _most_telling(pools, loops, room, aggregate)
         chosen = np.sort(np.append(chosen, into))
@@ -60,9 +54,9 @@ def costs_of(pools: Sequence[Pool], loops: Sequence[Loop]) -> np.ndarray:
     return np.array([p.metric.value(l.P) for p, l in zip(pools, loops, strict=True)])
 
 
-def gradients_of(pools: Sequence[Pool], loops: Sequence[Loop]) -> np.ndarray:
-    """φ of every scenario and gauge of the pool: what it is worth at most where it is out, at least where it is in."""
-    return np.array([gauge_gradients(l, p.rows, p.metric.gradient(l.P)) for p, l in zip(pools, loops, strict=True)])
+def gradients_of(pools: Sequence[Pool], loops: Sequence[Loop], at: np.ndarray | slice = slice(None)) -> np.ndarray:
+    """φ of every scenario and of the gauges `at`: what each is worth at most where it is out, at least where it is in."""
+    return np.array([gauge_gradients(l, p.rows[at], p.metric.gradient(l.P)) for p, l in zip(pools, loops, strict=True)])
 
 
 def _room(limits: Limits, chosen: np.ndarray) -> np.ndarray:
@@ -106,7 +100,7 @@ class Exchange:
 
 def exchange(
     pools: Sequence[Pool],
-    gauges: Sequence[int] | np.ndarray,
+    gauges: Gauges,
     aggregate: Aggregate = "mean",
     *,
     fixed: Collection[int] = (),
@@ -128,12 +122,9 @@ def exchange(
     bounded = as_limits(len(pools[0].rows), len(chosen) if limits is None else limits, fixed)
     if not bounded.allows(chosen):
         raise ValueError("an exchange starts from a layout within the limits, the fixed gauges among it")
-    loops = []
-    for pool in pools:
-        P = subset_covariance(pool, chosen)
-        if P is None:
-            raise ValueError("an exchange starts from a set that detects every unknown")
-        loops.append(loop_of(pool, chosen, P))
+    loops = loops_of(pools, chosen)
+    if loops is None:
+        raise ValueError("an exchange starts from a set that detects every unknown")
     costs = [_cost(pools, loops, aggregate)]
     swaps: list[tuple[int, int]] = []
     solves, complete = 0, False
@@ -188,15 +179,7 @@ def _first_gain(
             if float(aggregated(after, aggregate)) < enough:
                 return (-1, into, grown), solves, False
             continue
-        bounds = aggregated(
-            np.array(
-                [
-                    base + gauge_gradients(l, p.rows[movable], p.metric.gradient(l.P))
-                    for base, p, l in zip(after, pools, grown, strict=True)
-                ]
-            ),
-            aggregate,
-        )
+        bounds = aggregated(after[:, None] + gradients_of(pools, grown, movable), aggregate)
         bounds[~may] = np.inf
         for i in tied_order(bounds):
             if bounds[i] >= enough:

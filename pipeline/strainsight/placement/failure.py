@@ -10,11 +10,10 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.ordering import TIE, tied_order
 from strainsight.placement.elimination import eliminate_from
-from strainsight.placement.exchange import exchange, fill
-from strainsight.placement.increment import gauge_gradients
+from strainsight.placement.exchange import costs_of, exchange, fill, gradients_of
 from strainsight.placement.limits import BUDGET, Limits, Swaps, as_limits
-from strainsight.placement.scenario import Aggregate, Pool, aggregated, fewest_gauges, loop_of
-from strainsight.placement.score import cost_of, covariances_of
+from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, fewest_gauges, loops_of
+from strainsight.placement.score import score
 
 
 class LossSearch:
@@ -64,11 +63,7 @@ class LossSearch:
         loss = dict(known or {})
         for g in chosen if order is None else order:
             if g not in loss:
-                rest = [other for other in chosen if other != g]
-                try:
-                    loss[g] = cost_of(covariances_of(self.pools, rest), self.pools, self.aggregate)
-                except NumericalError:
-                    loss[g] = float("nan")
+                loss[g] = _without(self.pools, chosen, g, self.aggregate)
                 self.solves += len(self.pools)
             fatal, largest = measure(loss)
             if fatal > below[0] or (fatal == below[0] and largest >= below[1]):
@@ -134,14 +129,9 @@ class LossSearch:
     def _failed(self, chosen: list[int]) -> Iterator[tuple[np.ndarray, np.ndarray]]:
         """f (s,) and φ (s, pool) of the set without each of its gauges."""
         for failing in chosen:
-            rest = [other for other in chosen if other != failing]
-            level, slope = [], []
-            for pool, P in zip(self.pools, covariances_of(self.pools, rest) or (), strict=True):
-                loop = loop_of(pool, rest, P)
-                level.append(pool.metric.value(P))
-                slope.append(gauge_gradients(loop, pool.rows, pool.metric.gradient(P)))
+            loops = loops_of(self.pools, [other for other in chosen if other != failing]) or ()
             self.solves += len(self.pools)
-            yield np.array(level), np.array(slope)
+            yield costs_of(self.pools, loops), gradients_of(self.pools, loops)
 
 
 def measure(loss: dict[int, float]) -> tuple[int, float]:
@@ -167,16 +157,14 @@ class RobustSet:
     complete: bool
 
 
-def loss_if_one_fails(
-    pools: Sequence[Pool], gauges: Sequence[int] | np.ndarray, aggregate: Aggregate = "mean"
-) -> np.ndarray:
+def loss_if_one_fails(pools: Sequence[Pool], gauges: Gauges, aggregate: Aggregate = "mean") -> np.ndarray:
     """Aggregate of the metric of the set when each one of its gauges, in the order given, fails.
 
     inf where an unknown is lost, NaN where the covariance is not solved to accuracy. gauges (k,): different pool rows.
     Returns (k,).
     """
     chosen = [int(g) for g in gauges]
-    return np.array([_after(pools, [other for other in chosen if other != g], aggregate) for g in chosen])
+    return np.array([_without(pools, chosen, g, aggregate) for g in chosen])
 
 
 def robust_set(
@@ -228,7 +216,7 @@ def robust_set(
         gauges=np.array(chosen),
         loss=values,
         worst=float(values.max()),
-        cost=cost_of(covariances_of(pools, chosen), pools, aggregate),
+        cost=score(pools, chosen, aggregate),
         fatal=tuple(g for g in chosen if loss[g] == np.inf),
         swaps=swaps,
         solves=search.solves,
@@ -236,9 +224,10 @@ def robust_set(
     )
 
 
-def _after(pools: Sequence[Pool], left: Sequence[int], aggregate: Aggregate) -> float:
+def _without(pools: Sequence[Pool], chosen: Sequence[int], failing: int, aggregate: Aggregate) -> float:
+    """Cost of a set when one of its gauges fails, NaN where it is not solved."""
     try:
-        return cost_of(covariances_of(pools, left), pools, aggregate)
+        return score(pools, [other for other in chosen if other != failing], aggregate)
     except NumericalError:
         return float("nan")
 

@@ -9,8 +9,15 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.loads.observability import MarginalModes, undetectable_directions
-from strainsight.placement.information import information
-from strainsight.placement.riccati import Loop, adjoint_lyapunov, close_loop, lyapunov, lyapunov_in_schur, solve_anew
+from strainsight.placement.riccati import (
+    Loop,
+    adjoint_lyapunov,
+    close_loop,
+    information,
+    lyapunov,
+    lyapunov_in_schur,
+    solve_anew,
+)
 
 CONVERGED = 1e-13
 QUADRATIC, ROUNDING = 1e-4, 1e-9

@@ -18,12 +18,22 @@ from strainsight.loads.observability import (
     undetectable_directions,
     undetectable_in_words,
 )
-from strainsight.parallel.sweep import Sweep, serial
 from strainsight.placement.criteria import Criterion, Metric, Trace
-from strainsight.placement.information import Information, information
-from strainsight.placement.riccati import ACCEPTED, Loop, balance, close_loop, polish, relative_residual, solve_anew
+from strainsight.placement.riccati import (
+    ACCEPTED,
+    Information,
+    Loop,
+    balance,
+    close_loop,
+    information,
+    polish,
+    relative_residual,
+    solve_anew,
+)
 
 Aggregate = Literal["mean", "worst"]
+Gauges = Sequence[int] | np.ndarray
+"""Rows of a pool."""
 
 
 @dataclass(frozen=True)
@@ -179,7 +189,7 @@ def _check(scenario: Scenario) -> None:
         )
 
 
-def subset_covariance(pool: Pool, gauges: Sequence[int] | np.ndarray) -> np.ndarray | None:
+def subset_covariance(pool: Pool, gauges: Gauges) -> np.ndarray | None:
     """P (n*, n*) with these gauges only, in the pool's coordinates; None where they cannot detect every unknown."""
     rows = pool.stacked(np.asarray(gauges, dtype=int))
     s = pool.scenario
@@ -214,21 +224,32 @@ def fewest_gauges(pools: Sequence[Pool]) -> tuple[int, int]:
     return unknowns, fewest
 
 
-def loop_of(pool: Pool, gauges: Sequence[int] | np.ndarray, P: np.ndarray) -> Loop:
+def loop_of(pool: Pool, gauges: Gauges, P: np.ndarray) -> Loop:
+    """The closed loop with these gauges, whose covariance P (n*, n*) is."""
     rows = pool.stacked(np.asarray(gauges, dtype=int))
     return close_loop(pool.scenario.F, information(rows), P)
+
+
+def covariances_of(pools: Sequence[Pool], gauges: Gauges) -> list[np.ndarray] | None:
+    """P of every scenario, or None where these gauges lose an unknown."""
+    found = []
+    for pool in pools:
+        P = subset_covariance(pool, gauges)
+        if P is None:
+            return None
+        found.append(P)
+    return found
+
+
+def loops_of(pools: Sequence[Pool], gauges: Gauges) -> list[Loop] | None:
+    """The loop of every scenario, or None where these gauges lose an unknown."""
+    found = covariances_of(pools, gauges)
+    return None if found is None else [loop_of(pool, gauges, P) for pool, P in zip(pools, found, strict=True)]
 
 
 def aggregated(costs: np.ndarray, aggregate: Aggregate) -> np.ndarray:
     """Mean or worst over the first axis, the scenarios."""
     return costs.mean(axis=0) if aggregate == "mean" else costs.max(axis=0)
-
-
-def whole_pool_weight(
-    scenarios: Sequence[Scenario], unknown: np.ndarray, names: Sequence[str] = (), sweep: Sweep = serial
-) -> np.ndarray:
-    """`weight_of_pools` of these scenarios; names: of the last states, for the messages of `solve_pool`; sweep: solves them."""
-    return weight_of_pools(sweep(solved, scenarios, names), unknown)
 
 
 def weight_of_pools(pools: Sequence[Pool], unknown: np.ndarray) -> np.ndarray:

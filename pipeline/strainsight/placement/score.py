@@ -9,9 +9,7 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import NumericalError
-from strainsight.placement.scenario import Aggregate, Pool, aggregated, subset_covariance
-
-Gauges = Sequence[int] | np.ndarray
+from strainsight.placement.scenario import Aggregate, Gauges, Pool, aggregated, covariances_of
 
 
 @dataclass(frozen=True)
@@ -58,17 +56,6 @@ def scores(
     if share is None:
         return Scores(cost, np.sqrt(np.mean(variances, axis=0)) * scale)
     return Scores(cost, np.sqrt(np.sum(share * variances * scale**2, axis=0)))
-
-
-def covariances_of(pools: Sequence[Pool], gauges: Gauges) -> list[np.ndarray] | None:
-    """P of every scenario, or None where these gauges lose an unknown."""
-    found = []
-    for pool in pools:
-        P = subset_covariance(pool, gauges)
-        if P is None:
-            return None
-        found.append(P)
-    return found
 
 
 def cost_of(covariances: Sequence[np.ndarray] | None, pools: Sequence[Pool], aggregate: Aggregate) -> float:

@@ -8,9 +8,9 @@ from functools import partial
 import numpy as np
 
 from strainsight.ordering import tied_order
-from strainsight.placement.information import Information
 from strainsight.placement.layouts import NODES, Detection, best_layout, refusal
 from strainsight.placement.limits import BUDGET, Limits
+from strainsight.placement.riccati import Information
 from strainsight.placement.scenario import Pool
 
 EFFORT = 20

@@ -11,12 +11,11 @@ from scipy.linalg import eigh, svd
 
 from strainsight.errors import InfeasibleError
 from strainsight.fem.affine import AffineOperator
-from strainsight.fem.factorisation import Factorise
+from strainsight.fem.factorisation import Factorise, factorise_free, relief_of
 from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.modes import signs, turned
-from strainsight.fem.relief import factorise_free, relief_of
-from strainsight.parallel.sweep import Sweep, serial
+from strainsight.parallel import Sweep, serial
 from strainsight.rom.model import Damping, ReducedModel, modal_basis
 
 GOLDEN = (3 - 5**0.5) / 2

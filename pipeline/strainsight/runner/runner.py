@@ -18,7 +18,7 @@ from typing import Any
 
 from strainsight.errors import ArtefactError, StrainsightError, UserError
 from strainsight.file_lock import lock_byte, lock_file
-from strainsight.parallel.sweep import Sweep, serial
+from strainsight.parallel import Sweep, serial
 from strainsight.runner.artefact import Artefact, Header, digest_or_none, file_digest, header_of
 from strainsight.runner.output import warnings_table
 from strainsight.runner.plan import UP_TO_DATE, Inputs, Job, code_of, inputs_of, judge, other_code

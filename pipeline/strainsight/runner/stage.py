@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
-from strainsight.parallel.sweep import Sweep, serial
+from strainsight.parallel import Sweep, serial
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Output
 

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from strainsight.parallel.sweep import Sweep, allowed_threads, serial
+from strainsight.parallel import Sweep, allowed_threads, serial
 
 
 @dataclass(frozen=True)
@@ -31,7 +31,7 @@ def opened(where: Where, memory: Callable[[], float] = lambda: math.inf) -> Iter
     elif where.jobs == 1:
         yield serial
     else:
-        from strainsight.parallel.processes import cores, in_processes
+        from strainsight.parallel import cores, in_processes
 
         before = allowed_threads.set(where.jobs or cores())
         try:

@@ -12,9 +12,8 @@ from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.faces import Faces
-from strainsight.sensors.points import normals_at
 from strainsight.sensors.rows import installation_axes
-from strainsight.sensors.surface import by_kind, facet_centres, facet_points, farthest_axis
+from strainsight.sensors.surface import facet_centres, farthest_axis
 from strainsight.sensors.walk import Located, Skin, local_at, radius_of
 
 ON = 1e-7
@@ -74,9 +73,7 @@ def _first(skin: Skin, points: np.ndarray, normals: np.ndarray, way: float, reac
         active = active[facet[active] < 0]
     there = facet >= 0
     x = np.full((k, 3), np.nan)
-    for kind, which, nodes in by_kind(skin.facets.kind[facet[there]], skin.facets.nodes[facet[there]]):
-        own = np.flatnonzero(there)[which]
-        x[own], _ = facet_points(kind, skin.position[nodes], local[own])
+    x[there], _ = skin.frames(facet[there], local[there])
     return Located(facet, local, x, t)
 
 
@@ -90,13 +87,11 @@ def _met(
     e1 /= np.linalg.norm(e1, axis=1)[:, None]
     plane = np.stack([e1, np.cross(n, e1)], axis=1)
     xi, found = local_at(skin, facet, points[of], plane, np.zeros((len(of), 2)))
-    x = np.zeros((len(of), 3))
-    for kind, which, nodes in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
-        x[which], _ = facet_points(kind, skin.position[nodes], xi[which])
+    x, outward = skin.frames(facet, xi)
     simplex = np.array([kind.corners == 3 for kind in FACETS])[skin.facets.kind[facet]]
     triangle = (xi.min(axis=1, initial=np.inf) >= -ON) & (xi.sum(axis=1) <= 1 + ON)
     found &= np.where(simplex, triangle, np.abs(xi).max(axis=1, initial=0.0) <= 1 + ON)
-    found &= way * np.sum(normals_at(skin, facet, xi) * n, axis=1) < -1e-9
+    found &= way * np.sum(outward * n, axis=1) < -1e-9
     return xi, np.sum((points[of] - x) * n, axis=1), found
 
 

@@ -7,13 +7,12 @@ from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
 import numpy as np
-from scipy.spatial import cKDTree
 
-from strainsight.errors import InfeasibleError, UserError
+from strainsight.errors import InfeasibleError
 from strainsight.mesh.facets import Facets
-from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
-from strainsight.sensors.surface import farthest_axis, turned
+from strainsight.sensors.edges import spaced
+from strainsight.sensors.surface import centres, farthest_axis, turned, unit_vector
 from strainsight.sensors.zones import Zone, admissible
 
 
@@ -70,6 +69,11 @@ STEEPEST = 10.0
 
 def _unset() -> np.ndarray:
     return np.zeros(0)
+
+
+def units_in_words(quantity: np.ndarray) -> str:
+    """The unit of an array over channels of these quantities: "strain", or "strain or m/s^2" where they differ."""
+    return " or ".join(UNITS[kind] for kind in np.unique(quantity))
 
 
 def grouped(unit: str) -> str:
@@ -225,12 +229,6 @@ def concatenate(parts: Sequence[Candidates]) -> Candidates:
     )
 
 
-def centres(kind: np.ndarray) -> np.ndarray:
-    """ξ of the centres of facets by their kinds (m,): (m, 2), zero where there is no facet."""
-    table = np.array([*(kind.centre for kind in FACETS), np.zeros(2)])
-    return table[np.asarray(kind, dtype=np.int64)]
-
-
 def _consecutive(gauge: np.ndarray) -> np.ndarray:
     return np.cumsum(np.diff(gauge, prepend=gauge[:1]) != 0)
 
@@ -291,11 +289,7 @@ def tangents(normal: np.ndarray) -> np.ndarray:
 
 
 def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.ndarray, key: str) -> np.ndarray:
-    a = np.asarray(axis, dtype=float)
-    length = np.linalg.norm(a)
-    if a.shape != (3,) or not (np.isfinite(length) and length > 0):
-        raise UserError(f"the gauge axis is {tuple(axis)}", remedy="give three numbers, not all zero")
-    a = a / length
+    a = unit_vector(axis, "the gauge axis")
     steep = np.abs(n @ a) > np.cos(np.deg2rad(STEEPEST))
     if steep.any():
         first = keep[np.argmax(steep)]
@@ -395,27 +389,8 @@ def motion_candidates(
     )
 
 
-def spaced(points: np.ndarray, distance: float) -> np.ndarray:
-    """Indices of points (m, 3) [m], each at least `distance` [m] from those before it that were taken, in their order."""
-    tree = cKDTree(points)
-    free = np.ones(len(points), dtype=bool)
-    taken = []
-    for i in range(len(points)):
-        if free[i]:
-            taken.append(i)
-            free[tree.query_ball_point(points[i], distance * (1 - 1e-9))] = False
-    return np.array(taken, dtype=np.int64)
-
-
 def _direction(axis: Axis, normal: np.ndarray, key: str) -> np.ndarray:
     if isinstance(axis, str):
         return normal
-    a = np.asarray(axis, dtype=float)
-    length = np.linalg.norm(a)
-    if a.shape != (3,) or not (np.isfinite(length) and length > 0):
-        raise UserError(
-            f"the sensor axis is {tuple(axis)}",
-            key=f"{key}.axes",
-            remedy='give three numbers, not all zero, or "normal"',
-        )
-    return np.broadcast_to(a / length, normal.shape)
+    remedy = 'give three numbers, not all zero, or "normal"'
+    return np.broadcast_to(unit_vector(axis, "the sensor axis", key=f"{key}.axes", remedy=remedy), normal.shape)

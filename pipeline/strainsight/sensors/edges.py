@@ -70,9 +70,13 @@ def sharp_edges(position: np.ndarray, facets: Facets) -> np.ndarray:
     A quadratic edge gives two segments. position (n, 3) [m].
     """
     edges = edges_of(position, facets)
-    first = edges.start[edges.sharp]
-    a, b = position[edges.ends[first, 0]], position[edges.ends[first, 1]]
-    m = edges.middle[first]
+    return _through_middle(position, edges, edges.start[edges.sharp])
+
+
+def _through_middle(position: np.ndarray, edges: Edges, rows: np.ndarray) -> np.ndarray:
+    """Both halves of edges, by their rows: segments (s, 2, 3) [m]."""
+    a, b = position[edges.ends[rows, 0]], position[edges.ends[rows, 1]]
+    m = edges.middle[rows]
     return np.concatenate([np.stack([a, m], axis=1), np.stack([m, b], axis=1)])
 
 
@@ -132,18 +136,28 @@ def obstacles(mesh: Mesh, facets: Facets, loaded: np.ndarray) -> dict[str, np.nd
 
     facets: exterior ones. What touches a body without being tied to it is not in the mesh.
     """
-    held = np.zeros(len(mesh.position), dtype=bool)
-    held[mesh.held] = True
-    ties = (*(own.nodes for own in mesh.rigid), *(own.nodes for own in mesh.averaging))
-    for tied in (*ties, *(own.node for own in mesh.relations if own.ties), *(own.node for own in mesh.springs)):
-        held[tied] = True
     acting = np.zeros(len(mesh.position), dtype=bool)
     acting[loaded] = True
     return {
         "edges": sharp_edges(mesh.position, facets),
-        "supports": _patches(mesh, facets, mesh.above(held)),
+        "supports": _patches(mesh, facets, constrained_nodes(mesh)),
         "loads": _patches(mesh, facets, mesh.above(acting)),
     }
+
+
+def constrained_nodes(mesh: Mesh, references: bool = False) -> np.ndarray:
+    """Nodes (n,) bool that are held, on springs, or tied by a rigid or averaging element, with the reference nodes of these if
+    asked for, or by a relation; on the surface of shells and beams what lies above such nodes."""
+    held = np.zeros(len(mesh.position), dtype=bool)
+    held[mesh.held] = True
+    for tie in (*mesh.rigid, *mesh.averaging):
+        held[tie.nodes] = True
+        held[tie.reference] |= references
+    for relation in mesh.relations:
+        held[relation.node] |= relation.ties
+    for spring in mesh.springs:
+        held[spring.node] = True
+    return mesh.above(held)
 
 
 def _patches(mesh: Mesh, facets: Facets, chosen: np.ndarray) -> np.ndarray:
@@ -161,19 +175,22 @@ def crowded(points: np.ndarray, segments: Mapping[str, np.ndarray], distance: fl
     return {name: near_segments(points, own, distance) for name, own in segments.items()}
 
 
-def room_for(points: np.ndarray, spacing: float, count: int) -> bool:
-    """Whether `count` of the points (m, 3) [m] can be taken one after the other, each at least the spacing [m] from those before
-    it; points in one place count once."""
-    if len(points) < count:
-        return False
-    tree, free, found = cKDTree(points), np.ones(len(points), dtype=bool), 0
+def spaced(points: np.ndarray, distance: float, most: int | None = None) -> np.ndarray:
+    """Indices of points (m, 3) [m], `most` of them at most, each at least `distance` [m] from those taken before it."""
+    tree, free = cKDTree(points), np.ones(len(points), dtype=bool)
+    taken: list[int] = []
     for i in range(len(points)):
-        if found >= count:
+        if len(taken) == most:
             break
         if free[i]:
-            found += 1
-            free[tree.query_ball_point(points[i], spacing * (1 - 1e-9))] = False
-    return found >= count
+            taken.append(i)
+            free[tree.query_ball_point(points[i], distance * (1 - 1e-9))] = False
+    return np.array(taken, dtype=np.int64)
+
+
+def room_for(points: np.ndarray, spacing: float, count: int) -> bool:
+    """Whether `count` of the points (m, 3) [m] can be taken with the spacing [m]; points in one place count once."""
+    return len(points) >= count and len(spaced(points, spacing, count)) >= count
 
 
 ALIKE = 1e-6
@@ -264,10 +281,7 @@ def _smooth_faces(count: int, edges: Edges) -> np.ndarray:
 
 def _rim(position: np.ndarray, edges: Edges, chosen: np.ndarray) -> np.ndarray:
     """Sharp edges of the chosen facets, through their middle: segments (s, 2, 3) [m]."""
-    sharp = np.repeat(edges.sharp, edges.count) & chosen[edges.facet]
-    a, b = position[edges.ends[sharp, 0]], position[edges.ends[sharp, 1]]
-    m = edges.middle[sharp]
-    return np.concatenate([np.stack([a, m], axis=1), np.stack([m, b], axis=1)])
+    return _through_middle(position, edges, np.repeat(edges.sharp, edges.count) & chosen[edges.facet])
 
 
 def _nearest_two(

@@ -10,9 +10,16 @@ from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
-from strainsight.sensors.points import Points, surface_of
-from strainsight.sensors.rows import channel_rows, installation_axes, matrix_of, misplaced, points_within
-from strainsight.sensors.surface import by_kind, facet_points, normals, turned
+from strainsight.sensors.rows import (
+    Points,
+    channel_rows,
+    installation_axes,
+    matrix_of,
+    misplaced,
+    points_within,
+    surface_of,
+)
+from strainsight.sensors.surface import facet_frames, turned
 from strainsight.sensors.walk import Skin
 
 LEAST = 1e-6
@@ -189,11 +196,7 @@ def _in_place(
 
 def normals_of(position: np.ndarray, points: Points) -> np.ndarray:
     """Outward unit normals (p, 3) of the facets at the points."""
-    n = np.zeros((len(points.kind), 3))
-    for kind, which, nodes in by_kind(points.kind, points.nodes):
-        _, J = facet_points(kind, position[nodes], points.local[which])
-        n[which] = normals(J)
-    return n
+    return facet_frames(position, points.kind, points.nodes, points.local)[1]
 
 
 @dataclass(frozen=True)

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from strainsight.errors import UserError
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.kinds.kind import Kind
 
@@ -39,13 +40,38 @@ def normals(J: np.ndarray) -> np.ndarray:
     return np.where(flat, n / np.where(flat, length, 1.0), 0.0)
 
 
-def facet_centres(position: np.ndarray, code: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Centre (f, 3) [m] and outward unit normal there (f, 3); position (n, 3) [m], code (f,) into FACETS, nodes (f, 8)."""
+def facet_frames(
+    position: np.ndarray, code: np.ndarray, nodes: np.ndarray, local: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Point x(ξ) (f, 3) [m] and outward unit normal there (f, 3) of every facet at its own ξ (f, 2); position (n, 3) [m], code
+    (f,) into FACETS, nodes (f, 8)."""
     x, n = np.zeros((len(code), 3)), np.zeros((len(code), 3))
-    for kind, which, own in by_kind(code, nodes):
-        x[which], J = facet_points(kind, position[own], np.tile(kind.centre, (len(which), 1)))
+    for kind, which, corners in by_kind(code, nodes):
+        x[which], J = facet_points(kind, position[corners], local[which])
         n[which] = normals(J)
     return x, n
+
+
+def facet_centres(position: np.ndarray, code: np.ndarray, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """`facet_frames` at the centres of the facets."""
+    return facet_frames(position, code, nodes, centres(code))
+
+
+def centres(kind: np.ndarray) -> np.ndarray:
+    """ξ of the centres of facets by their kinds (m,): (m, 2), zero where there is no facet."""
+    table = np.array([*(kind.centre for kind in FACETS), np.zeros(2)])
+    return table[np.asarray(kind, dtype=np.int64)]
+
+
+def unit_vector(
+    axis: Sequence[float], what: str, *, key: str | None = None, remedy: str = "give three numbers, not all zero"
+) -> np.ndarray:
+    """An axis (3,) of any length, of length 1. Raises UserError, saying what it is, for one without a direction."""
+    a = np.asarray(axis, dtype=float)
+    length = np.linalg.norm(a)
+    if a.shape != (3,) or not (np.isfinite(length) and length > 0):
+        raise UserError(f"{what} is {tuple(axis)}", key=key, remedy=remedy)
+    return np.asarray(a / length)
 
 
 def farthest_axis(direction: np.ndarray) -> np.ndarray:

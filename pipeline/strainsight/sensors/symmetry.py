@@ -7,8 +7,8 @@ from collections.abc import Sequence
 import numpy as np
 from scipy.spatial import cKDTree
 
-from strainsight.errors import UserError
 from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.surface import unit_vector
 
 ASKEW = 0.1
 """Degrees by which directions may differ from mirror images."""
@@ -30,11 +30,7 @@ def mirror_partners(
     of their channels do up to sign and 0.1°, in whatever order, and quantity, family, length of the grid and being bonded are
     the same. A gauge on the plane can be its own. Raises UserError for a normal of no length.
     """
-    n = np.asarray(normal, dtype=float)
-    length = np.linalg.norm(n)
-    if n.shape != (3,) or not (np.isfinite(length) and length > 0):
-        raise UserError(f"the plane's normal is {tuple(normal)}", remedy="give three numbers, not all zero")
-    n = n / length
+    n = unit_vector(normal, "the plane's normal")
     first = candidates.first
     partner = np.full(len(first), -1)
     if not len(first):

@@ -11,7 +11,7 @@ from strainsight.errors import UserError
 from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.sensors.edges import edges_of
-from strainsight.sensors.surface import by_kind, facet_centres, facet_points
+from strainsight.sensors.surface import by_kind, facet_centres, facet_frames, facet_points
 
 TURNS = 60.0
 """Degrees: a surface that has turned by more than this away from where the walk began ends it as an edge would."""
@@ -34,6 +34,10 @@ class Skin:
     curve: np.ndarray
     size: np.ndarray
     normal: np.ndarray
+
+    def frames(self, facet: np.ndarray, local: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Points (p, 3) [m] and outward unit normals (p, 3) at ξ (p, 2) of the facets (p,)."""
+        return facet_frames(self.position, self.facets.kind[facet], self.facets.nodes[facet], local)
 
     def index_of(self, element: np.ndarray, facet: np.ndarray) -> np.ndarray:
         """Indices of the facets with these element ids and local numbers (m,). Raises UserError for one that is not there."""

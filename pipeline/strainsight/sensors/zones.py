@@ -12,7 +12,7 @@ from strainsight.errors import InfeasibleError, UserError, blame, did_you_mean
 from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.projection import covered
-from strainsight.sensors.edges import near_segments, sharp_edges
+from strainsight.sensors.edges import constrained_nodes, near_segments, sharp_edges
 from strainsight.sensors.surface import facet_centres
 
 Vector = tuple[float, float, float]
@@ -149,7 +149,7 @@ def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
         return np.isin(facets.element_id, mesh.element_sets[name])
     if nodes:
         chosen = np.isin(mesh.node_ids, mesh.node_sets[name])
-        return np.all((chosen[facets.nodes] & (facets.nodes >= 0)) | (facets.nodes < 0), axis=1)
+        return np.all(chosen[facets.nodes] | (facets.nodes < 0), axis=1)
     known = sorted({*mesh.element_sets, *mesh.node_sets})
     remedy = did_you_mean(name, known, f"its faces and sets: {', '.join(known) or 'none'}; mesh.faces names a face")
     raise UserError(f"the set {name!r} is not in the mesh", remedy=remedy)
@@ -232,19 +232,5 @@ def admissible(
 
 
 def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:
-    held = np.zeros(len(mesh.position), dtype=bool)
-    held[mesh.held] = True
-    for rigid in mesh.rigid:
-        held[[rigid.reference, *rigid.nodes]] = True
-    for averaging in mesh.averaging:
-        held[[averaging.reference, *averaging.nodes]] = True
-    for relation in mesh.relations:
-        held[relation.node] |= relation.ties
-    for own in mesh.springs:
-        held[own.node] = True
-    return np.any(_among(facets, mesh.above(held)), axis=1)
-
-
-def _among(facets: Facets, chosen: np.ndarray) -> np.ndarray:
-    """Which of the facets' nodes (f, 8) are among the chosen (n,) nodes; the padding is not."""
-    return chosen[facets.nodes] & (facets.nodes >= 0)
+    held = constrained_nodes(mesh, references=True)
+    return np.any(held[facets.nodes] & (facets.nodes >= 0), axis=1)

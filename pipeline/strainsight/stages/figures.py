@@ -89,17 +89,16 @@ def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
     from strainsight.pages.tested.figures import figures_of_test
     from strainsight.stages.tested import pages_of
 
-    found, drawings = pages_of(context), []
-    if found.campaign is not None:
-        own = campaign_figures(found.campaign)
-        drawings += [replace(one, key=f"{TEST}-{one.key}", title=f"the test: {one.title}") for one in own]
-    for report in found.records:
-        name, of = (f"-{report.record}", f", record {report.record}") if report.record else ("", "")
-        drawings += [
-            replace(one, key=f"{TEST}{name}-{one.key}", title=f"the test{of}: {one.title}")
-            for one in figures_of_test(report)
-        ]
-    return drawings
+    records, campaign = pages_of(context)
+    pages = [] if campaign is None else [("", "", campaign_figures(campaign))]
+    for report in records:
+        name, words = (f"-{report.record}", f", record {report.record}") if report.record else ("", "")
+        pages.append((name, words, figures_of_test(report)))
+    return [
+        replace(figure, key=f"{TEST}{name}-{figure.key}", title=f"the test{words}: {figure.title}")
+        for name, words, figures in pages
+        for figure in figures
+    ]
 
 
 def _of_bench(context: Context[BenchConfig]) -> list[Drawing]:

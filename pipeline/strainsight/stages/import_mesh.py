@@ -32,13 +32,13 @@ def run(context: Context[PlacementConfig]) -> Output:
     file = context.files["mesh.file"]
     used = [load.deck_load for load in context.config.loads.values() if load.deck_load is not None]
     mesh = mesh_of(config, file, base=context.base, loads=used)
-    weight, quality, found = looked_at(context.config, mesh)
+    weight, quality, warnings = looked_at(context.config, mesh)
     alone = on_one_node(context.config.loads, mesh)
     faces = None
     if mesh.has_surface:
         facets = exterior_facets(mesh)
         faces = faces_of(mesh.position, facets)
-        found += tuple(contact_warnings(context.config, mesh, facets, faces))
+        warnings += tuple(contact_warnings(context.config, mesh, facets, faces))
     grid, grid_attributes = vtkhdf_datasets(_grid(mesh))
     count = sum(len(block.ids) for block in mesh.elements)
     kinds = ", ".join(f"{len(block.ids)} {block.kind}" for block in mesh.elements)
@@ -50,7 +50,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     if weight is not None:
         summary["mass"] = float(weight[0])
         parts.append(f"mass {weight[0]:.5g} kg")
-    tables = found_tables(mesh, weight, quality, (*found, *alone))
+    tables = found_tables(mesh, weight, quality, (*warnings, *alone))
     summary["warnings"] = len(warnings_in(tables))
     program = format_of(file) if config.format == "auto" else config.format
     computed = config.matrices is None and config.results is None

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.problem import Problem, problem_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
@@ -33,11 +31,6 @@ def training(context: Context[object]) -> Training:
 def screened(context: Context[object]) -> Screened:
     """screen.h5."""
     return read(Screened, context.upstream["screen"])
-
-
-def problem(context: Context[PlacementConfig]) -> Problem:
-    """The estimation problem of the config, from rom, train and screen."""
-    return problem_of(context.config, context.files, reduced(context), training(context), screened(context))
 
 
 def layout(context: Context[object]) -> np.ndarray:

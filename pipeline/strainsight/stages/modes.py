@@ -15,12 +15,12 @@ from strainsight.stages import inputs
 def run(context: Context[PlacementConfig]) -> Output:
     """The lowest modes; runs that differ in their loads alone share the result."""
     config = context.config
-    found = modes_of(config, inputs.mesh(context), context)
-    frequency, size = found.frequency, len(found.shape)
+    modes = modes_of(config, inputs.mesh(context), context)
+    frequency, size = modes.frequency, len(modes.shape)
     guesses = {name: reference_value(name, entry.guess, context.files) for name, entry in config.parameters.items()}
     values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the deck"
     return Output(
-        datasets=written(found),
+        datasets=written(modes),
         summary={
             "unknowns": size,
             "modes": len(frequency),

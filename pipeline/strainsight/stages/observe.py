@@ -15,34 +15,34 @@ from strainsight.stages import inputs
 def run(context: Context[PlacementConfig]) -> Output:
     """The cases, and which is the worst at the training motion, of load cases in the one where it is worst."""
     reduced, training, screened = inputs.reduced(context), inputs.training(context), inputs.screened(context)
-    found = observed_of(context.config, reduced, training, screened, context)
-    trained = found.condition[: len(training.motions)]
+    observed = observed_of(context.config, reduced, training, screened, context)
+    trained = observed.condition[: len(training.motions)]
     condition = trained.max(axis=0)
     worst = first_of_largest(condition)
-    where = f" in {found.excitation[first_of_largest(trained[:, worst])]}" * bool(training.cases)
+    where = f" in {observed.excitation[first_of_largest(trained[:, worst])]}" * bool(training.cases)
     return Output(
-        datasets=written(found),
-        summary={f"condition.{case}": float(value) for case, value in zip(found.case, condition, strict=True)},
-        message=f"{len(condition)} cases, the worst {_unknowns(found, worst)}{where}: {condition[worst]:.2g}",
-        tables=(_table(found),),
+        datasets=written(observed),
+        summary={f"condition.{case}": float(value) for case, value in zip(observed.case, condition, strict=True)},
+        message=f"{len(condition)} cases, the worst {_unknowns(observed, worst)}{where}: {condition[worst]:.2g}",
+        tables=(_table(observed),),
     )
 
 
-def _unknowns(found: Observed, case: int) -> str:
-    return found.unknowns[case].replace(", ", " + ")
+def _unknowns(observed: Observed, case: int) -> str:
+    return observed.unknowns[case].replace(", ", " + ")
 
 
-def _table(found: Observed) -> Table:
+def _table(observed: Observed) -> Table:
     rows = tuple(
         (
-            _unknowns(found, j),
-            *(f"{value:.3g}" for value in found.condition[:, j]),
-            *(f"{value:.1e}" for value in found.condition_raw[:, j]),
-            "; ".join(dict.fromkeys(filter(None, found.lost[:, j].tolist()))),
+            _unknowns(observed, j),
+            *(f"{value:.3g}" for value in observed.condition[:, j]),
+            *(f"{value:.1e}" for value in observed.condition_raw[:, j]),
+            "; ".join(dict.fromkeys(filter(None, observed.lost[:, j].tolist()))),
         )
-        for j in range(len(found.case))
+        for j in range(len(observed.case))
     )
-    columns = (*(f"condition, {e}" for e in found.excitation), *(f"raw, {e}" for e in found.excitation))
+    columns = (*(f"condition, {e}" for e in observed.excitation), *(f"raw, {e}" for e in observed.excitation))
     title = "observability: condition of the scaled PBH matrix, and the thesis's raw number"
     return Table(title, ("unknown", *columns, "weakly observable"), rows)
 

@@ -12,10 +12,9 @@ from strainsight.stages import inputs
 
 def run(context: Context[PlacementConfig]) -> Output:
     """The placement, with the pool as points of a grid."""
-    mesh, problem = inputs.mesh(context), inputs.problem(context)
-    training, screened = inputs.training(context), inputs.screened(context)
-    found = placement_of(context.config, mesh, inputs.reduced(context), problem, training, screened, context)
-    return placement_output(found, mesh, context.config.mesh.length_unit)
+    mesh, training, screened = inputs.mesh(context), inputs.training(context), inputs.screened(context)
+    placement = placement_of(context.config, mesh, inputs.reduced(context), training, screened, context)
+    return placement_output(placement, mesh, context.config.mesh.length_unit)
 
 
 PLACE = Stage(

@@ -24,7 +24,7 @@ from strainsight.experiment.layout.workshop import (
     workshop_of,
     workshop_unv,
 )
-from strainsight.experiment.structure.observation import LinearModel, linear_model, mat_file
+from strainsight.experiment.structure.observation import mat_file
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.chart.files import file_name
@@ -77,17 +77,17 @@ def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, byt
         "abaqus": ("gauges-abaqus.inp", lambda: abaqus_sets(elements, config.name)),
         "catman": ("channels-catman.txt", lambda: catman_table(shop.listed, wiring)),
         "labview": ("channels-labview.txt", lambda: labview_table(shop.listed, wiring)),
-        "mat": ("model.mat", lambda: mat_file(_model(context, shop))),
+        "mat": ("model.mat", lambda: _mat_file(context, shop)),
     }
     return {name: content() for name, content in (files[export] for export in wanted)}
 
 
-def _model(context: Context[PlacementConfig], shop: Workshop) -> LinearModel:
+def _mat_file(context: Context[PlacementConfig], shop: Workshop) -> bytes:
     placed, model = read(Placed, context.upstream["place"]), read(Reduced, context.upstream["rom"]).model
     listed = shop.listed
     units = [unit for unit, own in zip(listed.unit, listed.directions, strict=True) for _ in own]
     of_loads = {name: load.unit for name, load in context.config.loads.items()}
-    return linear_model(placed, model, channel_labels(listed), units, of_loads)
+    return mat_file(placed, model, channel_labels(listed), units, of_loads)
 
 
 def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> list[Sheet]:

@@ -32,35 +32,35 @@ from strainsight.stages import inputs
 def run(context: Context[PlacementConfig]) -> Output:
     """Which candidates go on, and why the others do not."""
     config, mesh, training = context.config, inputs.mesh(context), inputs.training(context)
-    found, pool = screened_of(config, context.files, mesh, inputs.reduced(context), training), training.candidates
-    dropped = Counter(str(code) for code in found.reason if code)
-    noise, strain = float(found.noise_std[0]), pool.quantity[0] == 0
+    screened, pool = screened_of(config, context.files, mesh, inputs.reduced(context), training), training.candidates
+    dropped = Counter(str(code) for code in screened.reason if code)
+    noise, strain = float(screened.noise_std[0]), pool.quantity[0] == 0
     shown = f"{1e6 * noise:.3g} µm/m" if strain else f"{noise:.3g}"
-    said = [f"{pool.gauges} → {len(found.kept)}", f"noise {shown}"]
-    for warning in _fewer_than_asked(context.config.screen, found, pool):
+    parts = [f"{pool.gauges} → {len(screened.kept)}", f"noise {shown}"]
+    for warning in _fewer_than_asked(context.config.screen, screened, pool):
         warnings.warn(warning, stacklevel=2)
-    own, numbers = found.clearance, {}
-    if own is not None:
-        said.append(clearance_in_words(own, dropped[CLEARANCE]))
-        numbers = {"clearance": own.distance}
-        if warning := clearance_warning(own):
+    clearance, numbers = screened.clearance, {}
+    if clearance is not None:
+        parts.append(clearance_in_words(clearance, dropped[CLEARANCE]))
+        numbers = {"clearance": clearance.distance}
+        if warning := clearance_warning(clearance):
             warnings.warn(warning, stacklevel=2)
     if dropped[BEND]:
-        said.append(f"{dropped[BEND]} where the surface bends too tightly")
+        parts.append(f"{dropped[BEND]} where the surface bends too tightly")
     bent = bent_gauges(config, mesh, training)
     if warning := bent_warning(config, training, bent):
         warnings.warn(warning, stacklevel=2)
-        said.append(f"{int((bent & pool.bonded[pool.first]).sum())} bonded where the surface bends too tightly")
-    for warning in filter(None, (quiet_noise(training, found), loud_noise(training, found))):
+        parts.append(f"{int((bent & pool.bonded[pool.first]).sum())} bonded where the surface bends too tightly")
+    for warning in filter(None, (quiet_noise(training, screened), loud_noise(training, screened))):
         warnings.warn(warning, stacklevel=2)
     if kind := type_in_words(config):
-        said.append(kind)
+        parts.append(kind)
     return Output(
-        datasets=written(found, training_units(pool.quantity)),
-        summary={"candidates": pool.gauges, "kept": len(found.kept), "noise_std": noise}
+        datasets=written(screened, training_units(pool.quantity)),
+        summary={"candidates": pool.gauges, "kept": len(screened.kept), "noise_std": noise}
         | {f"dropped.{code}": count for code, count in dropped.items()}
         | numbers,
-        message=", ".join(said),
+        message=", ".join(parts),
         tables=type_table(config),
     )
 

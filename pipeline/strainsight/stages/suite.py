@@ -13,9 +13,10 @@ from strainsight import __version__
 from strainsight.config.suite_runs import all_of
 from strainsight.errors import ConfigError, did_you_mean
 from strainsight.estimation.decision import FAULTS
+from strainsight.pages.arrays import rms
 from strainsight.pages.bench.data import BenchRun
 from strainsight.pages.picture.scene import drawn_or_why, look, render_all
-from strainsight.pages.placement.data import Unknown
+from strainsight.pages.placement.data import Repeats, Unknown
 from strainsight.pages.suite.data import (
     CONFIRMED,
     CONTRADICTED,
@@ -34,7 +35,7 @@ from strainsight.pages.suite.data import (
 )
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
-from strainsight.pages.suite.summary import Result, counts, results_of, without_benefit
+from strainsight.pages.suite.summary import counts, results_of, without_benefit
 from strainsight.records.bench import BenchEstimated
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
@@ -271,18 +272,21 @@ def _run(run: SuiteRun) -> Mapping[str, Any]:
 
 
 def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
+    """Numbers and verdict of every unknown by the names of `UnknownRows`."""
     if isinstance(run, BenchRun):
-        for own in run.unknowns:
-            numbers = {key: run.number(f"{key}.{own.name}") for key in OF_A_LOAD}
-            yield {"name": own.name, "unit": own.history.unit, "verdict": _verdict(run, own.name)} | numbers
+        for unknown in run.unknowns:
+            name = unknown.name
+            numbers = {key: run.number(f"{key}.{name}") for key in OF_A_LOAD}
+            word = ", ".join(run.faults(name)) or str(run.summary.get(f"claim.{name}", ""))
+            yield {"name": name, "unit": unknown.history.unit, "verdict": word} | numbers
         return
     for result in results_of(run):
-        unknown = result.unknown
+        unknown, repeats = result.unknown, result.unknown.repeats
         yield vars(unknown) | {
             "smoothed": unknown.smoothed_error,
             "expected": unknown.expected_std,
-            "repeats_rms": result.rms,
-            "repeats_worst": result.worst,
+            "repeats_rms": None if repeats is None else rms(repeats.error),
+            "repeats_worst": None if repeats is None else repeats.worst,
             "verdict": result.verdict,
         }
 
@@ -294,71 +298,46 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
         said = tuple(tuple(_comparison_cells(row)[key] for key in SAID) for row in suite.comparisons)
         tables.append(Table("said and measured", ("source", "printed", "as printed, here", "ours", ""), said))
     if suite.statements:
-        lines = tuple((own.text, target(own), measured(own), own.verdict) for own in suite.statements)
+        lines = tuple((one.text, target(one), measured(one), one.verdict) for one in suite.statements)
         tables.append(Table("statements", ("statement", "target", "measured", ""), lines))
-    if suite.placements:
-        metrics = metrics_of(run for _, run in suite.placements)
-        head = ("run", "unknown", "gauges", metric_name(metrics), "gap", *OF_PLACEMENTS)
-        rows = tuple(row for _, run in suite.placements for row in _of_placement(run, len(metrics) > 1))
-        tables.append(Table(suite.title, head, rows))
-    if suite.benches:
-        rows = tuple(row for _, run in suite.benches for row in _of_bench(run))
-        tables.append(Table(suite.title, ("run", "unknown", *OF_BENCHES), rows))
+    metrics = metrics_of(run for _, run in suite.placements)
+    placement = ("run", "unknown", "gauges", metric_name(metrics), "gap", *OF_PLACEMENTS)
+    for kind, head in ((PlacementRun, placement), (BenchRun, ("run", "unknown", *OF_BENCHES))):
+        runs = [run for run in suite.runs if isinstance(run, kind)]
+        rows = tuple(row for run in runs for row in _rows(run, len(head), len(metrics) > 1))
+        if runs:
+            tables.append(Table(suite.title, head, rows))
     return tuple(tables)
 
 
-def _of_bench(run: BenchRun) -> Iterator[tuple[str, ...]]:
-    if not run.unknowns:
-        yield run.label, "", f"not estimated ({run.reached})", "", "", "", ""
-    for i, unknown in enumerate(run.unknowns):
-        error, std, slope, ratio = (
-            run.number(f"{key}.{unknown.name}") for key in ("error", "std", "slope", "ratio_slope")
-        )
-        fits = ("" if value is None else f"{value:.5g}" for value in (slope, ratio))
-        yield (
-            run.label if i == 0 else "",
-            unknown.name,
-            _percent(error),
-            _percent(std),
-            *fits,
-            _verdict(run, unknown.name),
-        )
+def _rows(run: SuiteRun, columns: int, mixed: bool) -> Iterator[tuple[str, ...]]:
+    """A row an unknown; mixed: runs differ in their metric."""
+    label, layout = run.label, () if isinstance(run, BenchRun) else _layout_cells(run, mixed)
+    if isinstance(run, BenchRun) and not run.unknowns:
+        yield (label, "", f"not estimated ({run.reached})", *[""] * (columns - 3))
+    for unknown in _unknowns(run):
+        cells = [_percent(unknown[key]) for key in ("error", "smoothed", "std", "expected") if key in unknown]
+        if isinstance(run, BenchRun):
+            cells += ["" if (fit := unknown[key]) is None else f"{fit:.5g}" for key in ("slope", "ratio_slope")]
+        else:
+            cells.append(_repeats(unknown["repeats"]))
+            unknown["verdict"] = unknown["verdict"] or f"not estimated ({run.reached})"
+        yield (label, unknown["name"], *layout, *cells, unknown["verdict"])
+        label, layout = "", ("",) * len(layout)
 
 
-def _verdict(run: BenchRun, name: str) -> str:
-    """What is wrong with it, else whether its σ holds; empty where that was not judged."""
-    return ", ".join(run.faults(name)) or str(run.summary.get(f"claim.{name}", ""))
-
-
-def _of_placement(run: PlacementRun, mixed: bool) -> Iterator[tuple[str, ...]]:
-    for i, result in enumerate(results_of(run)):
-        unknown = result.unknown
-        values = (unknown.error, unknown.smoothed_error, unknown.std, unknown.expected_std)
-        yield (
-            run.label if i == 0 else "",
-            unknown.name,
-            *(_layout_cells(run, mixed) if i == 0 else ("", "", "")),
-            *map(_percent, values),
-            *(
-                (_repeats(result), result.verdict)
-                if result.error is not None
-                else ("", f"not estimated ({run.reached})")
-            ),
-        )
-
-
-def _layout_cells(run: PlacementRun, mixed: bool) -> tuple[str, str, str]:
+def _layout_cells(run: PlacementRun, mixed: bool) -> tuple[str, ...]:
     if (trend := run.trend) is None:
         return ("", "", "")
     metric = f"{trend.metric.symbol}: " * mixed + f"{trend.value[0]:.3g} → {trend.final:.3g}"
     return f"{run.gauges} of {run.pool}", metric, _percent(trend.gap)
 
 
-def _repeats(result: Result) -> str:
-    if result.rms is None:
+def _repeats(repeats: Repeats | None) -> str:
+    if repeats is None:
         return ""
-    lost = f"{result.lost} of {result.repeats} diverged" if result.lost else f"worst {_percent(result.worst)}"
-    return f"RMS {_percent(result.rms)}, {lost}"
+    lost = f"{repeats.lost} of {len(repeats.error)} diverged" if repeats.lost else f"worst {_percent(repeats.worst)}"
+    return f"RMS {_percent(rms(repeats.error))}, {lost}"
 
 
 def _percent(value: float | None) -> str:

@@ -24,8 +24,8 @@ from strainsight.stages import inputs
 def run(context: Context[PlacementConfig]) -> Output:
     """The training run, and where bonded gauges were moved to."""
     reduced = inputs.reduced(context)
-    found = trained(context.config, inputs.mesh(context), reduced, context)
-    training, surface = found.training, found.surface
+    result = trained(context.config, inputs.mesh(context), reduced, context)
+    training, surface = result.training, result.surface
     pool, moved = training.candidates, training.moved
     rms = training.rms
     if warning := unresolved_candidates(training):
@@ -58,29 +58,29 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     )
     words = ("candidates", "bonded", "accelerometers", "displacement sensors")
     counts = ", ".join(f"{kind.sum()} {word}" for kind, word in zip(kinds, words, strict=True) if kind.any())
-    said = [counts, f"{steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m"]
+    parts = [counts, f"{steps} steps, strongest RMS {1e6 * strongest:.4g} µm/m"]
     if cases:
-        said[1] += f" of {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
+        parts[1] += f" of {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
     if strongest > LARGE_STRAIN:
-        said.append("far from small: are load and modulus in the right unit?")
+        parts.append("far from small: are load and modulus in the right unit?")
     if surface is not None and len(surface.moved):
-        said.append(f"bonded ones moved by up to {1e3 * surface.moved.max():.2g} mm")
+        parts.append(f"bonded ones moved by up to {1e3 * surface.moved.max():.2g} mm")
     if surface is not None and surface.left_out:
-        said.append(f"{surface.left_out} places left out: a grid over a sharp edge")
+        parts.append(f"{surface.left_out} places left out: a grid over a sharp edge")
     if surface is not None and surface.alone:
-        said.append(f"{surface.alone} places left out: no facet opposite that takes the arms of a bridge")
+        parts.append(f"{surface.alone} places left out: no facet opposite that takes the arms of a bridge")
     if surface is not None and surface.twice:
-        said.append(f"{surface.twice} bridges taken once of two that are one, seen from its sides")
+        parts.append(f"{surface.twice} bridges taken once of two that are one, seen from its sides")
     if surface is not None and surface.empty:
-        said.append(f"no facet in the zone {', '.join(surface.empty)}: is it in metres?")
-    return ", ".join(said)
+        parts.append(f"no facet in the zone {', '.join(surface.empty)}: is it in metres?")
+    return ", ".join(parts)
 
 
 def _spaced(words: Iterable[str]) -> str:
     return " ".join(words)
 
 
-def _bonded_table(own: Candidates, names: Sequence[str], moved: np.ndarray) -> Table:
+def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> Table:
     """Where the bonded gauges are, of bridges all arms; they are the first candidates."""
     rows = tuple(
         (
@@ -91,8 +91,8 @@ def _bonded_table(own: Candidates, names: Sequence[str], moved: np.ndarray) -> T
             ", ".join(_spaced(f"{round(d, 3) + 0.0:g}" for d in direction) for direction in grids.direction),
             f"{1e3 * moved[i]:.3g} mm",
         )
-        for i, c in enumerate(own.first[: len(moved)])
-        for grids in (own.take(np.array([c])).grids,)
+        for i, c in enumerate(pool.first[: len(moved)])
+        for grids in (pool.take(np.array([c])).grids,)
     )
     return Table(
         "bonded gauges, moved to the surface", ("gauge", "element", "facet", "x y z [m]", "direction", "moved by"), rows

@@ -8,7 +8,7 @@ import pytest
 from strainsight.errors import DeckError
 from strainsight.fem.model import build_model
 from strainsight.fem.thin import thin_operators
-from strainsight.mesh.scaling import resized
+from strainsight.mesh.units import rescaled
 from strainsight.records.mesh import MeshColumns
 
 from ...refusals import refusal_table
@@ -329,7 +329,7 @@ def test_a_neutral_axis_that_runs_apart_is_that_of_many_short_beams(read):
 def test_places_beside_the_shear_centre_are_lengths_and_are_kept(read):
     mesh = read(offset_beam(",.02,.01,-.03,.04,.03,-.02,.01,.05\n", ",.001,3.-6,1.-6,0.,2.-6,3."))
     section = mesh.sections[1]
-    small = resized(section, 1e-3, 1e3)
+    small = rescaled(section, 1e-3, 1e3)
     np.testing.assert_allclose([small.neutral, small.at_b.beside], [[3e-5, -2e-5], [-3e-5, 4e-5]])
     kept = MeshColumns.of(mesh).made().sections[1]
     assert (kept.neutral, kept.beside) == (section.neutral, section.beside)

@@ -10,14 +10,12 @@ from strainsight.fem.affine import Parameter
 from strainsight.fem.assembly import assemble
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.mass import mass_properties
-from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.recovery import facet_strain, surface_model, surface_state
 from strainsight.fem.thin import thin_operators
 from strainsight.mesh.additions import with_material, with_properties
 from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.scaling import scaled
 from strainsight.mesh.thin_faces import with_faces
-from strainsight.mesh.units import to_si
+from strainsight.mesh.units import scaled, to_si
 from strainsight.records.mesh import MeshColumns
 
 from ...fem.laminate_models import CARBON, by_slices, tensor_stiffness

@@ -12,8 +12,7 @@ from strainsight.fem.mass import mass_properties
 from strainsight.fem.model import build_model
 from strainsight.fem.nodal_forces import body_forces
 from strainsight.mesh.joins import BodyForce
-from strainsight.mesh.scaling import scaled
-from strainsight.mesh.units import to_si
+from strainsight.mesh.units import scaled, to_si
 from strainsight.rom.inertia import inertia_invariants
 
 from ...refusals import refusal_table

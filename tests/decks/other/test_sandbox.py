@@ -10,6 +10,7 @@ import meshio
 import numpy as np
 import pytest
 
+from strainsight import child_reader
 from strainsight.decks.other import load as loading
 from strainsight.decks.other.load import load
 from strainsight.decks.other.mesh import read_meshio
@@ -57,7 +58,7 @@ def test_entities_of_xml_are_neither_multiplied_nor_fetched(tmp_path, name):
 def test_a_library_that_crashes_or_hangs_costs_the_file_and_not_the_run(tmp_path, monkeypatch, does):
     MESH.write(tmp_path / "part.vtu")
     monkeypatch.setattr(loading, "COMMAND", [sys.executable, "-c", does])
-    monkeypatch.setattr(loading, "START_LIMIT", 0.5)
+    monkeypatch.setattr(child_reader, "START_LIMIT", 0.5)
     with pytest.raises(DeckError, match="crashed, or did not come to an end"):
         read_meshio(tmp_path / "part.vtu")
 

@@ -11,8 +11,7 @@ from scipy.integrate import dblquad
 from scipy.optimize import brentq
 
 from strainsight.errors import InfeasibleError, UserError
-from strainsight.multibody.bearing.element import ball_loads, bearing_load
-from strainsight.multibody.bearing.equilibrium import displacement
+from strainsight.multibody.bearing.element import ball_loads, bearing_load, displacement
 from strainsight.multibody.bearing.geometry import (
     contact_ellipse,
     peak_pressure,

@@ -6,8 +6,7 @@ import mpmath as mp
 import numpy as np
 import pytest
 
-from strainsight.multibody.bearing.element import ball_loads, bearing_load
-from strainsight.multibody.bearing.equilibrium import displacement
+from strainsight.multibody.bearing.element import ball_loads, bearing_load, displacement
 from strainsight.multibody.bearing.geometry import Bearing
 
 from .bearings import pitch_bearing

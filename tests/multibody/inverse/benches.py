@@ -7,8 +7,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.fem.affine import AffineOperator
+from strainsight.multibody.bearing.element import BearingLaw
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
-from strainsight.multibody.bearing.law import BearingLaw
 from strainsight.multibody.bodies import FlexibleBody, Frame, RigidBody
 from strainsight.multibody.forces import Gravity, PointForce, RelativeElement
 from strainsight.multibody.initial import Pose, project_position, state, static_equilibrium
@@ -16,7 +16,7 @@ from strainsight.multibody.inverse.loads import walks
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import parameter_coordinates, start_covariance, white_force
 from strainsight.multibody.joints import Joint
-from strainsight.multibody.laws.springs import bushing
+from strainsight.multibody.laws import bushing
 from strainsight.multibody.relations import bearing_displacements, dot
 from strainsight.multibody.sensors import Readings, RelationSensor, StrainSensor, readings
 from strainsight.multibody.simulate import simulate

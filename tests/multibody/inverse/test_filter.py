@@ -21,7 +21,7 @@ def one_shot(model):
 
 def off_constraints(model, x):
     """Largest of φ and of B v [m or -, and per second], beside what they are made of."""
-    phi, B = constraints_at(model.system, x[model.q])
+    phi, B, _ = constraints_at(model.system, x[model.q])
     v = x[model.v]
     return np.abs(phi).max(), np.abs(B @ v).max() / np.abs(np.abs(B) @ np.abs(v)).max()
 

@@ -115,7 +115,7 @@ def test_projection_puts_a_state_back_on_its_constraints():
     assert np.all(model.violation(back, 0) < 1e-15)
     d = b.system.metric
     for old, new in zip(x, back, strict=True):
-        phi, B = constraints_at(b.system, new[model.q])
+        phi, B, _ = constraints_at(b.system, new[model.q])
         assert np.abs(phi).max() < 1e-14
         assert np.abs(B @ new[model.v]).max() < 1e-15
         # nearest in the metric: what is taken off is across the constraints

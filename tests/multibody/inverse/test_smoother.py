@@ -181,10 +181,9 @@ def drawn_loads(seed):
 def rate_of(b, load):
     """ẋ(t, x) of M v̇ + c + f = Bᵀλ and B v̇ + Ḃv = 0 under load(t) (3,)."""
     n, m = b.system.size, b.system.constrained
-    still, none = np.zeros(n), np.zeros(m)
 
     def rate(t, x):
-        at = balance(b.system, x[:n], x[n:], still, none, none, load(t), b.theta)
+        at = balance(b.system, x[:n], x[n:], load(t), b.theta)
         KKT = np.block([[at.mass, -at.B.T], [at.B, np.zeros((m, m))]])
         return np.concatenate([x[n:], np.linalg.solve(KKT, np.concatenate([-at.load, -at.B_rate @ x[n:]]))[:n]])
 

@@ -22,7 +22,7 @@ from strainsight.multibody.inverse.parameters import (
     zero_at_rest,
 )
 from strainsight.multibody.joints import prismatic
-from strainsight.multibody.laws.springs import bushing
+from strainsight.multibody.laws import bushing
 from strainsight.multibody.relations import offset
 from strainsight.multibody.step import advance
 from strainsight.multibody.system import assemble
@@ -62,7 +62,7 @@ def test_further_motions_are_those_that_the_constraints_leave():
     model = b.model(0.1, 1, load=1.0)
     n, none = b.system.size, np.zeros(3)
     P = start_covariance(b.system, b.q, none, b.theta, model.coordinates, model.inputs, none, [], (2.0, 3.0))
-    _, B = constraints_at(b.system, b.q)
+    _, B, _ = constraints_at(b.system, b.q)
     d, m = b.system.metric, len(B)
     for own, spread in ((model.q, 2.0), (model.v, 3.0)):
         scaled = d[:, None] * P[own, own] * d
@@ -88,7 +88,7 @@ def test_white_force_is_mass_times_acceleration():
 def test_linear_system_of_the_whole_bench_gives_the_static_response():
     b = bench()
     T, M, _, K, B_u = linearised(b.system, b.q, np.zeros(3), b.theta)
-    _, B = constraints_at(b.system, b.q)
+    _, B, _ = constraints_at(b.system, b.q)
     assert np.abs(B @ T).max() < 1e-12 * np.abs(B).max() * np.abs(T).max()
     du = np.array([20.0, -10.0, 30.0])
     plus, minus = (static_equilibrium(b.system, b.q, s * du, b.theta)[0] for s in (1, -1))

@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from strainsight.pages.arrays import rms
 from strainsight.pages.page.sections import text_of
 from strainsight.pages.suite.data import (
     CONTRADICTED,
@@ -226,7 +227,7 @@ def test_the_claim_that_decides_is_the_verdict(suite):
         own = replace(run, unknowns=(replace(run.unknowns[0], claims=claims),))
         (result,) = results_of(own)
         assert (result.verdict, result.verdicts) == (verdict, wrong)
-        assert (result.rms, result.worst) == pytest.approx((0.0007, 0.0007))
+        assert result.unknown.repeats.worst == pytest.approx(0.0007)
 
 
 def repeated(run, error):
@@ -237,14 +238,15 @@ def repeated(run, error):
 def test_repeats_that_diverged_are_left_out_of_the_numbers(suite):
     run = suite().runs[0]
     (result,) = results_of(repeated(run, np.full(20, np.nan)))
-    assert np.isnan(result.rms)
-    assert (result.worst, result.lost, result.verdict) == (np.inf, 20, "diverged")
+    repeats = result.unknown.repeats
+    assert (repeats.worst, repeats.lost, result.verdict) == (np.inf, 20, "diverged")
 
 
 def test_one_lost_repeat_makes_the_worst_infinite_and_leaves_the_rms_of_the_others(suite):
     run = suite().runs[0]
     (result,) = results_of(repeated(run, np.append(np.full(19, 0.0007), np.inf)))
-    assert (result.rms, result.worst, result.lost) == (pytest.approx(0.0007), np.inf, 1)
+    repeats = result.unknown.repeats
+    assert (rms(repeats.error), repeats.worst, repeats.lost) == (pytest.approx(0.0007), np.inf, 1)
     assert result.verdicts == ("diverged",)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -9,49 +10,50 @@ from pydantic import Field
 from strainsight.config.base import (
     INSTANT,
     NOISE,
-    PRICE,
     SIZE,
-    SNAP,
     STRAIN,
-    Duration,
     FlexibleName,
-    FrameName,
     JointName,
     Name,
+    NamedRun,
     NotNegative,
     Plausible,
     Positive,
-    RunName,
+    Problem,
     Section,
-    Seed,
     Stress,
-    TimeStep,
+    TimeSpan,
+    expert,
 )
-from strainsight.config.bench.bodies import Bearing, Body, Curve, Frame, LoadCase
-from strainsight.config.bench.connections import Force, Frames, Joint
+from strainsight.config.bench.bodies import Bearing, BearingLoads, Body, Frame
+from strainsight.config.bench.connections import AtFrame, Between, Force, Joint
 from strainsight.config.bench.estimate import Estimate
-from strainsight.config.gauges import BondedGauge, Direction, GaugeSites, PrincipalDirection
+from strainsight.config.gauges import BondedGauge, Direction, GaugeSites, Priced, PrincipalDirection, Snapped
 from strainsight.config.layout import Keep, LayoutSettings
 
 Layout = Literal["place", "random"]
 """Which layout a strain sensor takes from the placement."""
 
 
-class CandidateSensor(Section):
+class CandidateSensor(Priced):
     """A sensor of the bench among the candidates, each of its three components one."""
 
-    noise: Annotated[Positive | tuple[Positive, Positive, Positive], NOISE] = Field(
+    noise: Annotated[Positive | tuple[Positive, Positive, Positive], NOISE] = expert(
         description="σ of a sample [m or m/s²], one for all three components or one each."
     )
-    price: Annotated[NotNegative, PRICE] = Field(1.0, description="Price of a component, in the unit of place.budget.")
 
 
-class BenchPlace(GaugeSites, LayoutSettings):
-    """Gauges of a flexible body, placed for the unknown inputs and the parameters that `estimate` estimates."""
+class OnFlexibleBody(Section):
+    """What is on a flexible body."""
 
     body: FlexibleName = Field(description="Name of the flexible body.")
-    fixed: tuple[BondedGauge, ...] = Field((), description="Gauges that are already bonded; they count in place.keep.")
-    sensors: dict[Name, CandidateSensor] = Field(
+
+
+class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
+    """Gauges of a flexible body, placed for the unknown inputs and the parameters that `estimate` estimates."""
+
+    fixed: tuple[BondedGauge, ...] = expert((), description="Gauges that are already bonded; they count in place.keep.")
+    sensors: dict[Name, CandidateSensor] = expert(
         {},
         description="Displacement sensors and accelerometers that may stand beside gauges, by their names under `sensors`: "
         "motion (position), relative (its displacements, without the tilts) or acceleration. They keep no spacing.",
@@ -65,12 +67,12 @@ class BenchPlace(GaugeSites, LayoutSettings):
         description="Measuring directions of the candidates, one gauge each; principal: of the static strains under the unknown "
         "inputs, each as strong as the others.",
     )
-    pool: Annotated[int, Field(ge=1), Plausible(1, 1e5)] = Field(
+    pool: Annotated[int, Field(ge=1), Plausible(1, 1e5)] = expert(
         300,
         description="Candidates that enter the elimination beside the bonded ones [-]: the strongest under each unknown "
         "in turn.",
     )
-    search: Literal["all", "pool"] = Field(
+    search: Literal["all", "pool"] = expert(
         "all",
         description="all: bound and proof are over all candidates, and those that a better layout could have by that bound "
         "enter, too; pool: layout, bound and proof are of the pool alone.",
@@ -78,13 +80,12 @@ class BenchPlace(GaugeSites, LayoutSettings):
     spacing: Annotated[NotNegative, SIZE] = Field(
         0.0, description="Least distance between those that are strongest under one input [m]."
     )
-    poses: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=100), INSTANT] = Field(
+    poses: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=100), INSTANT] = expert(
         (0.0,),
         description="Instants of the run, each with the pose in equilibrium under its loads and drives, that the gauges have to "
         "serve [s].",
     )
-    aggregate: Literal["mean", "worst"] = Field("mean", description="How poses are put together.")
-    random: int = Field(4, ge=0, le=1000, description="Layouts drawn from all candidates, to compare with [-].")
+    random: int = expert(4, ge=0, le=1000, description="Layouts drawn from all candidates, to compare with [-].")
 
     @property
     def bonded(self) -> int:
@@ -92,45 +93,38 @@ class BenchPlace(GaugeSites, LayoutSettings):
         return sum(len(gauge.angles) for gauge in self.fixed)
 
 
-class StrainSensor(Section):
+class StrainSensor(OnFlexibleBody, Snapped):
     """Strain gauges bonded on a flexible body."""
 
     type: Literal["strain"] = Field(description="Kind of sensor.")
-    body: FlexibleName = Field(description="Name of the flexible body.")
     gauges: tuple[BondedGauge, ...] = Field((), description="Where they are bonded; none: as `layout` says.")
     layout: Layout | None = Field(
         None, description="Gauges of the section `place` instead: the placed ones, or the first layout drawn at random."
     )
-    snap_tolerance: Annotated[Positive, SNAP] = Field(
-        0.005, description="How far a gauge may be from the surface of the mesh before it is refused [m]."
-    )
     zeroed: bool = Field(False, description="true: what they read at the start is taken off.")
 
 
-class RelativeSensor(Section):
-    """Motion of one frame in the axes of another: three displacements, and tilts about its y and z axes."""
+class RelativeSensor(Between):
+    """Motion of the second frame in the axes of the first: three displacements, and tilts about its y and z axes."""
 
     type: Literal["relative"] = Field(description="Kind of sensor.")
-    frames: Frames = Field(description="Names of the two frames: the one that looks, the one that moves.")
 
 
-class MotionSensor(Section):
+class MotionSensor(AtFrame):
     """Motion of a frame in global axes."""
 
     type: Literal["motion"] = Field(description="Kind of sensor.")
-    frame: FrameName = Field(description="Name of the frame.")
-    quantity: Literal["position", "velocity", "x_axis", "y_axis", "z_axis"] = Field(
+    quantity: Literal["position", "velocity", "x_axis", "y_axis", "z_axis"] = expert(
         "position", description="Position [m] or velocity [m/s] of its origin, or the direction of one of its axes [-]."
     )
 
 
-class AccelerationSensor(Section):
+class AccelerationSensor(AtFrame):
     """Acceleration of a frame's origin, as an accelerometer bonded there reads it, or in global axes."""
 
     type: Literal["acceleration"] = Field(description="Kind of sensor.")
-    frame: FrameName = Field(description="Name of the frame.")
-    axes: Literal["own", "global"] = Field("own", description="Along the axes of the frame, or along global ones.")
-    gravity: bool = Field(
+    axes: Literal["own", "global"] = expert("own", description="Along the axes of the frame, or along global ones.")
+    gravity: bool = expert(
         True,
         description="true: less that of gravity, so that at rest it reads 1 g upwards; false: of the motion alone.",
     )
@@ -149,68 +143,65 @@ Sensor = Annotated[
 ]
 
 
-class Simulate(Section):
+class Simulate(TimeSpan):
     """The simulation in time."""
 
-    duration: Duration = Field(description="Length of the simulation [s].")
-    time_step: TimeStep = Field(description="Time step [s].")
     method: Literal["second_order", "thesis"] = Field(
         "second_order",
         description="second_order: two implicit stages a step, errors shrink with its square; thesis: implicit Euler, with the "
         "step itself.",
     )
-    tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = Field(
+    tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = expert(
         None,
         description="Largest error of the motion that all steps together may make, beside the coordinates of each body (a turn "
         "counts as 1): steps are divided until halving them again changes less, and see the loads at every instant of their "
         "own; null: every step is one.",
     )
-    start: Literal["equilibrium", "as_given"] = Field(
+    start: Literal["equilibrium", "as_given"] = expert(
         "equilibrium",
         description="equilibrium: the static equilibrium under the loads at t = 0; as_given: poses and velocities of the "
         "bodies, projected onto the joints.",
     )
-    allow_unstable: bool = Field(
+    allow_unstable: bool = expert(
         False,
         description="true: start from an equilibrium that is left by itself, as of a pendulum that stands on its head.",
     )
-    snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = Field(
+    snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = expert(
         0.005,
         description="How far the joints may move a body from its pose at the start before it is refused [m]; velocities may "
         "change by 1 %.",
     )
 
 
-class SurfaceField(Section):
+class SurfaceField(OnFlexibleBody):
     """Displacement, strain and stress of a flexible body's surface in time, as a grid that ParaView plays."""
 
-    body: FlexibleName = Field(description="Name of the flexible body.")
     of: Literal["simulate", "estimate"] = Field(
         "simulate", description="Of the simulated motion, or of the estimated one with the estimated moduli."
     )
-    every: Annotated[int | None, Plausible(1, 1e6)] = Field(
+    every: Annotated[int | None, Plausible(1, 1e6)] = expert(
         None, ge=1, description="Steps between pictures [-]; null: as many as `instants` says."
     )
     instants: int | None = Field(None, ge=2, le=10_000, description="Pictures, evenly from start to end [-]; null: 50.")
-    allowable: Stress | None = Field(
+    allowable: Stress | None = expert(
         None,
         description="Von Mises stress that the body may carry [Pa]; the page compares the largest one with it and begins with it "
         "where it is exceeded; null: none is stated.",
     )
 
+    def problems(self) -> Iterator[Problem]:
+        if self.every is not None and self.instants is not None:
+            yield Problem("every", "every and instants are both given", "give one of them")
 
-class BenchConfig(Section):
+
+class BenchConfig(NamedRun, BearingLoads):
     """Rigid and flexible bodies, joints, bearings and loads in time. SI units unless a field says otherwise."""
 
     kind: Literal["bench"] = Field(description="Which pipeline.")
-    name: RunName = Field(description="Name of the run; its results go to results/NAME.")
-    seed: Seed = Field(0, description="Seed of everything that is drawn at random [-].")
     bodies: Annotated[dict[Name, Body], Field(min_length=1)] = Field(description="Bodies, by name.")
     frames: Annotated[dict[Name, Frame], Field(min_length=1)] = Field(description="Frames on bodies and ground.")
     joints: dict[Name, Joint] = Field({}, description="Joints, by name.")
     bearings: dict[Name, Bearing] = Field({}, description="Bearings, by name.")
-    cases: dict[Name, LoadCase] = Field({}, description="Loads on a bearing alone, for the stage `bearing`.")
-    curves: tuple[Curve, ...] = Field((), description="Load-displacement curves of a bearing alone.")
     forces: dict[Name, Force] = Field({}, description="Forces, by name.")
     sensors: dict[Name, Sensor] = Field({}, description="Sensors, by name.")
     simulate: Simulate = Field(description="The simulation in time.")

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from strainsight.config.base import GROUND, Names, Problem, known, marked, name_problems, undivided
+from strainsight.config.base import GROUND, Names, Problem, known, marked, name_problems, section_problems, undivided
 from strainsight.config.bench.bench import (
     AccelerationSensor,
     BenchConfig,
@@ -16,20 +16,16 @@ from strainsight.config.bench.bench import (
     StrainSensor,
 )
 from strainsight.config.bench.bodies import (
-    RADII,
     Bearing,
     BearingConfig,
     Curve,
     FlexibleBody,
     LoadCase,
-    Pose,
     RigidBody,
 )
 from strainsight.config.bench.checks_estimate import estimate_problems
-from strainsight.config.bench.connections import Driven
-from strainsight.config.checks_material import material_problems
 from strainsight.config.checks_model import RESERVED
-from strainsight.config.layout import layout_problems, zone_problems
+from strainsight.config.layout import layout_problems
 
 
 def place_problems(config: BenchConfig) -> Iterator[Problem]:
@@ -63,8 +59,6 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
         among = "estimate.inputs and estimate.parameters" if free else "estimate.inputs"
         yield from layout_problems(place, (*inputs, *free), among, place.bonded, "place.fixed")
         yield from _candidates(config, place)
-        yield from zone_problems("place.include", place.include)
-        yield from zone_problems("place.exclude", place.exclude)
     given = {} if config.estimate is None else config.estimate.sensors
     for name, own in given.items():
         if own.layout is not None and (place is None or name not in place.sensors):
@@ -115,16 +109,9 @@ def _layout(key: str, sensor: StrainSensor, place: BenchPlace | None) -> Iterato
 
 
 MOST_STEPS = 10_000_000
-PARALLEL = 1e-6
-GYRATION = (1e-7, 1e7)
-"""[m] within which a radius of gyration is one: beyond, turning weighs nothing beside moving, or moving beside turning."""
 MASSES_APART = 1e12
 """Ratio of two masses up to which the joints between them hold to rounding."""
 
-FARTHEST = 1e8
-"""[m] from the origin, beyond which a place is known to less than 10 nm: to no more than a bearing moves."""
-LARGEST_PRELOAD = 0.02
-"""Share of the ball diameter: as oversize several times what hard steel bears, as clearance a worn-out bearing."""
 LEAST_REACH = 1e-9
 """Share of the ball diameter below which a displacement is rounding."""
 
@@ -132,20 +119,21 @@ LEAST_REACH = 1e-9
 def bearing_problems(config: BearingConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of bearings."""
     yield from name_problems(config)
+    yield from section_problems(config)
     yield from bearings_alone(config.bearings, config.cases, config.curves)
 
 
 def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of a bench."""
     yield from name_problems(config)
+    yield from section_problems(config)
     yield from bearings_alone(config.bearings, config.cases, config.curves)
     if GROUND in config.bodies:
         yield Problem(f"bodies.{GROUND}", f"'{GROUND}' is the ground", "give the body another name", at_key=True)
-    yield from _bodies(config)
+    yield from _masses(config)
     yield from _frames(config)
     yield from _apart(config)
     yield from _loads(config)
-    yield from _drives(config)
     yield from _moduli(config)
     yield from _time(config)
     yield from estimate_problems(config)
@@ -178,8 +166,6 @@ def _field(config: BenchConfig) -> Iterator[Problem]:
         return
     if field.of == "estimate" and config.estimate is None:
         yield Problem("field.of", "nothing is estimated", "give the section estimate, or say simulate")
-    if field.every is not None and field.instants is not None:
-        yield Problem("field.every", "every and instants are both given", "give one of them")
 
 
 def _moduli(config: BenchConfig) -> Iterator[Problem]:
@@ -200,58 +186,6 @@ def _moduli(config: BenchConfig) -> Iterator[Problem]:
                     )
 
 
-def _bodies(config: BenchConfig) -> Iterator[Problem]:
-    for name, body in config.bodies.items():
-        yield from _pose(f"bodies.{name}.pose", body.pose)
-        if isinstance(body, FlexibleBody):
-            if body.modes is not None and body.cutoff is not None:
-                yield Problem(f"bodies.{name}.cutoff", "modes and cutoff are both given", "give one of them")
-            for material, own in body.mesh.materials.items():
-                yield from material_problems(f"bodies.{name}.mesh.materials.{material}", own)
-            if body.mesh.matrices is not None:
-                yield Problem(
-                    f"bodies.{name}.mesh.matrices",
-                    "a body of a bench is reduced from its solids",
-                    "leave mesh.matrices out",
-                )
-            if body.mesh.results is not None:
-                yield Problem(
-                    f"bodies.{name}.mesh.results",
-                    "a body of a bench is reduced from its solids",
-                    "leave mesh.results out",
-                )
-            if body.mesh.free:
-                yield Problem(
-                    f"bodies.{name}.mesh.free", "a body of a bench is free in any case", "remove the key", at_key=True
-                )
-        else:
-            I = body.inertia
-            tensor = np.array([[I.xx, I.xy, I.xz], [I.xy, I.yy, I.yz], [I.xz, I.yz, I.zz]])
-            least = np.linalg.eigvalsh(0.5 * np.trace(tensor) * np.eye(3) - tensor)[0]
-            if least < -1e-9 * np.trace(tensor):
-                yield Problem(
-                    f"bodies.{name}.inertia",
-                    "one principal moment is larger than the sum of the two others, which no body has",
-                    "give the moments about the centre of mass, with xy = −∫ρxy",
-                )
-            yield from _gyration(name, body)
-    yield from _masses(config)
-
-
-def _gyration(name: str, body: RigidBody) -> Iterator[Problem]:
-    """√(½ tr I / m): the joints are distinguished in the metric of the mass, where a lever is one beside this radius."""
-    trace = body.inertia.xx + body.inertia.yy + body.inertia.zz
-    radius = float(np.sqrt(trace / 2) / np.sqrt(body.mass))
-    low, high = GYRATION
-    if not low <= radius <= high:
-        yield Problem(
-            f"bodies.{name}.mass",
-            f"{body.mass:g} kg with moments of inertia of {trace:.3g} kg m² in sum is a radius of gyration of {radius:.3g} m, "
-            f"not within {low:g} to {high:g} m",
-            "give mass and moments of the same body, in kg and kg m²",
-        )
-
-
 def _masses(config: BenchConfig) -> Iterator[Problem]:
     masses = {name: body.mass for name, body in config.bodies.items() if isinstance(body, RigidBody)}
     if not masses:
@@ -270,7 +204,6 @@ def _masses(config: BenchConfig) -> Iterator[Problem]:
 def _frames(config: BenchConfig) -> Iterator[Problem]:
     for name, frame in config.frames.items():
         key = f"frames.{name}"
-        yield from _pose(f"{key}.pose", frame.pose)
         flexible = frame.body in _flexible(config)
         if flexible and frame.node is None:
             yield Problem(f"{key}.node", "missing", "a frame on a flexible body is at one of its nodes", at_key=True)
@@ -283,26 +216,11 @@ def _frames(config: BenchConfig) -> Iterator[Problem]:
 def _loads(config: BenchConfig) -> Iterator[Problem]:
     for name, force in config.forces.items():
         key = f"forces.{name}"
-        if force.type == "gravity" and force.turns is not None and not any(force.turns.axis):
-            yield Problem(f"{key}.turns.axis", "has no length", "give three numbers, not all zero")
         if force.type not in ("force", "moment"):
             continue
         if force.frame in config.frames and config.frames[force.frame].body == GROUND:
             what = f"frame '{force.frame}' is on the ground, where a load moves nothing"
             yield Problem(f"{key}.frame", what, "name a frame on a body")
-        if not any(force.direction):
-            yield Problem(f"{key}.direction", "has no length", "give three numbers, not all zero")
-
-
-def _drives(config: BenchConfig) -> Iterator[Problem]:
-    for name, joint in config.joints.items():
-        if isinstance(joint, Driven):
-            key, drive = f"joints.{name}.drive", joint.drive
-            if drive.of == "position" and drive.start:
-                yield Problem(f"{key}.start", "the history says where it starts", "leave start out, or say of: rate")
-            if drive.of == "rate" and drive.signal.type == "sweep":
-                what = "a sweep of a rate has no position in closed form"
-                yield Problem(f"{key}.signal", what, "give a sweep of the position, or the rate from a file")
 
 
 def _apart(config: BenchConfig) -> Iterator[Problem]:
@@ -321,23 +239,6 @@ def _apart(config: BenchConfig) -> Iterator[Problem]:
                 yield Problem(where, f"both frames are on '{bodies[0]}'", "name frames of two bodies")
 
 
-def _pose(key: str, pose: Pose) -> Iterator[Problem]:
-    farthest = float(np.max(np.abs(pose.origin)))
-    if farthest > FARTHEST:
-        yield Problem(
-            f"{key}.origin",
-            f"{farthest:g} m from the origin, where a number has steps of {np.spacing(farthest):.1g} m",
-            f"give places in metres, about an origin near the bench (within {FARTHEST:g} m)",
-        )
-    for axis in ("x_axis", "y_axis"):
-        if not any(getattr(pose, axis)):
-            yield Problem(f"{key}.{axis}", "has no length", "give three numbers, not all zero")
-            return
-    x, y = (np.array(v) / np.linalg.norm(v) for v in (pose.x_axis, pose.y_axis))
-    if np.linalg.norm(np.cross(x, y)) < PARALLEL:
-        yield Problem(f"{key}.y_axis", "is parallel to the x axis", "give another direction")
-
-
 def _flexible(config: BenchConfig) -> list[str]:
     return [name for name, body in config.bodies.items() if isinstance(body, FlexibleBody)]
 
@@ -346,8 +247,6 @@ def bearings_alone(
     bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase], curves: Sequence[Curve]
 ) -> Iterator[Problem]:
     """Bearings that cannot be built, cases and curves without any, curves that reach too far."""
-    for name, bearing in bearings.items():
-        yield from _bearing(f"bearings.{name}", bearing)
     for key, given in (("cases", cases), ("curves", curves)):
         if given and not bearings:
             yield Problem(key, "there is no bearing", f"leave {key} out, or give bearings", at_key=True)
@@ -360,39 +259,6 @@ def _chosen(entry: Curve, bearings: Mapping[str, Bearing]) -> tuple[str, ...]:
     if entry.bearing is None:
         return tuple(bearings)
     return (entry.bearing,) if isinstance(entry.bearing, str) else entry.bearing
-
-
-def _bearing(key: str, bearing: Bearing) -> Iterator[Problem]:
-    """What `multibody.bearing.geometry` refuses too, for whoever builds a bearing without a config: only here the file, the
-    line and all problems can be listed at once, and a config knows no kernel."""
-    half = bearing.ball_diameter / 2
-    limit = LARGEST_PRELOAD * bearing.ball_diameter
-    if abs(bearing.preload) > limit:
-        yield Problem(
-            f"{key}.preload",
-            f"{bearing.preload:g} m is beyond {limit:g} m, {100 * LARGEST_PRELOAD:g} % of the ball diameter",
-            "give the oversize of the balls on their radius in metres (clearance: negative); usual are 1e-5 to 1e-4 m",
-        )
-    for radius in RADII:
-        value = getattr(bearing, radius)
-        if not value > half:
-            yield Problem(
-                f"{key}.{radius}",
-                f"{value:g} m is not above half the ball diameter, {half:g} m",
-                "a groove is wider than its ball: usual radii are 1.03 to 1.06 times half the diameter",
-            )
-        elif not value > half + bearing.preload and bearing.preload <= limit:
-            yield Problem(
-                f"{key}.preload",
-                f"balls of {half:g} m in radius with {bearing.preload:g} m of oversize do not pass {radius}, {value:g} m",
-                f"take less than {value - half:.6g} m, or a wider groove",
-            )
-    if bearing.ball_diameter * bearing.balls > np.pi * bearing.pitch_diameter:
-        yield Problem(
-            f"{key}.balls",
-            f"{bearing.balls} balls of {bearing.ball_diameter:g} m do not fit on a circle of {bearing.pitch_diameter:g} m",
-            f"take at most {int(np.pi * bearing.pitch_diameter / bearing.ball_diameter)}",
-        )
 
 
 def _curve(i: int, curve: Curve, bearings: Mapping[str, Bearing]) -> Iterator[Problem]:

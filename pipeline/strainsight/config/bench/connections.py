@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field
@@ -20,8 +21,10 @@ from strainsight.config.base import (
     NotNegative,
     Plausible,
     Positive,
+    Problem,
     Section,
     Vector,
+    expert,
     with_defaults,
 )
 from strainsight.config.loads import MultiSine, Recorded, Sine, Sweep
@@ -51,10 +54,19 @@ Signal = Annotated[Constant | Ramp | Sine | Sweep | MultiSine | Recorded, Field(
 
 
 class Between(Section):
-    """What joins two frames."""
+    """Two frames."""
 
     type: str = Field(description="Kind of joint or force.")
-    frames: Frames = Field(description="Names of the two frames.")
+    frames: Frames = Field(
+        description="Names of the two frames; of a relation that is not mutual the first is the one whose axes count, or that "
+        "holds, and the second the one that moves, or is held."
+    )
+
+
+class Axial(Between):
+    """Two frames and an axis."""
+
+    axis: Axis = Field("x", description="Axis of the first frame, where they share it of both.")
 
 
 class Spherical(Between):
@@ -63,43 +75,35 @@ class Spherical(Between):
     type: Literal["spherical"] = Field(description="Kind of joint.")
 
 
-class Revolute(Between):
+class Revolute(Axial):
     """The origins coincide and the second frame turns about an axis of both."""
 
     type: Literal["revolute"] = Field(description="Kind of joint.")
-    axis: Axis = Field("x", description="Axis of both frames about which the joint turns.")
 
 
-class Prismatic(Between):
+class Prismatic(Axial):
     """The second frame slides along an axis of the first, without turning."""
 
     type: Literal["prismatic"] = Field(description="Kind of joint.")
-    axis: Axis = Field("x", description="Axis of the first frame along which the joint slides.")
 
 
-class Cylindrical(Between):
+class Cylindrical(Axial):
     """The second frame slides along an axis of both and turns about it."""
 
     type: Literal["cylindrical"] = Field(description="Kind of joint.")
-    axis: Axis = Field("x", description="Axis of both frames along and about which the joint moves.")
 
 
-class Universal(Between):
-    """The origins coincide in a cross of two pins at right angles, one in each frame: a Cardan joint."""
+class Universal(Axial):
+    """The origins coincide in a cross of two pins at right angles, one in each frame: a Cardan joint. The axis is that of the
+    shafts; in the order x, y, z, x the axis after it is the pin of the first frame, the next one the pin of the second."""
 
     type: Literal["universal"] = Field(description="Kind of joint.")
-    axis: Axis = Field(
-        "x",
-        description="Axis of both frames along their shafts; in the order x, y, z, x the axis after it is the pin of the first "
-        "frame, the next one the pin of the second.",
-    )
 
 
-class Pin(Between):
+class Pin(Axial):
     """The origin of the second frame stays on an axis of the first and slides and turns freely there."""
 
     type: Literal["pin"] = Field(description="Kind of joint.")
-    axis: Axis = Field("x", description="Axis of the first frame.")
 
 
 class Fixed(Between):
@@ -112,7 +116,9 @@ class Coincidence(Between):
     """Some components of the origins coincide, in global axes."""
 
     type: Literal["coincidence"] = Field(description="Kind of joint.")
-    components: Annotated[tuple[Axis, ...], Field(min_length=1, max_length=3)] = Field(description="Global components.")
+    components: Annotated[tuple[Axis, ...], Field(min_length=1, max_length=3)] = expert(
+        description="Global components."
+    )
 
 
 class Perpendicular(Between):
@@ -129,18 +135,17 @@ class Distance(Between):
     """The origins of two frames stay a length apart: a rod without mass."""
 
     type: Literal["distance"] = Field(description="Kind of joint.")
-    length: Annotated[Positive, Plausible(1e-6, 1e3, "m")] = Field(description="Length [m].")
+    length: Annotated[Positive, Plausible(1e-6, 1e3, "m")] = expert(description="Length [m].")
 
 
 Held = Literal["x", "y", "z", "about_x", "about_y", "about_z"]
 
 
-class Generic(Section):
+class Generic(Between):
     """Any of the six motions of the second frame in the first is held, the others are free."""
 
     type: Literal["generic"] = Field(description="Kind of joint.")
-    frames: Frames = Field(description="Names of the two frames: the one whose axes count, the one that is held.")
-    held: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = Field(
+    held: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = expert(
         description="What is held: displacements along the axes of the first frame, and turns about them. A single turn that is "
         "held keeps two axes at right angles, as in a Cardan joint; two keep an axis of both parallel."
     )
@@ -150,36 +155,44 @@ class Drive(Section):
     """What a driven joint does in time."""
 
     signal: Signal = Field(description="Its history [rad or m, of a rate rad/s or m/s].")
-    of: Literal["position", "rate"] = Field(
+    of: Literal["position", "rate"] = expert(
         "position", description="Whether the history is of the angle, displacement or length itself or of its rate."
     )
-    start: Annotated[float, Plausible(0.0, 1e3, "rad or m")] = Field(
+    start: Annotated[float, Plausible(0.0, 1e3, "rad or m")] = expert(
         0.0, description="Where it is at t = 0 if its rate is given [rad or m]."
     )
 
+    def problems(self) -> Iterator[Problem]:
+        if self.of == "position" and self.start:
+            yield Problem("start", "the history says where it starts", "leave start out, or say of: rate")
+        if self.of == "rate" and self.signal.type == "sweep":
+            what = "a sweep of a rate has no position in closed form"
+            yield Problem("signal", what, "give a sweep of the position, or the rate from a file")
 
-class DrivenAngle(Between):
+
+class Follower(Section):
+    """What follows a history."""
+
+    drive: Drive = Field(description="Its angle, any number of turns, its displacement, or its length, above zero.")
+
+
+class DrivenAngle(Axial, Follower):
     """The second frame is turned about an axis of both by what is given; a joint beside it has to hold the axis,
     to 0.1 rad. It follows up to 1 rad in a time step."""
 
     type: Literal["driven_angle"] = Field(description="Kind of joint.")
-    axis: Axis = Field("x", description="Axis of both frames.")
-    drive: Drive = Field(description="Angle of the second frame about the axis of the first, any number of turns.")
 
 
-class DrivenDisplacement(Between):
+class DrivenDisplacement(Axial, Follower):
     """The second origin is displaced along an axis of the first frame by what is given."""
 
     type: Literal["driven_displacement"] = Field(description="Kind of joint.")
-    axis: Axis = Field("x", description="Axis of the first frame.")
-    drive: Drive = Field(description="Displacement.")
 
 
-class DrivenDistance(Between):
+class DrivenDistance(Between, Follower):
     """The origins are as far apart as is given: a cylinder that extends."""
 
     type: Literal["driven_distance"] = Field(description="Kind of joint.")
-    drive: Drive = Field(description="Length, above zero.")
 
 
 Driven = DrivenAngle | DrivenDisplacement | DrivenDistance
@@ -205,8 +218,8 @@ Joint = Annotated[
 class Turns(Section):
     """A turn of gravity in time."""
 
-    axis: DirectionVector = Field(description="Axis in global axes [-]; its length does not matter.")
-    signal: Signal = Field(description="Angle about it [rad], up to 1 rad in a time step.")
+    axis: DirectionVector = expert(description="Axis in global axes [-]; its length does not matter.")
+    signal: Signal = expert(description="Angle about it [rad], up to 1 rad in a time step.")
 
 
 class Gravity(Section):
@@ -216,60 +229,55 @@ class Gravity(Section):
     acceleration: Annotated[Vector, Plausible(0.0, 1e3, "m/s²")] = Field(
         (0.0, 0.0, -9.81), description="In global axes [m/s²]."
     )
-    turns: Turns | None = Field(
+    turns: Turns | None = expert(
         None,
         description="It turns, as for a bench that is itself turned slowly: nothing else is felt of that rotation. null: it does "
         "not.",
     )
 
 
-class Spring(Between):
+class SpringAndDamper(Section):
+    """Linear in displacement and velocity."""
+
+    stiffness: Annotated[NotNegative, STIFFNESS] = expert(
+        description="Stiffness [N/m, of a torsion N m/rad]; a torsion of one above zero turns by less than 3 rad."
+    )
+    damping: Annotated[NotNegative, VISCOUS] = expert(0.0, description="Damping [N s/m, of a torsion N m s/rad].")
+
+
+class Spring(Between, SpringAndDamper):
     """A spring and damper between the origins of two frames."""
 
     type: Literal["spring"] = Field(description="Kind of force.")
-    stiffness: Annotated[NotNegative, STIFFNESS] = Field(description="Stiffness [N/m].")
-    damping: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping [N s/m].")
-    length: Annotated[NotNegative, Plausible(1e-6, 1e3, "m")] = Field(0.0, description="Length without force [m].")
+    length: Annotated[NotNegative, Plausible(1e-6, 1e3, "m")] = expert(0.0, description="Length without force [m].")
 
 
-class Torsion(Between):
+class Torsion(Axial, SpringAndDamper):
     """A torsion spring and damper about an axis that a joint keeps common to two frames."""
 
     type: Literal["torsion"] = Field(description="Kind of force.")
-    stiffness: Annotated[NotNegative, STIFFNESS] = Field(
-        description="Stiffness [N m/rad]; above zero it turns by less than 3 rad."
-    )
-    damping: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping [N m s/rad].")
-    angle: Annotated[float, TURN] = Field(
+    angle: Annotated[float, TURN] = expert(
         0.0, description="Angle of the second frame about the axis of the first without moment [rad]."
     )
-    axis: Axis = Field("x", description="Axis of both frames.")
 
 
 Six = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, NotNegative]
 
 
-class Bushing(Section):
+class Bushing(Between):
     """Springs and dampers, linear in the displacements of one frame in the axes of another and in its small turns there."""
 
     type: Literal["bushing"] = Field(description="Kind of force.")
-    frames: Frames = Field(description="Names of the two frames: the one whose axes count, the one that moves.")
-    stiffness: Annotated[Six, STIFFNESS] = Field(description="Along x, y, z [N/m], then about them [N m/rad].")
-    damping: Annotated[Six, VISCOUS] = Field(
+    stiffness: Annotated[Six, STIFFNESS] = expert(description="Along x, y, z [N/m], then about them [N m/rad].")
+    damping: Annotated[Six, VISCOUS] = expert(
         (0.0,) * 6, description="Along x, y, z [N s/m], then about them [N m s/rad]."
     )
 
 
-class Friction(Between):
-    """Friction about an axis that a joint keeps common to two frames, or along an axis: −T tanh(ω/ω₀) − cω, whatever the joint
-    carries."""
+class RegularisedFriction(Section):
+    """Friction that is continuous at rest."""
 
-    type: Literal["friction"] = Field(description="Kind of force.")
-    motion: Literal["turn", "slide"] = Field("turn", description="Against a turn about the axis, or a slide along it.")
-    coulomb: Annotated[NotNegative, Plausible(1e-9, 1e9, "N m or N")] = Field(
-        description="Coulomb friction T [N m, of a slide N]."
-    )
-    viscous: Annotated[NotNegative, VISCOUS] = Field(
+    viscous: Annotated[NotNegative, VISCOUS] = expert(
         0.0, description="Viscous friction c [N m s/rad, of a slide N s/m]."
     )
     speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s or m/s")] = Field(
@@ -277,54 +285,73 @@ class Friction(Between):
         description="ω₀: from 3 ω₀ on it is Coulomb's to 0.5 %, below what should stick creeps; not less than a tenth of what it "
         "changes the speed by in a step, which is not solved otherwise [rad/s, of a slide m/s].",
     )
-    axis: Axis = Field("x", description="Axis of both frames; of a slide, of the first one.")
 
 
-class Torque(Section):
+class Input(Section):
+    """What has a history: an input of the bench."""
+
+    signal: Signal = Field(
+        description="Its history: of a force, or of an actuator that pushes the origins apart [N], of a moment, or of a torque "
+        "on the second frame [N m]."
+    )
+
+
+class Friction(Axial, RegularisedFriction):
+    """Friction about an axis that a joint keeps common to two frames, or along an axis: −T tanh(ω/ω₀) − cω, whatever the joint
+    carries."""
+
+    type: Literal["friction"] = Field(description="Kind of force.")
+    motion: Literal["turn", "slide"] = expert("turn", description="Against a turn about the axis, or a slide along it.")
+    coulomb: Annotated[NotNegative, Plausible(1e-9, 1e9, "N m or N")] = expert(
+        description="Coulomb friction T [N m, of a slide N]."
+    )
+
+
+class Torque(Axial, Input):
     """A motor: a torque between two frames about an axis that a joint keeps common to them; an input of the bench."""
 
     type: Literal["torque"] = Field(description="Kind of force.")
-    frames: Frames = Field(description="Names of the two frames: the one that holds, the one that is turned.")
-    axis: Axis = Field("x", description="Axis of both frames.")
-    signal: Signal = Field(description="Torque on the second frame [N m].")
 
 
-class Actuator(Between):
+class Actuator(Between, Input):
     """A cylinder: a force that pushes two origins apart; an input of the bench."""
 
     type: Literal["actuator"] = Field(description="Kind of force.")
-    signal: Signal = Field(description="Force that pushes them apart [N].")
 
 
 Law = Spring | Torsion | Bushing | Friction | Torque | Actuator
 """The force laws between two frames."""
 
 
-Axes = Literal["global", "frame"]
-AXES = "global: it keeps its direction; frame: it turns with the frame, in whose axes the direction is."
+class AtFrame(Section):
+    """What is at a frame."""
+
+    frame: FrameName = Field(description="Name of the frame.")
 
 
-class PointForce(Section):
+class PointInput(AtFrame, Input):
+    """A force or moment on a frame."""
+
+    direction: DirectionVector = Field(description="Direction [-]; its length does not matter.")
+    axes: Literal["global", "frame"] = Field(
+        "global",
+        description="global: it keeps its direction; frame: it turns with the frame, in whose axes the direction is.",
+    )
+
+
+class PointForce(PointInput):
     """A force on the origin of a frame: an input of the bench."""
 
     type: Literal["force"] = Field(description="Kind of force.")
-    frame: FrameName = Field(description="Name of the frame.")
-    direction: DirectionVector = Field(description="Direction [-]; its length does not matter.")
-    axes: Axes = Field("global", description=AXES)
-    signal: Signal = Field(description="Its history [N].")
 
 
-class PointMoment(Section):
+class PointMoment(PointInput):
     """A moment on a frame: an input of the bench."""
 
     type: Literal["moment"] = Field(description="Kind of force.")
-    frame: FrameName = Field(description="Name of the frame.")
-    direction: DirectionVector = Field(description="Direction [-]; its length does not matter.")
-    axes: Axes = Field("global", description=AXES)
-    signal: Signal = Field(description="Its history [N m].")
 
 
-class BearingDrag(Section):
+class BearingDrag(RegularisedFriction):
     """What a bearing takes from motion."""
 
     moment: Annotated[NotNegative, MOMENT] = Field(
@@ -334,13 +361,9 @@ class BearingDrag(Section):
         0.0,
         description="µ of µ/2 (4.4 M + D F_a + 3.81 D F_r) of what the balls carry, as makers state it [-]: 0.006 or so.",
     )
-    viscous: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Viscous friction against the turn [N m s/rad].")
-    speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s")] = Field(
-        1e-3, description="Speed of turning from three times which on friction is Coulomb's to 0.5 % [rad/s]."
-    )
-    axial: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping of the axial displacement [N s/m].")
-    radial: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping of the radial displacements [N s/m].")
-    tilt: Annotated[NotNegative, VISCOUS] = Field(0.0, description="Damping of the tilts [N m s/rad].")
+    axial: Annotated[NotNegative, VISCOUS] = expert(0.0, description="Damping of the axial displacement [N s/m].")
+    radial: Annotated[NotNegative, VISCOUS] = expert(0.0, description="Damping of the radial displacements [N s/m].")
+    tilt: Annotated[NotNegative, VISCOUS] = expert(0.0, description="Damping of the tilts [N m s/rad].")
 
 
 class BearingForce(Section):

@@ -8,15 +8,11 @@ from pydantic import Field, Tag
 
 from strainsight.config.base import (
     DRIVEN,
-    GAIN,
     INSTANT,
-    MISALIGNED,
-    MISPLACED,
     NOISE,
     PARAMETER,
     BearingName,
     Duration,
-    Frequency,
     Name,
     NotNegative,
     ParameterValue,
@@ -25,11 +21,13 @@ from strainsight.config.base import (
     Section,
     Text,
     TimeStep,
+    expert,
     with_defaults,
 )
-from strainsight.config.estimate import Channel, RecordedFile
+from strainsight.config.estimate import Channel, EstimateOptions, RecordedFile
 from strainsight.config.layout import key_of
 from strainsight.config.loads import InputNoise
+from strainsight.config.tolerances import GaugeTolerances
 
 BearingParameter = Literal[
     "ball_diameter", "radius_inner_left", "radius_inner_right", "radius_outer_left", "radius_outer_right", "preload"
@@ -43,17 +41,17 @@ class MeasuredSensor(Section):
         description="σ of a sample [strain, m, m/s, m/s², rad], one for all components or one each; of a relative motion the "
         "second half of a pair in m and rad is written out: five numbers."
     )
-    bias: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = Field(
+    bias: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = expert(
         0.0,
         description="σ of an unknown constant offset of every component, which is estimated, too [as noise]; 0: none. A "
         "simulated truth draws it for every seed.",
     )
-    drift: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = Field(
+    drift: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = expert(
         0.0,
         description="σ of what that offset changes by in a second, as a random walk, √t times that in t [as noise per √s]; 0: it "
         "stays.",
     )
-    layout: Literal["place", "random"] | None = Field(
+    layout: Literal["place", "random"] | None = expert(
         None,
         description="Of a sensor under `place.sensors`: the filter is given the components that are in the layout that was "
         "placed, or in the first one drawn at random; null: all.",
@@ -63,7 +61,7 @@ class MeasuredSensor(Section):
 class UnknownInput(InputNoise):
     """A force or moment of the bench that the filter does not know, and how it moves in time."""
 
-    guess: Annotated[float | None, DRIVEN] = Field(
+    guess: Annotated[float | None, DRIVEN] = expert(
         None,
         description="First estimate [N or N m]; null: its history's first value, as where a test begins under known loads; with "
         "`measured` the load that explains the first sample at rest.",
@@ -74,28 +72,8 @@ class UnknownInput(InputNoise):
         description="Of a random walk: σ of its change in a step, or in a second (see `increments`) [N or N m]; null: that of "
         "its amplitude, frequency and kappa.",
     )
-    frequency: Frequency | None = Field(
-        None,
-        description="Typical frequency of the load [Hz], ω = 2π frequency, bandwidth of matern; null: that of the sine that its "
-        "history is.",
-    )
-    amplitude: Annotated[Positive | None, DRIVEN] = Field(
+    amplitude: Annotated[Positive | None, DRIVEN] = expert(
         None, description="Typical amplitude of the load [N or N m]; null: that of the sine that its history is."
-    )
-
-
-class GaugeTolerances(Section):
-    """σ of how gauges are installed, of all strain sensors of the filter; 0 for what is exact."""
-
-    position: Annotated[NotNegative, MISPLACED] = Field(
-        0.002, description="Of a gauge's place along each of two directions [m]; 2 mm for a place that was marked out."
-    )
-    angle: Annotated[float, MISALIGNED] = Field(2.0, ge=0, le=45, description="Of a gauge's direction [deg].")
-    gain: Annotated[float, GAIN] = Field(
-        0.01, ge=0, le=0.5, description="Of the factor on a reading: gauge factor and lead wires [-]."
-    )
-    transverse: Annotated[float, GAIN] = Field(
-        0.005, ge=0, le=0.5, description="Of the transverse sensitivity K_t [-]."
     )
 
 
@@ -130,7 +108,7 @@ class BenchTruth(Section):
         "step with the filter; own: with the filter's step; walk: that, with inputs, parameters and disturbance drawn from the "
         "filter's own model.",
     )
-    substeps: int = Field(20, ge=1, le=10_000, description="fine: steps of the truth in a step of the filter [-].")
+    substeps: int = expert(20, ge=1, le=10_000, description="fine: steps of the truth in a step of the filter [-].")
     noise: bool = Field(True, description="false: the sensors read exactly, whatever noise the filter believes.")
     step: TimeStep = Field(0.01, description="other: its step, within which loads are straight [s].")
     duration: Duration | None = Field(
@@ -154,8 +132,8 @@ class FromRun(Section):
         alias="from",
         description="Name of the run (results/NAME/simulate.h5), or the path of such a file from the config's folder.",
     )
-    sensors: dict[Name, Text] = Field({}, description="Own sensor → sensor there; left out: the one of the same name.")
-    inputs: dict[Name, Text] = Field(
+    sensors: dict[Name, Text] = expert({}, description="Own sensor → sensor there; left out: the one of the same name.")
+    inputs: dict[Name, Text] = expert(
         {}, description="Own input → input there, to divide one by the other; default as above."
     )
     scale: Annotated[Positive, Plausible(1e-3, 1e3)] = Field(1.0, description="Factor on lengths of the other run [-].")
@@ -164,8 +142,8 @@ class FromRun(Section):
 class FromFile(RecordedFile):
     """Measurements of a test of this bench, from a file whose first sample is the start."""
 
-    file: Text = Field(description="CSV, HDF5, UFF58, MDF4, TDMS or MAT file, from the config's folder.")
-    channels: Annotated[dict[Name, tuple[Channel | None, ...]], Field(min_length=1)] = Field(
+    file: Text = expert(description="CSV, HDF5, UFF58, MDF4, TDMS or MAT file, from the config's folder.")
+    channels: Annotated[dict[Name, tuple[Channel | None, ...]], Field(min_length=1)] = expert(
         description="Sensor → a channel of the file for each of its components, in their order: {channel: NAME, unit: um/m}; "
         "null: not measured."
     )
@@ -192,14 +170,14 @@ class Method(Section):
         "its constraints hold; as_printed: the thesis's Q* of (1.45) and (1.57), in diagonal blocks added after the step, that "
         "of the motion by `disturbance` on every velocity, whatever the joints: σ of a load is at least its increment.",
     )
-    iterations: int = Field(10, ge=1, le=100, description="Most iterations of a step [-].")
+    iterations: int = expert(10, ge=1, le=100, description="Most iterations of a step [-].")
     parameters: Literal["extended", "bank"] = Field(
         "extended",
         description="extended: parameters are states of the filter beside motion and loads, as in the thesis; bank: they are "
         "constants, up to three, and iterated filters of motion and loads at many of their values give their distribution. A "
         "bank takes increments of unknown loads for true, and 15 to 30 times as long.",
     )
-    step_error: Literal["estimated", "ignored"] | None = Field(
+    step_error: Literal["estimated", "ignored"] | None = expert(
         None,
         description="estimated: the filter adds what its step leaves out, by the bench linearised along the step, and takes the "
         "path of the loads within the step and what is left for noise of the motion; ignored: the step, with straight loads, is "
@@ -208,7 +186,7 @@ class Method(Section):
     )
 
 
-class Estimate(Section):
+class Estimate(EstimateOptions):
     """Loads and parameters of the bench from its sensors (thesis 2 to 4)."""
 
     time_step: TimeStep | None = Field(
@@ -226,7 +204,7 @@ class Estimate(Section):
         "step",
         description="Whether `increment` is σ of the change in a step, whatever its length, or in a second (Q ∝ h²).",
     )
-    tolerances: GaugeTolerances | None = Field(
+    tolerances: GaugeTolerances | None = expert(
         None,
         description="How gauges are installed: constants of which the filter learns nothing, and which its σ covers, to first "
         "order; a simulated truth draws them for every seed; {}: σ as a structure has them. null: gauges are exact.",
@@ -238,21 +216,8 @@ class Estimate(Section):
     measured: Measured | None = Field(
         None, description="Measurements instead: of another bench (from), or of a test (file)."
     )
-    hold_out: Literal["each"] | None = Field(
-        None,
-        description="each: leave every gauge and every component of another sensor out in turn, and compare what it read with "
-        "what the others say; a filter more for each.",
-    )
     method: Method = with_defaults(Method, "How a measurement corrects the estimate.")
     runs: int = Field(1, ge=1, le=10_000, description="Seeds of the noise, a run each [-].")
-    accept: bool = Field(
-        False,
-        description="true: σ is given although the record of a test contradicts the model; `estimate --accept` is the same for "
-        "one run.",
-    )
-    allow_unobservable: bool = Field(
-        False, description="true: go on where the sensors cannot tell all unknowns, at any instant of the run."
-    )
     allow_unfollowed: bool = Field(
         False, description="true: go on where the step does not follow what the loads move: σ does not allow for that."
     )

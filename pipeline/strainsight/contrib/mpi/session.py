@@ -27,8 +27,7 @@ from scipy import sparse
 
 from strainsight.contrib.mpi.supervisor import END, ENDED, SAID
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.factorisation import Factor, conditioned, scaled_upper
-from strainsight.fem.pardiso import MECHANISM
+from strainsight.fem.factorisation import MECHANISM, Factor, conditioned, scaled_upper
 from strainsight.memory import GIB, SMALLER, available_memory
 from strainsight.processes import SAFE_PATH, inherited
 from strainsight.processes import python as command_of

@@ -11,11 +11,10 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.abaqus.contact import Contact, with_contact
-from strainsight.decks.abaqus.history import state_of
+from strainsight.decks.abaqus.history import LARGE, STRESSED, preloads, state_of, stressed
 from strainsight.decks.abaqus.loads import loads_of
 from strainsight.decks.abaqus.materials import by_temperature
 from strainsight.decks.abaqus.parts import SOLIDS, THIN, USUAL
-from strainsight.decks.abaqus.preload import LARGE, STRESSED, preloads, stressed
 from strainsight.decks.abaqus.scopes import Assembly, Scope, assemble
 from strainsight.decks.abaqus.sections import beam_blocks, read_sections, shell_blocks
 from strainsight.decks.abaqus.supports import NODES as SPRINGS

@@ -219,10 +219,7 @@ def _density(definition: Definition, notes: list[str], lines: int = 1) -> float:
     if density is None:
         notes.append(f"material {name} has no *DENSITY: taken as 0")
     else:
-        row = density.rows()[0]
-        rho = row.real(0, "the density")
-        if rho < 0:
-            raise row.error(f"the density is {rho:g}, negative", "give a positive density")
+        rho = density.rows()[0].not_negative(0, "the density")
     for keyword in (elastic, density):
         each = lines if keyword is elastic else 1
         if keyword is not None and len(keyword.texts) > each:

@@ -229,9 +229,7 @@ def laminate(keyword: Keyword, made: Materials, nonstructural: float) -> Laminat
     """
     plies = []
     for number, row in enumerate(keyword.rows(), start=1):
-        t = row.real(0, f"the thickness of ply {number}")
-        if not t > 0:
-            raise row.error(f"the thickness of ply {number} is {t:g}, not positive", "give a positive thickness")
+        t = row.positive(0, f"the thickness of ply {number}")
         if not row.text(2):
             raise row.error(f"ply {number} has no material", "give it as the third entry of the line")
         if row.text(3) and parse_real(row.text(3)) is None:
@@ -285,10 +283,7 @@ def shell_section(
     if "COMPOSITE" in keyword.parameters:
         section = laminate(keyword, made, beside)
     else:
-        row = keyword.rows()[0]
-        t = row.real(0, "the thickness")
-        if not t > 0:
-            raise row.error(f"the thickness is {t:g}, not positive", "give a positive thickness")
+        t = keyword.rows()[0].positive(0, "the thickness")
         section = ShellSection(t, nonstructural=beside)
         if made.orthotropic(keyword):
             section = Laminate((Ply(made.of_ply(keyword.parameters["MATERIAL"], keyword), t),), beside)
@@ -362,9 +357,7 @@ def composite_solid(
 
 
 def _layer(assembly: Assembly, scope: Scope, row: Row, number: int, axes: SolidAxes | None, made: Materials) -> Layer:
-    t = row.real(0, f"the thickness of layer {number}")
-    if not (t > 0 and np.isfinite(t)):
-        raise row.error(f"the thickness of layer {number} is {t:g}, not positive", "give a positive thickness")
+    t = row.positive(0, f"the thickness of layer {number}")
     if not row.text(2):
         raise row.error(f"layer {number} has no material", "give it as the third entry of the line")
     material = made.of_layer(row.text(2), row)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -18,11 +18,12 @@ from strainsight.decks.abaqus.section_cards import (
     shell_section,
 )
 from strainsight.decks.abaqus.text import Keyword
-from strainsight.decks.faults import OR_CONFIG, Doubt, coincident, folded, plural
+from strainsight.decks.faults import OR_CONFIG, folded, note_shared
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid, Orientation
+from strainsight.mesh.given_sections import beam_axes
 from strainsight.mesh.model import FloatArray, IntArray, Material, Region
-from strainsight.mesh.node_order import PARALLEL, plate_normals
+from strainsight.mesh.node_order import plate_normals
 from strainsight.mesh.thin import (
     BEAM_KINDS,
     CORNERS,
@@ -59,16 +60,16 @@ class Sections:
     """
 
     region: IntArray
-    regions: dict[int, Region]
-    materials: dict[int, Material]
-    laminae: dict[int, Lamina]
-    anisotropic: dict[int, Anisotropic]
-    orientations: dict[int, Orientation]
-    composites: dict[int, CompositeSolid]
-    sections: dict[int, ShellSection | BeamSection | Laminate]
-    offset: dict[int, FloatArray]
-    direction: dict[int, FloatArray]
-    left: IntArray
+    regions: dict[int, Region] = field(default_factory=dict)
+    materials: dict[int, Material] = field(default_factory=dict)
+    laminae: dict[int, Lamina] = field(default_factory=dict)
+    anisotropic: dict[int, Anisotropic] = field(default_factory=dict)
+    orientations: dict[int, Orientation] = field(default_factory=dict)
+    composites: dict[int, CompositeSolid] = field(default_factory=dict)
+    sections: dict[int, ShellSection | BeamSection | Laminate] = field(default_factory=dict)
+    offset: dict[int, FloatArray] = field(default_factory=dict)
+    direction: dict[int, FloatArray] = field(default_factory=dict)
+    left: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
 
 
 def read_sections(
@@ -90,17 +91,7 @@ def read_sections(
     made = Materials(definitions(keywords), stated, assembly.notes)
     family = assembly.families
     found = Sections(
-        np.zeros(len(family), dtype=np.int64),
-        {},
-        made.found,
-        made.laminae,
-        made.solids,
-        {},
-        {},
-        {},
-        {},
-        {},
-        np.zeros(0, dtype=np.int64),
+        np.zeros(len(family), dtype=np.int64), materials=made.found, laminae=made.laminae, anisotropic=made.solids
     )
     left = [found.left]
     for scope in assembly.scopes.values():
@@ -201,10 +192,7 @@ def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
     if not rows or not rows[0].text(0):
         notes.append(f"{keyword.where}: {keyword.title} states no area of its trusses: taken as 1, as Abaqus does")
         return BeamSection(1.0)
-    area = rows[0].real(0, "the area")
-    if not area > 0:
-        raise rows[0].error(f"the area is {area:g}, not positive", "give a positive area")
-    return BeamSection(area)
+    return BeamSection(rows[0].positive(0, "the area"))
 
 
 def _without(
@@ -263,8 +251,14 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
             raise assembly.element_error(
                 int(rows[at]), "has a node twice", "write a collapsed quadrangle as an S3, take others out"
             )
-        _check_shape(assembly, rows, nodes[:, : CORNERS[NODES[kind]]])
-        _note_shared(assembly, rows, nodes)
+        plate_normals(
+            assembly.position[nodes[:, : CORNERS[NODES[kind]]]],
+            lambda i, what, remedy, rows=rows: assembly.element_error(int(rows[i]), what, remedy),
+            lambda i, rows=rows: assembly.element(int(rows[i])),
+            "S3",
+            assembly.notes,
+        )
+        note_shared(nodes, lambda i, rows=rows: assembly.element(int(rows[i])), assembly.notes)
         region = sections.region[rows]
         offset = np.array([sections.offset[number][0] for number in region.tolist()])
         axis = np.array([sections.direction[number] for number in region.tolist()])
@@ -273,17 +267,6 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
         axis[bare] = default_axes(assembly.position[nodes[bare, : CORNERS[NODES[kind]]]])
         blocks.append(ShellBlock(kind, assembly.element_ids[rows], nodes, region, offset, axis))
     return tuple(blocks)
-
-
-def _check_shape(assembly: Assembly, rows: IntArray, nodes: IntArray) -> None:
-    """Shells on nodes (n, k) span an area, and are neither folded nor warped too much."""
-    plate_normals(
-        assembly.position[nodes],
-        lambda i, what, remedy: assembly.element_error(int(rows[i]), what, remedy),
-        lambda i: assembly.element(int(rows[i])),
-        "S3",
-        assembly.notes,
-    )
 
 
 def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]:
@@ -305,48 +288,33 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
         _check_count(assembly, rows, IN_ORDER[kind])
         nodes = assembly.nodes[assembly.first[rows][:, None] + np.array(IN_ORDER[kind])]
         x = np.diff(assembly.position[nodes[:, :2]], axis=1)[:, 0]
-        length = np.linalg.norm(x, axis=1)
-        if (short := ~(length > APART * extent)).any():
+        if (short := ~(np.linalg.norm(x, axis=1) > APART * extent)).any():
             raise assembly.element_error(
                 int(rows[np.argmax(short)]), "has no length: its nodes coincide", "move a node, or take it out"
             )
-        x = x / length[:, None]
         region = sections.region[rows]
         v = (
             np.eye(3)[np.argmin(np.abs(x), axis=1)]
             if kind == "rod"
             else _directions(assembly, sections, rows, region, len(IN_ORDER[kind]))
         )
-        n2 = np.cross(x, v)
-        size = np.linalg.norm(n2, axis=1)
-        if (lost := ~(size > PARALLEL * np.linalg.norm(v, axis=1))).any():
+        axes, lost = beam_axes(x, v)
+        if lost.any():
             at = int(np.argmax(lost))
-            given = ", ".join(f"{c:g}" for c in v[at])
+            n1 = ", ".join(f"{c:g}" for c in v[at])
             raise assembly.element_error(
                 int(rows[at]),
-                f"lies along the first axis n1 ({given}) of its section",
+                f"lies along the first axis n1 ({n1}) of its section",
                 "give a direction across the beam on the line after the dimensions, which is 0, 0, -1 without it",
             )
-        n2 = n2 / size[:, None]
-        n1 = np.cross(n2, x)
         place = np.array([sections.offset[number] for number in region.tolist()])
-        _note_shared(assembly, rows, nodes)
-        axes = np.stack([x, n1, n2], axis=2)
+        note_shared(nodes, lambda i, rows=rows: assembly.element(int(rows[i])), assembly.notes)
         own = np.repeat(axes[:, None], nodes.shape[1], axis=1)
         if kind == "beam3":
             own, _ = axes_along(assembly.position[nodes], axes, ALONG)
         off = own[..., 1] * place[:, None, :1] + own[..., 2] * place[:, None, 1:] if kind != "rod" else 0 * own[..., 0]
-        blocks.append(
-            BeamBlock(
-                kind,
-                assembly.element_ids[rows],
-                nodes,
-                region,
-                axes,
-                off,
-                np.zeros((len(rows), 2, 6), dtype=bool),
-            )
-        )
+        released = np.zeros((len(rows), 2, 6), dtype=bool)
+        blocks.append(BeamBlock(kind, assembly.element_ids[rows], nodes, region, axes, off, released))
     return tuple(blocks)
 
 
@@ -374,12 +342,3 @@ def _directions(assembly: Assembly, sections: Sections, rows: IntArray, region: 
     begin = assembly.first[rows[more]]
     v[more] = assembly.position[assembly.nodes[begin + count]] - assembly.position[assembly.nodes[begin]]
     return v
-
-
-def _note_shared(assembly: Assembly, rows: IntArray, nodes: IntArray) -> None:
-    """Two elements of a kind on the same nodes may be meant, as parts of a section."""
-    if pair := coincident(nodes):
-        count = len(nodes) - len(np.unique(np.sort(nodes, axis=1), axis=0))
-        first, second = (assembly.element(int(rows[i])) for i in pair)
-        shared = f"{second} is on the nodes of {first} ({plural(count, 'such element')})"
-        assembly.notes.append(Doubt(f"{shared}: stiffness and mass of both count"))

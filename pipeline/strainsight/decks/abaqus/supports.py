@@ -12,7 +12,7 @@ from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.text import parse_integer
 from strainsight.errors import DeckError
-from strainsight.mesh.joins import PointMass, Relation, Springs
+from strainsight.mesh.joins import PointMass, Relation, Springs, spring_between
 from strainsight.mesh.model import FloatArray, IntArray
 
 
@@ -69,10 +69,7 @@ def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[Poin
     """
     masses: dict[int, tuple[int, float]] = {}
     for row, (_, line) in _valued(assembly, "MASS", "MASS"):
-        mass = line.real(0, "the mass")
-        if mass < 0:
-            raise line.error(f"the mass is {mass:g}, negative", "give a positive mass")
-        masses[row] = (_node_of(assembly, row, rotations), mass)
+        masses[row] = (_node_of(assembly, row, rotations), line.not_negative(0, "the mass"))
     inertias: dict[int, tuple[int, FloatArray]] = {}
     for row, (scope, line) in _valued(assembly, "ROTARYI", "ROTARYINERTIA"):
         if line.keyword.parameters.get("ORIENTATION"):
@@ -223,17 +220,8 @@ def _spring(
         raise line.error(
             "not a line of degrees of freedom and one of stiffness", "give the two lines, or add the second"
         )
-    k = line.real(0, "the stiffness") if line.text(0) or kind != "SPRINGA" else line.real(1, "the stiffness")
-    if k < 0:
-        raise line.error(f"the stiffness is {k:g}, negative", "give a positive stiffness")
-    return Springs(
-        name,
-        np.array([k]),
-        np.zeros(3 * len(ends), dtype=np.int64),
-        np.repeat([node for node, _, _ in ends], 3).astype(np.int64),
-        np.concatenate([first + np.arange(3) for _, first, _ in ends]),
-        np.concatenate([axis for _, _, axis in ends]),
-    )
+    k = line.not_negative(0 if line.text(0) or kind != "SPRINGA" else 1, "the stiffness")
+    return spring_between(name, k, ends)
 
 
 @dataclass

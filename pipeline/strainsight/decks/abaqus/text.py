@@ -13,26 +13,14 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.text import LARGEST_ID, Includes, Line, entry, integer_entry, real_entry, text_lines
+from strainsight.decks.text import LARGEST_ID, Entries, Includes, Line, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 
-WITH_INPUT = {
-    "NODE",
-    "ELEMENT",
-    "NSET",
-    "ELSET",
-    "SURFACE",
-    "BOUNDARY",
-    "CLOAD",
-    "DLOAD",
-    "DSLOAD",
-    "ELASTIC",
-    "DENSITY",
-    "MASS",
-    "SPRING",
-    "MPC",
-}
+WITH_INPUT = (
+    *("NODE", "ELEMENT", "NSET", "ELSET", "SURFACE", "BOUNDARY", "CLOAD", "DLOAD", "DSLOAD", "ELASTIC"),
+    *("DENSITY", "MASS", "SPRING", "MPC"),
+)
 """Keywords that are imported and whose data may stand in a file of their own."""
 
 _QUOTED = re.compile(r'"[^"]*"')
@@ -94,29 +82,19 @@ class Keyword:
         return ",".join(texts).split(","), np.array([text.count(",") + 1 for text in texts], dtype=np.int64)
 
 
-class Row(NamedTuple):
+class Row(Entries, NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("entries", list[str])])):
     """A data line: its keyword, its number among the data lines from 0, and its entries."""
 
-    keyword: Keyword
-    i: int
-    entries: list[str]
+    __slots__ = ()
+
+    @property
+    def tokens(self) -> list[str]:
+        return self.entries
 
     @property
     def where(self) -> str:
         """file:line."""
         return self.keyword.where_data(self.i)
-
-    def text(self, i: int) -> str:
-        """Entry i from 0; "" where the line is shorter."""
-        return entry(self.entries, i)
-
-    def integer(self, i: int, meaning: str, default: int | None = None) -> int:
-        """Entry i as an integer; a blank one is `default`, or a DeckError."""
-        return integer_entry(self.entries, i, default, lambda what: self.error(f"{meaning} (entry {i + 1}) {what}"))
-
-    def real(self, i: int, meaning: str, default: float | None = None) -> float:
-        """Entry i as a finite real; a blank one is `default`, or a DeckError."""
-        return real_entry(self.entries, i, default, lambda what: self.error(f"{meaning} (entry {i + 1}) {what}"))
 
     def reals(self, count: int, meaning: str) -> FloatArray:
         """The first `count` entries, blank ones zero; DeckError for more than that."""

@@ -25,55 +25,23 @@ class ElementType(NamedTuple):
     nodes: int
 
 
+_SHAPES: Mapping[tuple[str, int], Mapping[int, int]] = {
+    ("point", 0): {15: 1},
+    ("line", 1): {1: 2, 8: 3, 26: 4, 27: 5, 28: 6},
+    ("triangle", 2): {2: 3, 9: 6, 20: 9, 21: 10, 22: 12, 23: 15, 25: 21},
+    ("incomplete triangle", 2): {24: 15},
+    ("quadrangle", 2): {3: 4, 10: 9, 16: 8, 36: 16, 37: 25, 38: 36, 39: 12, 41: 20},
+    ("incomplete quadrangle", 2): {40: 16},
+    ("tetrahedron", 3): {4: 4, 11: 10, 29: 20, 30: 35, 31: 56, 32: 22, 33: 28},
+    ("hexahedron", 3): {5: 8, 12: 27, 17: 20, 92: 64, 93: 125, 99: 32, 100: 44},
+    ("prism", 3): {6: 6, 13: 18, 18: 15, 90: 40, 91: 75},
+    ("pyramid", 3): {7: 5, 14: 14, 19: 13, 118: 30, 119: 55, 125: 21},
+}
+"""Shape and its dimension → number of a type → its nodes."""
 TYPES: Mapping[int, ElementType] = {
-    1: ElementType("2-node line", 1, 2),
-    2: ElementType("3-node triangle", 2, 3),
-    3: ElementType("4-node quadrangle", 2, 4),
-    4: ElementType("4-node tetrahedron", 3, 4),
-    5: ElementType("8-node hexahedron", 3, 8),
-    6: ElementType("6-node prism", 3, 6),
-    7: ElementType("5-node pyramid", 3, 5),
-    8: ElementType("3-node line", 1, 3),
-    9: ElementType("6-node triangle", 2, 6),
-    10: ElementType("9-node quadrangle", 2, 9),
-    11: ElementType("10-node tetrahedron", 3, 10),
-    12: ElementType("27-node hexahedron", 3, 27),
-    13: ElementType("18-node prism", 3, 18),
-    14: ElementType("14-node pyramid", 3, 14),
-    15: ElementType("point", 0, 1),
-    16: ElementType("8-node quadrangle", 2, 8),
-    17: ElementType("20-node hexahedron", 3, 20),
-    18: ElementType("15-node prism", 3, 15),
-    19: ElementType("13-node pyramid", 3, 13),
-    20: ElementType("9-node triangle", 2, 9),
-    21: ElementType("10-node triangle", 2, 10),
-    22: ElementType("12-node triangle", 2, 12),
-    23: ElementType("15-node triangle", 2, 15),
-    24: ElementType("15-node incomplete triangle", 2, 15),
-    25: ElementType("21-node triangle", 2, 21),
-    26: ElementType("4-node line", 1, 4),
-    27: ElementType("5-node line", 1, 5),
-    28: ElementType("6-node line", 1, 6),
-    29: ElementType("20-node tetrahedron", 3, 20),
-    30: ElementType("35-node tetrahedron", 3, 35),
-    31: ElementType("56-node tetrahedron", 3, 56),
-    32: ElementType("22-node tetrahedron", 3, 22),
-    33: ElementType("28-node tetrahedron", 3, 28),
-    36: ElementType("16-node quadrangle", 2, 16),
-    37: ElementType("25-node quadrangle", 2, 25),
-    38: ElementType("36-node quadrangle", 2, 36),
-    39: ElementType("12-node quadrangle", 2, 12),
-    40: ElementType("16-node incomplete quadrangle", 2, 16),
-    41: ElementType("20-node quadrangle", 2, 20),
-    90: ElementType("40-node prism", 3, 40),
-    91: ElementType("75-node prism", 3, 75),
-    92: ElementType("64-node hexahedron", 3, 64),
-    93: ElementType("125-node hexahedron", 3, 125),
-    99: ElementType("32-node hexahedron", 3, 32),
-    100: ElementType("44-node hexahedron", 3, 44),
-    118: ElementType("30-node pyramid", 3, 30),
-    119: ElementType("55-node pyramid", 3, 55),
-    125: ElementType("21-node pyramid", 3, 21),
+    number: ElementType(f"{nodes}-node {shape}" if dimension else shape, dimension, nodes)
+    for (shape, dimension), types in _SHAPES.items()
+    for number, nodes in types.items()
 }
 """Number → type, up to the fifth order of lines and surfaces."""
 

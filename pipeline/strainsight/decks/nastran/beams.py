@@ -304,8 +304,8 @@ def bar_shape(card: Card) -> tuple[int, BeamSection]:
     """MID and section of a PBARL, whose axis is through the centroid."""
     _, count = _shape(card)
     own = _section(card, _dimensions(card, 8, count, None))
-    nonstructural = card.real(8 + count, "the mass NSM", 0.0)
-    return card.integer(1, "the material id"), _weighed(card, own, nonstructural)
+    own = replace(own, nonstructural=card.not_negative(8 + count, "the mass NSM", 0.0))
+    return card.integer(1, "the material id"), own
 
 
 def beam_shape(card: Card) -> tuple[int, BeamSection]:
@@ -316,8 +316,8 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
     """
     kind, count = _shape(card)
     dimensions = _dimensions(card, 8, count, None)
-    mass = card.real(8 + count, "the mass NSM", 0.0)
-    end_a = _weighed(card, _section(card, dimensions), mass)
+    mass = card.not_negative(8 + count, "the mass NSM", 0.0)
+    end_a = replace(_section(card, dimensions), nonstructural=mass)
     at, between, end_b = 9 + count, [], end_a
     while any(card.text(i) for i in range(at, at + 3 + count)):
         if card.text(at).upper() not in ("", *STATIONS):
@@ -327,7 +327,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
             raise card.error(f"X/XB is {x:g}, no station behind end A", "give places above 0, end B at 1")
         blank = not any(card.text(i) for i in range(at + 2, at + 3 + count))
         own = _section(card, _dimensions(card, at + 2, count, dimensions))
-        own = _weighed(card, own, card.real(at + 2 + count, "the mass NSM", mass))
+        own = replace(own, nonstructural=card.not_negative(at + 2 + count, "the mass NSM", mass))
         if x == 1:
             end_b = own
         elif not blank:
@@ -362,12 +362,6 @@ def _section(card: Card, dimensions: list[float]) -> BeamSection:
         return section_of_shape(card.text(3).upper(), dimensions)
     except DeckError as fault:
         raise card.error(fault.what, fault.remedy or "correct the card and run again") from None
-
-
-def _weighed(card: Card, own: BeamSection, mass: float) -> BeamSection:
-    if mass < 0:
-        raise card.error(f"the mass NSM is {mass:g}, negative", "give a positive mass")
-    return replace(own, nonstructural=mass)
 
 
 def _symmetric(points: FloatArray) -> bool:

@@ -16,13 +16,12 @@ import numpy as np
 
 from strainsight.decks.faults import repeated
 from strainsight.decks.text import (
+    Entries,
     Includes,
     Line,
     entry,
-    integer_entry,
     parse_integer,
     parse_real,
-    real_entry,
     text_lines,
 )
 from strainsight.errors import DeckError
@@ -92,30 +91,20 @@ _LONGEST_NAME = 8
 """Lines over which the name of an included file may go."""
 
 
-class Card(NamedTuple):
+class Card(Entries, NamedTuple("_Card", [("name", str), ("fields", list[str]), ("file", str), ("line", int)])):
     """One bulk-data entry: NAME (upper case, no asterisk), data fields (stripped), where its first line stands."""
 
-    name: str
-    fields: list[str]
-    file: str
-    line: int
+    __slots__ = ()
+    WORD, FIRST = "field", 2
+
+    @property
+    def tokens(self) -> list[str]:
+        return self.fields
 
     @property
     def where(self) -> str:
         """file:line."""
         return f"{self.file}:{self.line}"
-
-    def text(self, i: int) -> str:
-        """Data field i from 0; "" where the card is shorter."""
-        return entry(self.fields, i)
-
-    def integer(self, i: int, meaning: str, default: int | None = None) -> int:
-        """Field i as an integer; a blank one is `default`, or a DeckError."""
-        return integer_entry(self.fields, i, default, lambda what: self.error(f"{meaning} (field {i + 2}) {what}"))
-
-    def real(self, i: int, meaning: str, default: float | None = None) -> float:
-        """Field i as a finite real, also in Nastran's short form 1.7-4; a blank one is `default`, or a DeckError."""
-        return real_entry(self.fields, i, default, lambda what: self.error(f"{meaning} (field {i + 2}) {what}"))
 
     def error(self, what: str, remedy: str = "correct the card and run again") -> DeckError:
         """A DeckError at this card."""

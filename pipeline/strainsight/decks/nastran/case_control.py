@@ -161,36 +161,12 @@ SCALES = ("CK1", "CK2", "CK3", "CM1", "CM2", "CB1", "CB2", "CP1", "CP2")
 STRUCTURE = (*SCALES, "LGDISP", "INREL")
 """Those that make the structure another one, or hold it in another way: large displacements, inertia relief."""
 NONE = (
-    *(
-        "POST",
-        "POSTEXT",
-        "PRGPST",
-        "PRTMAXIM",
-        "PRTRESLT",
-        "GRDPNT",
-        "OGEOM",
-        "OUGCORD",
-        "OMAXR",
-        "EXTOUT",
-        "ECHO",
-        "NOCOMPS",
-    ),
-    *(
-        "AUTOSPC",
-        "AUTOSPCR",
-        "EPZERO",
-        "EPPRT",
-        "SPCGEN",
-        "SINGULAR",
-        "MAXRATIO",
-        "BAILOUT",
-        "CHECKOUT",
-        "MESH",
-        "USETPRT",
-    ),
-    *("RESVEC", "RESVINER", "RESVALT", "LFREQ", "HFREQ", "LMODES", "LFREQFL", "HFREQFL", "LMODESFL", "DDRMM", "MODACC"),
-    *("G", "GFL", "W3", "W4", "KDAMP", "ALPHA1", "ALPHA2", "NDAMP", "HYBRID"),
-    *("K6ROT", "SNORM", "COUPMASS", "TINY", "SHIFT1", "AUNITS", "DBALL", "NASPRT", "NEWSEQ", "SOLVE", "UNSYMF", "TABS"),
+    *("POST", "POSTEXT", "PRGPST", "PRTMAXIM", "PRTRESLT", "GRDPNT", "OGEOM", "OUGCORD", "OMAXR", "EXTOUT"),
+    *("ECHO", "NOCOMPS", "AUTOSPC", "AUTOSPCR", "EPZERO", "EPPRT", "SPCGEN", "SINGULAR", "MAXRATIO", "BAILOUT"),
+    *("CHECKOUT", "MESH", "USETPRT", "RESVEC", "RESVINER", "RESVALT", "LFREQ", "HFREQ", "LMODES", "LFREQFL"),
+    *("HFREQFL", "LMODESFL", "DDRMM", "MODACC", "G", "GFL", "W3", "W4", "KDAMP", "ALPHA1", "ALPHA2", "NDAMP"),
+    *("HYBRID", "K6ROT", "SNORM", "COUPMASS", "TINY", "SHIFT1", "AUNITS", "DBALL", "NASPRT", "NEWSEQ", "SOLVE"),
+    *("UNSYMF", "TABS"),
 )
 """Output, checks, residual vectors, damping (which the config states), and what elements of another program do within: drilling
 stiffness, normals and masses. Elements here have their own, and mass is consistent: COUPMASS that lumps it is of the others."""

@@ -5,7 +5,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,21 +28,10 @@ from strainsight.errors import DeckError
 from strainsight.mesh.joins import Relation
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.thin import nodes_that_turn, scaled
+from strainsight.mesh.thin import nodes_that_turn
+from strainsight.mesh.units import rescaled
 
-STRUCTURE = (
-    "K2GG",
-    "M2GG",
-    "K2PP",
-    "M2PP",
-    "A2GG",
-    "SUPORT1",
-    "BCONTACT",
-    "BCSET",
-    "BGSET",
-    "NSM",
-    "DEFORM",
-)
+STRUCTURE = (*("K2GG", "M2GG", "K2PP", "M2PP", "A2GG", "SUPORT1", "BCONTACT", "BCSET", "BGSET", "NSM", "DEFORM"),)
 """Matrices beside the elements, supports of a free structure, contact, more mass."""
 _LINE = re.compile(rf"\s*({'|'.join(STRUCTURE)})\b\s*(\(.*?\))?\s*=", re.IGNORECASE)
 SYSTEM_FIELDS: Mapping[str, Sequence[int]] = {
@@ -88,39 +76,18 @@ def unused_systems(cards: Mapping[str, Sequence[Card]]) -> dict[str, int]:
 
 
 TAKEN = {
-    *(
-        "GRID",
-        "GRDSET",
-        "PSOLID",
-        "PCOMPS",
-        "MAT1",
-        "MAT2",
-        "MAT8",
-        *ANISOTROPIC,
-        "SPC",
-        "SPC1",
-        "SPCADD",
-        "RBE2",
-        "RBE3",
-    ),
+    *("GRID", "GRDSET", "PSOLID", "PCOMPS", "MAT1", "MAT2", "MAT8", "SPC", "SPC1", "SPCADD", "RBE2", "RBE3"),
     *("MPC", "MPCADD", "PMASS", "SET1", "SET3"),
-    *MASSES,
-    *RIGID_BARS,
-    *SOLIDS,
-    *THIN,
-    *LOADS,
-    *SPRINGS,
-    *BY_POINTS,
-    *BY_NODES,
+    *(*ANISOTROPIC, *MASSES, *RIGID_BARS, *SOLIDS, *THIN, *LOADS, *SPRINGS, *BY_POINTS, *BY_NODES),
 }
+_CONTACT = "(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR|BOLTFRC|BOLTLD|PRETENS)$"
 STRUCTURAL = re.compile(
-    r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BAR|ROD|BE1|BE2GS|TRPLT|SPLINE|JOINT|SSCON)|MPC|DMIG|NSM|ASET|OMIT|SUPORT|MATT"
-    r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR|BOLTFRC|BOLTLD|PRETENS)$"
+    r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BAR|ROD|BE1|BE2GS|TRPLT|SPLINE|JOINT|SSCON)|MPC|DMIG|NSM|ASET|OMIT|SUPORT|MATT|"
+    + _CONTACT
 )
 UNSUPPORTED = re.compile(
     r"C(?!ORD|ONVM?$|REEP)[A-Z]|GENEL|R(BE2GS|TRPLT|SPLINE|JOINT|SSCON)|DMIG|NSM"
-    r"|(BGSET|BGADD|BCTSET|BCTADD|BCTABLE|BCONP|BCONTACT|BCONECT|BLSEG|BOLT|BOLTFOR|BOLTFRC|BOLTLD|PRETENS)$"
-    r"|PLOAD|ACCEL|SLOAD|LOADCY|DEFORM|(FORCE|MOM|PRES)AX$"
+    r"|PLOAD|ACCEL|SLOAD|LOADCY|DEFORM|(FORCE|MOM|PRES)AX$|" + _CONTACT
 )
 """Elements, ties, bonded faces, contact, preloaded bolts and static loads: what a model is not the same without."""
 CONTROL = re.compile(
@@ -214,9 +181,9 @@ def read_nastran(
         position=grids.position,
         blocks=blocks,
         regions=found.regions,
-        materials={i: replace(material, density=scale * material.density) for i, material in found.materials.items()},
-        laminae={i: scaled(own, 1.0, scale) for i, own in found.laminae.items()},
-        anisotropic={i: replace(own, density=scale * own.density) for i, own in found.anisotropic.items()},
+        materials=rescaled(found.materials, mass=scale),
+        laminae=rescaled(found.laminae, mass=scale),
+        anisotropic=rescaled(found.anisotropic, mass=scale),
         orientations=found.orientations,
         composites=found.composites,
         fixed=fixed,

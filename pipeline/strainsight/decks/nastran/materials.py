@@ -67,9 +67,7 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
                 "and shells in their plane, have E and NU, shear across shells and torsion of beams have G, as in Nastran"
             )
         )
-    density = card.real(4, "the density", 0.0)
-    if density < 0:
-        raise card.error(f"the density is {density:g}, negative", "give a positive density")
+    density = card.not_negative(4, "the density", 0.0)
     return Material(card.integer(0, "the material id"), E, nu, density), ratio
 
 
@@ -88,18 +86,16 @@ def solid_material(card: Card) -> Anisotropic:
         C = np.zeros((6, 6))
         for i, (a, b) in enumerate(zip(rows.tolist(), columns.tolist(), strict=True), start=1):
             C[a, b] = C[b, a] = card.real(i, f"G{a + 1}{b + 1}", 0.0)
-        fault, density = stiffness_fault(C), card.real(22, "the density", 0.0)
+        fault, place = stiffness_fault(C), 22
     else:
         names = ("E1", "E2", "E3", "NU12", "NU13", "NU23", "G12", "G13", "G23")
         constants = [card.real(i, name) for i, name in enumerate(names, start=1)]
         triples = constants[:3], constants[3:6], constants[6:]
-        fault, density = constants_fault(*triples), card.real(10, "the density", 0.0)
+        fault, place = constants_fault(*triples), 10
         C = np.zeros((6, 6)) if fault else orthotropic(*triples)
     if fault:
         raise card.error(*fault)
-    if density < 0:
-        raise card.error(f"the density is {density:g}, negative", "give a positive density")
-    return Anisotropic(card.integer(0, "the material id"), C, density)
+    return Anisotropic(card.integer(0, "the material id"), C, card.not_negative(place, "the density", 0.0))
 
 
 def damped(card: Card) -> str:
@@ -125,9 +121,7 @@ def laminate(card: Card) -> Laminate:
             f"LAM is {kind}: only whole laminates and symmetric ones (SYM) are supported",
             "leave LAM blank and write all plies out",
         )
-    nonstructural = card.real(2, "the mass NSM", 0.0)
-    if nonstructural < 0:
-        raise card.error(f"the mass NSM is {nonstructural:g}, negative", "give a positive mass")
+    nonstructural = card.not_negative(2, "the mass NSM", 0.0)
     step, at = (8, 1) if card.name == "PCOMPG" else (4, 0)
     plies = plies_of(card, step, at)
     return Laminate((*plies, *reversed(plies)) if kind == "SYM" else plies, nonstructural)
@@ -143,9 +137,7 @@ def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
         i, number = start + at, len(plies) + 1
         before = plies[-1] if plies else None
         material = card.integer(i, f"the material of ply {number}", before.material if before else None)
-        t = card.real(i + 1, f"the thickness of ply {number}", before.thickness if before else None)
-        if not t > 0:
-            raise card.error(f"the thickness of ply {number} is {t:g}, not positive", "give a positive thickness")
+        t = card.positive(i + 1, f"the thickness of ply {number}", before.thickness if before else None)
         plies.append(Ply(material, t, card.real(i + 2, f"the angle of ply {number}", 0.0)))
     if not plies:
         raise card.error("it has no plies", "give the material, thickness and angle of each from the second line on")
@@ -169,7 +161,5 @@ def lamina(card: Card) -> Lamina:
     g1z, g2z = g1z or np.inf, g2z or np.inf
     if fault := lamina_fault({"E1": e1, "E2": e2, "G12": g12, "G1Z": g1z, "G2Z": g2z}, nu12):
         raise card.error(*fault)
-    density = card.real(7, "the density", 0.0)
-    if density < 0:
-        raise card.error(f"the density is {density:g}, negative", "give a positive density")
+    density = card.not_negative(7, "the density", 0.0)
     return Lamina(card.integer(0, "the material id"), e1, e2, nu12, g12, g1z, g2z, density)

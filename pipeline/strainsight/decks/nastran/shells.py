@@ -56,9 +56,7 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
 
     Raises DeckError for plane strain (MID2 = −1), and a thickness that is not positive.
     """
-    t = card.real(2, "the thickness T")
-    if not t > 0:
-        raise card.error(f"the thickness is {t:g}, not positive", "give a positive thickness")
+    t = card.positive(2, "the thickness")
     if card.text(1) in ("", "0"):
         raise card.error("MID1 is blank: it does not stretch", "give the material of MID2 as MID1 too")
     mid = card.integer(1, "the material MID1")
@@ -75,10 +73,7 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
         bending, shear = 0.0, 0.0
     elif card.text(5) in ("", "0"):
         shear = np.inf
-    nonstructural = card.real(7, "the mass NSM", 0.0)
-    if nonstructural < 0:
-        raise card.error(f"the mass NSM is {nonstructural:g}, negative", "give a positive mass")
-    return mid, ShellSection(t, bending, shear, nonstructural)
+    return mid, ShellSection(t, bending, shear, card.not_negative(7, "the mass NSM", 0.0))
 
 
 def read_shells(
@@ -112,7 +107,13 @@ def read_shells(
                 "a node stands twice in the element", "write a collapsed quadrangle as a CTRIA3, take others out"
             )
         x = grids.position[nodes[:, : SHELLS[own[0].name].corners]]
-        normal = _normals(own, x, notes)
+        normal = plate_normals(
+            x,
+            lambda i, what, remedy, own=own: own[i].error(what, remedy),
+            lambda i, own=own: f"{own[i].name.replace('QUADR', 'QUAD4')} {own[i].text(0)}",
+            "CTRIA3",
+            notes,
+        )
         for card, number in zip(own, region[rows].tolist(), strict=True):
             section = sections[number]
             _check_corners(card, section)
@@ -135,17 +136,6 @@ def _node_ids(card: Card) -> list[int]:
             f"give all mid-side nodes, or make a {linear} of it where it has none",
         )
     return [card.integer(2 + i, "a node id") for i in range(layout.nodes)]
-
-
-def _normals(cards: Sequence[Card], x: FloatArray, notes: list[str]) -> FloatArray:
-    """Unit normals (n, 3) of shells with corners x (n, k, 3)."""
-    return plate_normals(
-        x,
-        lambda i, what, remedy: cards[i].error(what, remedy),
-        lambda i: f"{cards[i].name.replace('QUADR', 'QUAD4')} {cards[i].text(0)}",
-        "CTRIA3",
-        notes,
-    )
 
 
 def _check_corners(card: Card, section: Section) -> None:
@@ -253,9 +243,7 @@ def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[s
                 "config"
             )
     notes += [note for note in dict.fromkeys(said) if note not in notes]
-    density = own[1].real(4 if own[1].name == "MAT1" else 7, "the density", 0.0)
-    if density < 0:
-        raise own[1].error(f"the density is {density:g}, negative", "give a positive density")
+    density = own[1].not_negative(4 if own[1].name == "MAT1" else 7, "the density", 0.0)
     uniform = 10 not in named and named.get(3, named[1]) == named[1]
     shell = GeneralShell(plain.thickness, membrane, coupling, bending, shear, density, uniform, plain.nonstructural)
     if fault := general_fault(shell):

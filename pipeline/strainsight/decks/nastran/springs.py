@@ -15,7 +15,7 @@ from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, resolved_
 from strainsight.decks.text import Line, parse_integer
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.coordinates import local_axes
-from strainsight.mesh.joins import PointMass, Springs, matrix_mass
+from strainsight.mesh.joins import PointMass, Springs, matrix_mass, spring_between
 from strainsight.mesh.model import FloatArray, IntArray
 
 SPRINGS = ("CELAS1", "CELAS2", "CBUSH", "PELAS", "PBUSH")
@@ -91,15 +91,7 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
         raise card.error("has no end on a node", "give a node and its component")
     if len({first for _, first, _ in ends}) > 1:
         raise card.error("one end is a translation, the other a rotation", "let both be of one kind")
-    node, first, value = zip(*ends, strict=True)
-    return Springs(
-        f"{card.name} {card.text(0)}",
-        np.array([k]),
-        np.zeros(3 * len(ends), dtype=np.int64),
-        np.repeat(node, 3).astype(np.int64),
-        np.concatenate([first_ + np.arange(3) for first_ in first]),
-        np.concatenate(value),
-    )
+    return spring_between(f"{card.name} {card.text(0)}", k, ends)
 
 
 def _bush_properties(cards: dict[str, list[Card]], notes: list[str]) -> dict[int, FloatArray]:
@@ -218,9 +210,7 @@ def point_masses(
             masses.append(_of_matrix(card, grids, properties, scale, turning, notes))
             continue
         row = grids.nodes.row(card.integer(1, "the node id"), card)
-        mass = card.real(3, "the mass", 0.0)
-        if mass < 0:
-            raise card.error(f"the mass is {mass:g}, negative", "give a positive mass")
+        mass = card.not_negative(3, "the mass", 0.0)
         at_position = card.text(2) == "-1"
         axes = np.eye(3) if at_position else axes_at(grids.position[row], resolved_system(card, 2, grids.systems))
         offset = axes @ [card.real(i, "the offset", 0.0) for i in (4, 5, 6)] - at_position * grids.position[row]

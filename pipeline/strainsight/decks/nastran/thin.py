@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.decks.faults import Doubt, coincident, plural
+from strainsight.decks.faults import note_shared
 from strainsight.decks.nastran.beams import (
     BEAMS,
     DEFAULTS,
@@ -38,8 +38,8 @@ from strainsight.decks.nastran.shells import (
 )
 from strainsight.errors import DeckError
 from strainsight.mesh.model import CellBlock, IntArray, Origin
-from strainsight.mesh.scaling import resized
 from strainsight.mesh.thin import BeamBlock, BeamSection, Laminate, Section, ShellBlock, ShellSection
+from strainsight.mesh.units import rescaled
 
 SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
     "PSHELL": lambda card, _: shell_section(card),
@@ -158,7 +158,7 @@ def read_thin(
                 raise
             del properties[number]
             continue
-        sections[number] = resized(section, 1.0, scale)
+        sections[number] = rescaled(section, mass=scale)
     kept = np.isin(region, list(sections))
     left_out = Counter(card.name for card, there in zip(own, kept, strict=True) if not there)
     left_out.update(_unused(cards, properties))
@@ -168,7 +168,9 @@ def read_thin(
         parts.append(([own[i] for i in rows], ids[rows], region[rows]))
     shells = read_shells(*parts[0], grids, sections, middles, notes)
     beams = read_beams(*parts[1], grids)
-    _note_shared(parts[0][0] + parts[1][0], (*shells, *beams), notes)
+    names = {int(card.text(0)): card.name for card in parts[0][0] + parts[1][0]}
+    for ids_of, nodes in ((block.ids.tolist(), block.nodes) for block in (*shells, *beams)):
+        note_shared(nodes, lambda i, ids=ids_of: f"{names[ids[i]]} {ids[i]}", notes)
     where = origin(ids[kept], [card for card, there in zip(own, kept, strict=True) if there])
     return Thin(shells, beams, properties, materials, sections, general, where, left_out)
 
@@ -231,15 +233,3 @@ def _unused(cards: dict[str, list[Card]], properties: dict[int, Card]) -> dict[s
     used = Counter(card.name for card in properties.values())
     counts = {name: len(cards.get(name, [])) - used[name] for name in PROPERTIES}
     return {f"{name} that no element refers to": count for name, count in counts.items() if count}
-
-
-def _note_shared(cards: Sequence[Card], blocks: Sequence[ShellBlock | BeamBlock], notes: list[str]) -> None:
-    """Two elements of a kind on the same nodes may be meant, as parts of a section."""
-    names = {int(card.text(0)): card.name for card in cards}
-    for block in blocks:
-        if pair := coincident(block.nodes):
-            first, second = (int(block.ids[i]) for i in pair)
-            ordered = np.sort(block.nodes, axis=1)
-            count = len(ordered) - len(np.unique(ordered, axis=0))
-            shared = f"{names[second]} {second} is on the nodes of {names[first]} {first}"
-            notes.append(Doubt(f"{shared} ({plural(count, 'such element')}): stiffness and mass of both count"))

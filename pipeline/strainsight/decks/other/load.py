@@ -1,30 +1,26 @@
 """Reading with meshio so that whatever it meets comes back as a message: it prints, exits and drops cells on its own.
 
-meshio makes room for what a file claims (192 GiB were seen for a TetGen file of 300 bytes) and does not return from some
-damaged ones; the HDF5 library below it ends the whole process on others. In a child process with limits that costs the file
-and not the run.
+In a child process, see `child_reader`: meshio makes room for what a file claims, and does not return from some damaged ones.
 """
 
 from __future__ import annotations
 
 import contextlib
 import io
-import json
 import re
-import sys
 import warnings
-from collections.abc import Callable
-from io import BytesIO
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, BinaryIO, NamedTuple
+from typing import Any, NamedTuple
 from xml.etree import ElementTree
 
 import numpy as np
 
+from strainsight.child_reader import Message, answer, child_reader
 from strainsight.decks.text import LARGEST
 from strainsight.errors import DeckError
-from strainsight.processes import START_LIMIT, asked_of_reader, limit_memory, python, reader
+from strainsight.processes import limit_memory, python
 
 NOT_HERE = ("nastran", "abaqus", "gmsh", "mdpa")
 """Formats with a reader of their own, because meshio loses too much; and one in which it takes numbers for positions."""
@@ -251,28 +247,39 @@ COMMAND = python("strainsight.decks.other.load")
 def load_sandboxed(path: Path) -> Loaded:
     """`load`, in a child process. Raises DeckError as that does, and where the process fails."""
     limit = TIME_LIMIT + path.stat().st_size / 1e5 if path.is_file() else TIME_LIMIT
-    with reader(COMMAND, str(path), START_LIMIT) as within:
-        answer = within(limit, lambda stream: stream.read())
-    if not answer:
-        raise DeckError(
-            "reading it crashed, or did not come to an end", where=str(path), remedy=f"the file is damaged: {INSTEAD}"
-        )
-    return _unpacked(answer)
+    failure = DeckError(
+        "reading it crashed, or did not come to an end", where=str(path), remedy=f"the file is damaged: {INSTEAD}"
+    )
+    with child_reader(COMMAND, str(path), failure) as receive:
+        record, arrays = receive(limit)
+
+    def get(number: int | None) -> Any:
+        return None if number is None else arrays[number]
+
+    mesh = SimpleNamespace(
+        points=get(record["points"]),
+        cells=[SimpleNamespace(type=kind, dim=dim, data=get(data)) for kind, dim, data in record["cells"]],
+        **{key: {name: get(n) for name, n in numbers.items()} for key, numbers in record["single"].items()},
+        **{key: {name: [*map(get, ns)] for name, ns in numbers.items()} for key, numbers in record["lists"].items()},
+        **{key: dict(tags) for key, tags in record["tags"].items()},
+    )
+    return Loaded(mesh, record["format"], record["notes"], tuple(record["included"]))
 
 
-def _packed(loaded: Loaded) -> bytes:
-    """All that `read_meshio` asks of a mesh, as the content of an .npz file: "record" is JSON, with numbers for arrays."""
-    arrays: dict[str, np.ndarray] = {}
+def messages(path: Path) -> Iterator[Message]:
+    """In the child process: all that `read_meshio` asks of a mesh, with numbers for its arrays."""
+    loaded = load(path, lambda size: limit_memory(MEMORY_LIMIT + MEMORY_A_BYTE * size))
+    arrays: list[np.ndarray] = []
 
-    def put(values: Any) -> str | None:
+    def put(values: Any) -> int | None:
         if values is None:
             return None
         try:
             array = np.asarray(values)
         except ValueError:  # cells with different numbers of nodes: only their count is asked for
             array = np.zeros((len(values), 0))
-        arrays[str(len(arrays))] = array.astype(str) if array.dtype.hasobject else array
-        return str(len(arrays) - 1)
+        arrays.append(array.astype(str) if array.dtype.hasobject else array)
+        return len(arrays) - 1
 
     mesh = loaded.mesh
     record = {
@@ -281,7 +288,7 @@ def _packed(loaded: Loaded) -> bytes:
         "included": loaded.included,
         "points": put(mesh.points),
         "cells": [(block.type, block.dim, put(block.data)) for block in mesh.cells],
-        "arrays": {
+        "single": {
             key: {str(name): put(values) for name, values in (getattr(mesh, key) or {}).items()}
             for key in ("point_data", "field_data", "point_sets")
         },
@@ -294,46 +301,8 @@ def _packed(loaded: Loaded) -> bytes:
             for key in ("point_tags", "cell_tags")
         },
     }
-    file = BytesIO()
-    np.savez(file, record=np.frombuffer(json.dumps(record).encode(), np.uint8), **arrays)  # type: ignore[arg-type]
-    return file.getvalue()
-
-
-def _unpacked(answer: bytes) -> Loaded:
-    """The mesh, with the names that meshio's has. Raises DeckError where the answer is one."""
-    with np.load(BytesIO(answer), allow_pickle=False) as arrays:
-        record = json.loads(arrays["record"].tobytes())
-        if "what" in record:
-            raise DeckError(record["what"], where=record["where"], remedy=record["remedy"])
-
-        def get(number: str | None) -> Any:
-            return None if number is None else arrays[number]
-
-        mesh = SimpleNamespace(
-            points=get(record["points"]),
-            cells=[SimpleNamespace(type=kind, dim=dim, data=get(data)) for kind, dim, data in record["cells"]],
-            **{key: {name: get(n) for name, n in found.items()} for key, found in record["arrays"].items()},
-            **{key: {name: [*map(get, ns)] for name, ns in found.items()} for key, found in record["lists"].items()},
-            **{key: dict(found) for key, found in record["tags"].items()},
-        )
-    return Loaded(mesh, record["format"], record["notes"], tuple(record["included"]))
-
-
-def _limit_memory(size: int) -> None:
-    """From now on no more than is there, MEMORY_LIMIT and the share of a file of so many bytes, where the system can."""
-    limit_memory(MEMORY_LIMIT + MEMORY_A_BYTE * size)
-
-
-def _answer(out: BinaryIO) -> None:
-    path = Path(asked_of_reader("h5py", "meshio"))
-    try:
-        out.write(_packed(load(path, _limit_memory)))
-    except DeckError as error:
-        record = {"what": error.what, "where": error.where, "remedy": error.remedy}
-        file = BytesIO()
-        np.savez(file, record=np.frombuffer(json.dumps(record).encode(), np.uint8))
-        out.write(file.getvalue())
+    yield record, arrays
 
 
 if __name__ == "__main__":
-    _answer(sys.stdout.buffer)
+    answer(lambda asked: messages(Path(asked)), ("h5py", "meshio"))

@@ -20,27 +20,9 @@ from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
 from strainsight.mesh.node_order import left_handed
 
 REGIONS = (
-    "region",
-    "region_id",
-    "gmsh:physical",
-    "medit:ref",
-    "cell_tags",
-    "netgen:index",
-    "tetgen:ref",
-    "avsucd:material",
-    "su2:tag",
-    "ugrid:ref",
-    "MaterialIds",
-    "MaterialID",
-    "MaterialId",
-    "material_id",
-    "material",
-    "PartId",
-    "part_id",
-    "PropertyId",
-    "property_id",
-    "ElementBlockIds",
-    "ObjectId",
+    *("region", "region_id", "gmsh:physical", "medit:ref", "cell_tags", "netgen:index", "tetgen:ref"),
+    *("avsucd:material", "su2:tag", "ugrid:ref", "MaterialIds", "MaterialID", "MaterialId", "material_id"),
+    *("material", "PartId", "part_id", "PropertyId", "property_id", "ElementBlockIds", "ObjectId"),
 )
 """Names under which programs write the region of a cell, the first that is there counts."""
 

@@ -11,8 +11,7 @@ from strainsight.config.bench.bodies import Bearing as StatedBearing
 from strainsight.config.bench.bodies import Curve, LoadCase
 from strainsight.config.bench.connections import BearingForce
 from strainsight.errors import StrainsightError, blame
-from strainsight.multibody.bearing.element import ball_loads, bearing_load
-from strainsight.multibody.bearing.equilibrium import displacement
+from strainsight.multibody.bearing.element import ball_loads, bearing_load, displacement
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.records.bench import BearingCase, BearingCurve, Displaced
 from strainsight.records.record import record_from

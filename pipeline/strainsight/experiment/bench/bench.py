@@ -18,8 +18,8 @@ from strainsight.experiment.bench.bearings import bearings_of
 from strainsight.experiment.bench.reduction import flexible
 from strainsight.mesh.additions import node_index
 from strainsight.mesh.model import Mesh
+from strainsight.multibody.bearing.element import BearingLaw, Drag, ring_relations
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
-from strainsight.multibody.bearing.law import BearingLaw, Drag, ring_relations
 from strainsight.multibody.bodies import Body, FlexibleBody, Frame, RigidBody
 from strainsight.multibody.coupled import coupled_modes, growth
 from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
@@ -32,8 +32,7 @@ from strainsight.multibody.initial import (
     static_equilibrium,
 )
 from strainsight.multibody.joints import JOINTS
-from strainsight.multibody.laws.actuators import follower_force, follower_moment, turning_gravity
-from strainsight.multibody.laws.kinds import LAWS
+from strainsight.multibody.laws import LAWS, follower_force, follower_moment, turning_gravity
 from strainsight.multibody.relations import cosine, relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.system import System, assemble

@@ -12,9 +12,8 @@ from strainsight.config.bench.connections import Driven, DrivenDistance, Gravity
 from strainsight.errors import ConfigError, blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.recorded import LOADS, signal_at
-from strainsight.loads.histories import FromSamples, evaluate
-from strainsight.loads.motion import gap, motion, swing
-from strainsight.multibody.laws.springs import SHORTEST
+from strainsight.loads.histories import FromSamples, evaluate, gap, motion, swing
+from strainsight.multibody.laws import SHORTEST
 
 LARGEST = 1e50
 """[N, N m, m, rad] Its fourth power is still a number."""

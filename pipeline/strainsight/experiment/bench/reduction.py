@@ -15,8 +15,7 @@ from strainsight.experiment.recorded import damping_of, named_regions
 from strainsight.experiment.resources import Resources
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import FiniteElementModel, build_model, nodal
-from strainsight.fem.recovery import facet_strain
-from strainsight.fem.stress import surface_model, surface_state
+from strainsight.fem.recovery import facet_strain, surface_model, surface_state
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh

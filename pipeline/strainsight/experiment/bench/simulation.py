@@ -21,8 +21,8 @@ from strainsight.multibody.accelerations import Instant, measured, reaction
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.coupled import CoupledModes, coupled_modes, growth
-from strainsight.multibody.initial import constraints_at, moving_constraints, project_position
-from strainsight.multibody.laws.actuators import Friction, TurningGravity
+from strainsight.multibody.initial import constraints_at, project_position
+from strainsight.multibody.laws import Friction, TurningGravity
 from strainsight.multibody.sensors import RelationSensor, axis_sensor, position_sensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
 from strainsight.ordering import first_of_largest
@@ -187,7 +187,7 @@ def _violation(bench: Bench, run: Trajectory) -> Violation:
     """Largest |φ| and |Bv| of every instant."""
     if not bench.system.constrained:
         return Violation(position=np.zeros(len(run.time)), velocity=np.zeros(len(run.time)))
-    pairs = [moving_constraints(bench.system, q, u) for q, u in zip(run.q, run.u, strict=True)]
+    pairs = [constraints_at(bench.system, q, u) for q, u in zip(run.q, run.u, strict=True)]
     return Violation(
         position=np.array([np.abs(phi).max() for phi, *_ in pairs]),
         velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, run.v, strict=True)]),

@@ -43,10 +43,10 @@ class Expectation:
         return replace(self, without={name: values[order] for name, values in self.without.items()})
 
 
-def least_expected(found: Sequence[Expectation], over: Collection[str]) -> int:
+def least_expected(layouts: Sequence[Expectation], over: Collection[str]) -> int:
     """Which of several layouts has the least geometric mean of σ over these unknowns; the first one unless another is better
     by the factor MATTERS, and worse by it in no unknown."""
-    ratio = np.array([[own.std[name] / found[0].std[name] for name in over] for own in found])
+    ratio = np.array([[layout.std[name] / layouts[0].std[name] for name in over] for layout in layouts])
     mean = np.exp(np.mean(np.log(ratio), axis=1))
     allowed = (mean * MATTERS <= 1) & (ratio.max(axis=1) <= MATTERS)
     allowed[0] = True
@@ -171,12 +171,12 @@ def _how_many(sigma: str, cost: np.ndarray, kept: int, labels: Sequence[str], ke
         )
 
 
-def moved_in_words(exact: Expectation, found: Expectation, over: Collection[str]) -> str:
+def moved_in_words(exact: Expectation, chosen: Expectation, over: Collection[str]) -> str:
     """What a layout that is chosen with installation errors gains over the one that is chosen without."""
-    name = max(over, key=lambda key: exact.std[key] / found.std[key])
+    name = max(over, key=lambda key: exact.std[key] / chosen.std[key])
     return (
         "Placed with errors of installation as noise: off the steep gradients σ of "
-        f"{name} is expected to be {exact.std[name] / found.std[name]:.3g} times lower than on the layout for exact gauges."
+        f"{name} is expected to be {exact.std[name] / chosen.std[name]:.3g} times lower than on the layout for exact gauges."
     )
 
 
@@ -236,8 +236,10 @@ def _failures(
         yield f"An unknown is lost if {' or '.join(lost)} fails."
     elif not unsolved:
         known = {name: values for name, values in without.items() if np.isfinite(values).all()}
-        found = ((float(np.max(values)) / std[name], name, first_of_largest(values)) for name, values in known.items())
-        for growth, name, worst in [max(found, key=lambda own: own[0])] if known else ():
+        growths = (
+            (float(np.max(values)) / std[name], name, first_of_largest(values)) for name, values in known.items()
+        )
+        for growth, name, worst in [max(growths, key=lambda growth_and_name: growth_and_name[0])] if known else ():
             if growth > 1:
                 yield f"The worst failure is that of {labels[worst]}: σ of {name} grows by {_percent(growth - 1)}."
             else:

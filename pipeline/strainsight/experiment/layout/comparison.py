@@ -66,13 +66,13 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> Comparison:
     by = {name: task.under(pools, name) for name in dict.fromkeys((criterion, *task.metrics))}
     scale, share = (unknowns.scale, None) if cases is None else (cases.scale[cases.of], cases.shares())
     chosen = {name: np.zeros(0, dtype=int) if gauges is None else gauges for name, gauges in sets.items()}
-    found = {
+    every = {
         name: Scores.all(by, np.nan, len(unknowns.at))
         if gauges is None
         else scores(by, gauges, unknowns.at, scale, task.aggregate, share)
         for name, gauges in sets.items()
     }
-    return Comparison(chosen, found)
+    return Comparison(chosen, every)
 
 
 def criteria_table(others: Comparison, names: Sequence[str], scale: np.ndarray | None) -> Table:
@@ -117,11 +117,11 @@ def criteria_table(others: Comparison, names: Sequence[str], scale: np.ndarray |
 
 def _some(of: np.ndarray) -> list[int]:
     """`CRITERION_SCENARIOS` of the scenarios of every load case, spread evenly; of (scenarios,): the case of each."""
-    found: list[int] = []
+    numbers: list[int] = []
     for case in np.unique(of):
-        own = np.flatnonzero(of == case)
-        found += own[np.unique(np.linspace(0, len(own) - 1, CRITERION_SCENARIOS).astype(int))].tolist()
-    return found
+        scenarios = np.flatnonzero(of == case)
+        numbers += scenarios[np.unique(np.linspace(0, len(scenarios) - 1, CRITERION_SCENARIOS).astype(int))].tolist()
+    return numbers
 
 
 def _kept(pools: Sequence[Pool], keep: int, fixed: frozenset[int]) -> np.ndarray | None:

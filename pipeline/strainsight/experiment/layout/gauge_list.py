@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from itertools import count
+from typing import TypedDict
 
 import numpy as np
 
 from strainsight.config import layout as stated
+from strainsight.config.gauges import AxisDirection, PrincipalDirection, SensorSites
 from strainsight.config.placement import Datum
-from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
+from strainsight.mesh.facets import LOWER, UPPER, Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
 from strainsight.pages.picture.layout import Frame
 from strainsight.runner.output import Table
-from strainsight.sensors.candidates import ACCELERATION, STRAIN, UNITS, Candidates
+from strainsight.sensors.candidates import (
+    ACCELERATION,
+    ROSETTE,
+    STRAIN,
+    UNITS,
+    Candidates,
+    candidates,
+    principal_angles,
+)
 from strainsight.sensors.edges import EdgeDimensions, edge_dimensions, facet_keys, no_edges
+from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.zones import Box, Cylinder, NearEdges, NearSet, NormalCone, On, OnElements, ShellFace, Zone
 
 
@@ -75,7 +87,7 @@ class GaugeList:
 
 
 def gauge_list(
-    candidates: Candidates,
+    pool: Candidates,
     names: Sequence[str],
     gauges: np.ndarray,
     families: Sequence[str],
@@ -89,47 +101,47 @@ def gauge_list(
     reading of every channel; limit (m,): what it can measure, infinite where that is not stated; most (m,): largest reading of
     any of its grids, None: `peak`.
     """
-    own = [candidates.channels(gauges[i : i + 1]) for i in range(len(gauges))]
-    first = candidates.first[gauges]
-    stated = np.array([limit[c].min() for c in own])
+    channels = [pool.channels(gauges[i : i + 1]) for i in range(len(gauges))]
+    first = pool.first[gauges]
+    stated = np.array([limit[c].min() for c in channels])
     return GaugeList(
         labels=layout_labels(names, gauges),
-        kind=tuple(_kind(int(candidates.quantity[c[0]]), len(c), bool(candidates.bridged[c[0]])) for c in own),
-        unit=tuple(UNITS[int(candidates.quantity[c])] for c in first),
-        element=candidates.element[first],
-        facet=candidates.facet[first],
-        position=candidates.position[first],
-        normal=candidates.normal[first],
-        directions=tuple(candidates.direction[c] for c in own),
-        angles=tuple(candidates.angle[c] for c in own),
-        length=candidates.length[first],
-        bonded=candidates.bonded[first],
-        family=tuple(families[int(candidates.array[c])] for c in first),
-        peak=np.array([peak[c].max() for c in own]),
-        peaks=tuple(peak[c] for c in own),
-        most=np.array([(peak if most is None else most)[c].max() for c in own]),
+        kind=tuple(_kind(int(pool.quantity[c[0]]), len(c), bool(pool.bridged[c[0]])) for c in channels),
+        unit=tuple(UNITS[int(pool.quantity[c])] for c in first),
+        element=pool.element[first],
+        facet=pool.facet[first],
+        position=pool.position[first],
+        normal=pool.normal[first],
+        directions=tuple(pool.direction[c] for c in channels),
+        angles=tuple(pool.angle[c] for c in channels),
+        length=pool.length[first],
+        bonded=pool.bonded[first],
+        family=tuple(families[int(pool.array[c])] for c in first),
+        peak=np.array([peak[c].max() for c in channels]),
+        peaks=tuple(peak[c] for c in channels),
+        most=np.array([(peak if most is None else most)[c].max() for c in channels]),
         range=np.where(np.isfinite(stated), stated, np.nan),
-        arms=tuple(_arms(candidates.take(c)) for c in own),
+        arms=tuple(_arms(pool.take(c)) for c in channels),
     )
 
 
-def _arms(own: Candidates) -> BridgeArms | None:
-    return None if own.arms is None else BridgeArms(own.grids, own.sign_of_grid)
+def _arms(gauge: Candidates) -> BridgeArms | None:
+    return None if gauge.arms is None else BridgeArms(gauge.grids, gauge.sign_of_grid)
 
 
 def channel_labels(listed: GaugeList) -> tuple[str, ...]:
     """A label for every channel: that of its gauge, with the angle or axis where it has several."""
-    said = []
+    labels = []
     for label, kind, angles, directions in zip(
         listed.labels, listed.kind, listed.angles, listed.directions, strict=True
     ):
         if len(angles) == 1:
-            said.append(label)
+            labels.append(label)
         elif kind == "rosette":
-            said += [f"{label} {angle:g}°" for angle in angles]
+            labels += [f"{label} {angle:g}°" for angle in angles]
         else:
-            said += [f"{label} axis {i + 1}" for i in range(len(directions))]
-    return tuple(said)
+            labels += [f"{label} axis {i + 1}" for i in range(len(directions))]
+    return tuple(labels)
 
 
 def _kind(quantity: int, channels: int, bridge: bool) -> str:
@@ -142,7 +154,7 @@ def _kind(quantity: int, channels: int, bridge: bool) -> str:
 
 def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: bool) -> Table:
     """Where every gauge goes, and what each unknown would be known to without it."""
-    kinds, given = listed.bonded.any() or set(listed.kind) != {"strain gauge"}, not listed.facet.any()
+    kinds, without_surface = listed.bonded.any() or set(listed.kind) != {"strain gauge"}, not listed.facet.any()
 
     def place(position: np.ndarray, direction: np.ndarray) -> tuple[str, str]:
         return " ".join(f"{x:.4f}" for x in position), " ".join(f"{round(x, 3) + 0.0:g}" for x in direction)
@@ -153,7 +165,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
             (
                 listed.labels[i],
                 *([listed.kind[i] + ", bonded" * bool(listed.bonded[i])] if kinds else []),
-                *([] if given else [str(listed.element[i]), str(listed.facet[i])]),
+                *([] if without_surface else [str(listed.element[i]), str(listed.facet[i])]),
                 *place(listed.position[i], listed.directions[i][0]),
                 " ".join(f"{angle:g}°" for angle in listed.angles[i])
                 if listed.kind[i] in ("strain gauge", "rosette", "bridge")
@@ -178,7 +190,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
     columns = (
         "gauge",
         *(["kind"] if kinds else []),
-        *([] if given else ["element", "facet"]),
+        *([] if without_surface else ["element", "facet"]),
         "x y z [m]",
         "direction",
         "angle",
@@ -282,13 +294,48 @@ def frame_of(unit: str, datum: Datum) -> Frame:
     return Frame(unit, length_factor(unit), np.array(datum.origin), np.array([x, np.cross(z, x), z]))
 
 
+class Sites(TypedDict):
+    """Where sensors may go: a surface, and zones to include and to exclude."""
+
+    surface: str
+    include: list[Zone]
+    exclude: list[Zone]
+
+
+def sites_of(config: SensorSites) -> Sites:
+    """The sites of a config, as functions of candidates take them."""
+    include, exclude = ([zone_of(entry) for entry in zones] for zones in (config.include, config.exclude))
+    return Sites(surface=config.surface, include=include, exclude=exclude)
+
+
+def strain_candidates(
+    mesh: Mesh,
+    facets: Facets,
+    sites: SensorSites,
+    direction: AxisDirection | PrincipalDirection,
+    basis: np.ndarray,
+    moment: Callable[[np.ndarray], np.ndarray],
+    key: str,
+    rosette: bool = False,
+    length: float = 0.0,
+) -> Candidates:
+    """Strain gauges on the facets that the sites of `key` admit, along an axis or the principal directions of a moment (r, r)
+    of the coordinates of the basis (3 nodes, r); moment: of rows (3 f, r) of gauges at 0°, 45° and 90° on the f facets."""
+    axis, turn = direction.axis if isinstance(direction, AxisDirection) else None, None
+    zoned = partial(candidates, mesh, facets, axis, **sites_of(sites), key=key)
+    if axis is None:
+        rows = channel_rows(mesh.position, zoned(angles=ROSETTE, rosette=True), basis, facets=facets)
+        turn = principal_angles(rows.reshape(-1, len(ROSETTE), basis.shape[1]), moment(rows))
+    return zoned(angles=direction.angles, rosette=rosette, length=length, turn=turn)
+
+
 def zone_of(entry: stated.Zone) -> Zone:
     """A zone of a config."""
     match entry:
         case stated.BoxZone(box=(low, high)):
             return Box(low, high)
-        case stated.InCylinder(cylinder=own):
-            return Cylinder(own.point, own.axis, own.radius)
+        case stated.InCylinder(cylinder=cylinder):
+            return Cylinder(cylinder.point, cylinder.axis, cylinder.radius)
         case stated.FacingZone(normal_cone=cone):
             return NormalCone(cone.axis, cone.angle)
         case stated.NearSetZone(near_set=near):

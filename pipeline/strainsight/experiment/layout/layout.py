@@ -8,6 +8,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.layout import LayoutSettings
+from strainsight.errors import blame
+from strainsight.experiment.layout.task import Task
 from strainsight.ordering import TIE
 from strainsight.placement.branch_and_bound import BranchAndBound, branch_and_bound
 from strainsight.placement.certificate import Certificate, certify
@@ -61,21 +63,15 @@ def layout_of(
     return Layout(gauges, score(pools, gauges, aggregate), swapped)
 
 
-def proved(
-    layout: Layout,
-    pools: Sequence[Pool],
-    limits: Limits,
-    settings: LayoutSettings,
-    aggregate: Aggregate,
-    progress: Callable[[str, float], None],
-    whole: tuple[Sequence[Pool], Limits, np.ndarray] | None = None,
-    searched: Sequence[Pool] = (),
-) -> Layout:
-    """The best layout as far as `place.prove` lets it be sought, and the bound on all others.
+@blame("place.keep")
+def proved(task: Task, layout: Layout, pools: Sequence[Pool], progress: Callable[[str, float], None]) -> Layout:
+    """The best layout as far as `place.prove` lets it be sought, and the bound on all others, over all candidates where the pool
+    has a part of them.
 
-    whole: scenarios and limits of all candidates, and the number there of every pool row; then the bound is over all of them.
-    searched: scenarios that cost less, at whose relaxed optimum the bound of these begins.
+    pools: scenarios of the task by its criterion. The bound begins at the relaxed optimum of scenarios that cost less, where the
+    task is searched by such.
     """
+    limits, settings, aggregate, whole = task.limits, task.settings, task.aggregate, task.whole
     gauges, cost, proof = layout.gauges, layout.cost, None
     if settings.prove > 0:  # never beside worst_failure: the config refuses that
         progress("proof", 0.6)
@@ -87,19 +83,17 @@ def proved(
         return Layout(gauges, cost, layout.exchange, None, proof)
     least, beyond = np.inf, None
     if whole is None:
-        near = (
-            certify(searched, gauges, score(searched, gauges, aggregate), aggregate, limits=limits)
-            if searched
-            else None
-        )
-        start = None if near is None else near.weights
+        start = None
+        if task.searched is not task.pools:
+            searched = task.under(task.searched)
+            start = certify(searched, gauges, score(searched, gauges, aggregate), aggregate, limits=limits).weights
         certificate = certify(pools, gauges, cost, aggregate, limits=limits, start=start)
     else:
-        every, within, rows = whole
-        certificate = certify(every, rows[gauges], cost, aggregate, limits=within)
-        others = np.delete(certificate.including, rows)
+        every = task.under(whole.pools)
+        certificate = certify(every, whole.rows[gauges], cost, aggregate, limits=whole.limits)
+        others = np.delete(certificate.including, whole.rows)
         least, beyond = float(others.min(initial=np.inf)), int(np.sum(others < cost * (1 - TIE)))
-        certificate = replace(certificate, weights=certificate.weights[rows])
+        certificate = replace(certificate, weights=certificate.weights[whole.rows])
     if proof and (lower := min(proof.lower_bound, least, cost)) > certificate.lower_bound:
         certificate = replace(certificate, lower_bound=lower, gap=(cost - lower) / cost)
     return Layout(gauges, cost, layout.exchange, certificate if settings.certificate else None, proof, beyond)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from scipy.sparse.csgraph import connected_components
@@ -22,7 +22,7 @@ from strainsight.experiment.layout.gauge_list import (
     measured_cells,
     measured_columns,
 )
-from strainsight.experiment.layout.placement import Placed
+from strainsight.experiment.layout.placement import Placement
 from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import Frame
 from strainsight.placement.score import worth_keeping
@@ -30,33 +30,34 @@ from strainsight.records.mesh import gauge_grid
 from strainsight.records.placed import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
 from strainsight.records.record import Place, record_from, written
 from strainsight.runner.output import Dataset, Output, Scalar, Table
-from strainsight.sensors.candidates import STRAIN, UNITS, channels_of_gauges, grouped
+from strainsight.sensors.candidates import channels_of_gauges, grouped, units_in_words
 from strainsight.sensors.export import uff_text
 
+R = TypeVar("R", bound=PlacedLayout)
 CLUSTER = 0.05
 """Gauges of one cluster are nearer to each other than this share of the extent of all candidates."""
 
 
-def layout_record(found: Placed) -> PlacedLayout:
-    """The record of what was found."""
-    task, result, certificate = found.task, found.elimination, found.layout.certificate
-    pool, there, criterion = task.pool, task.pool.channels >= 0, task.criterion
-    solved = [own.scenario for own in result.pools]
+def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
+    """The record of a placement, of a structure or a bench; more: what only its kind has."""
+    task, result, certificate = placement.task, placement.elimination, placement.layout.certificate
+    pool, exists, criterion = task.pool, task.pool.channels >= 0, task.criterion
+    solved = [solution.scenario for solution in result.pools]
     several = solved[0].H.ndim == 3
     greedy = pool.gauges_of(result.kept)
     cost = {metric_key(criterion.name): result.cost}
-    return PlacedLayout(
+    return kind(
         augmented=Augmented(
             state=task.states,
             F=np.array([s.F for s in solved]),
-            H=np.array([s.H[there] if several else s.H for s in solved]),
+            H=np.array([s.H[exists] if several else s.H for s in solved]),
             Q=np.array([s.Q for s in solved]),
-            R=np.array([s.r[there] if several else s.r for s in solved]),
+            R=np.array([s.r[exists] if several else s.r for s in solved]),
             weight=np.array([s.weight for s in solved]),
-            scale=np.array([own.scale for own in result.pools]),
+            scale=np.array([solution.scale for solution in result.pools]),
         ),
         pool=PoolTable(
-            candidate=pool.first, channel=pool.channels[there], row=np.nonzero(there)[0], gauges=pool.gauges
+            candidate=pool.first, channel=pool.channels[exists], row=np.nonzero(exists)[0], gauges=pool.gauges
         ),
         elimination=Removals(
             removed=result.removed,
@@ -69,64 +70,69 @@ def layout_record(found: Placed) -> PlacedLayout:
             ties=np.array([len(tied) for tied in result.ties], dtype=np.int64),
         ),
         residual=result.residual,
-        greedy=_selection(found, greedy),
-        final=_selection(found, found.gauges, found.listed.most / found.listed.range),
-        loss=found.loss,
+        greedy=_selection(placement, greedy),
+        final=_selection(placement, placement.gauges, placement.listed.most / placement.listed.range),
+        loss=placement.loss,
         certificate=None if certificate is None else record_from(Bound, certificate),
         baseline={
             rule: scores.cost[criterion.name]
-            for rule, scores in found.others.scores.items()
+            for rule, scores in placement.others.scores.items()
             if rule not in ("final", "greedy")
         },
-        criteria=_rules(found.others, task.unknowns.names),
-        advice=found.advice,
+        criteria=_rules(placement.others, task.unknowns.names),
+        advice=placement.advice,
+        **more,
     )
 
 
 def layout_output(
-    found: Placed,
+    placement: Placement,
     record: PlacedLayout,
     mesh: Mesh,
     length_unit: str,
     numbers: Mapping[str, Scalar],
     attributes: Mapping[str, Mapping[str, Any]],
     tables: tuple[Table, ...] = (),
-    unit: str = UNITS[STRAIN],
 ) -> Output:
     """Datasets of the record and the pool, numbers, tables and files; mesh that the gauges are on, and the unit of length of its
-    deck; numbers, attributes, tables: those of the case beside; unit of its channels."""
-    task, listed, std, names = found.task, found.listed, found.expected.std, found.task.unknowns.names
-    criterion, certificate = task.criterion, found.layout.certificate
-    grid, own = _pool_grid(found)
-    parts = [f"{len(task.pool.gauges)} → {len(found.gauges)}"]
+    deck; numbers, attributes, tables: those of the case beside."""
+    task, listed, std, names = placement.task, placement.listed, placement.expected.std, placement.task.unknowns.names
+    criterion, certificate = task.criterion, placement.layout.certificate
+    grid, grid_attributes = _pool_grid(placement)
+    parts = [f"{len(task.pool.gauges)} → {len(placement.gauges)}"]
     if certificate:
         over = "" if task.whole is None else f" of all {len(task.whole.limits.size)}"
         parts.append(f"gap{over} {100 * max(certificate.gap, 0.0):.3f} %")
-    if found.layout.proven:
+    if placement.layout.proven:
         parts.append("proven")
     parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]
     position, direction, normal, labels = marked_places(listed)
+    unit = units_in_words(task.candidates.quantity)
     units = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
     return Output(
         datasets=grid | written(record, units, Place("", what=criterion.symbol)),
-        attributes={**own, "/augmented": {"aggregate": task.aggregate, "criterion": criterion.name}, **attributes},
-        summary={**_summary(found), **{f"std.{name}": value for name, value in std.items()}, **numbers},
+        attributes={
+            **grid_attributes,
+            "/augmented": {"aggregate": task.aggregate, "criterion": criterion.name},
+            **attributes,
+        },
+        summary={**_summary(placement), **{f"std.{name}": value for name, value in std.items()}, **numbers},
         message=", ".join(parts),
         tables=(
-            gauge_table(listed, found.expected.without, task.relative),
+            gauge_table(listed, placement.expected.without, task.relative),
             *tables,
-            criteria_table(found.others, names, task.unknowns.scale if task.relative else None),
-            advice_table(found.advice),
+            criteria_table(placement.others, names, task.unknowns.scale if task.relative else None),
+            advice_table(placement.advice),
         ),
         files={
-            "gauges.csv": gauge_csv(listed, found.expected.without, mesh, deck_frame(length_unit)),
+            "gauges.csv": gauge_csv(listed, placement.expected.without, mesh, deck_frame(length_unit)),
             "gauges.unv": uff_text(position, direction, normal, labels).encode(),
         },
     )
 
 
-def _selection(found: Placed, gauges: np.ndarray, load: np.ndarray | None = None) -> Selection:
-    pool, candidates = found.task.pool, found.task.candidates
+def _selection(placement: Placement, gauges: np.ndarray, load: np.ndarray | None = None) -> Selection:
+    pool, candidates = placement.task.pool, placement.task.candidates
     row = np.array([int(np.flatnonzero((pool.gauges == g).any(axis=1))[0]) for g in gauges])
     rank = np.unique(row, return_index=True, return_inverse=True)
     first = candidates.first[gauges]
@@ -158,13 +164,13 @@ def _rules(others: Comparison, names: tuple[str, ...]) -> Rules:
     )
 
 
-def _pool_grid(found: Placed) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
+def _pool_grid(placement: Placement) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
     """The pool as points: rank in the final set (0: not in it), step at which a gauge was removed (0: never), direction."""
-    pool, candidates, removed = found.task.pool, found.task.candidates, found.elimination.removed
+    pool, candidates, removed = placement.task.pool, placement.task.candidates, placement.elimination.removed
     gauge, which = pool.flat
     first = candidates.first[gauge]
     rank, step = np.zeros(len(pool.gauges), dtype=np.int64), np.zeros(len(pool.gauges), dtype=np.int64)
-    rank[found.final] = np.arange(1, len(found.final) + 1)
+    rank[placement.final] = np.arange(1, len(placement.final) + 1)
     step[removed] = np.arange(1, len(removed) + 1)
     return gauge_grid(
         candidates.position[first],
@@ -172,39 +178,39 @@ def _pool_grid(found: Placed) -> tuple[dict[str, Dataset], dict[str, dict[str, A
     )
 
 
-def _clusters(found: Placed) -> int:
+def _clusters(placement: Placement) -> int:
     """Groups of gauges, each within CLUSTER of the extent of the candidates from another of its group."""
-    candidates = found.task.candidates
-    position = candidates.position[candidates.first[found.gauges]]
+    candidates = placement.task.candidates
+    position = candidates.position[candidates.first[placement.gauges]]
     near = CLUSTER * float(np.ptp(candidates.position, axis=0).max())
     return int(connected_components(cdist(position, position) <= near, directed=False)[0])
 
 
-def _summary(found: Placed) -> dict[str, Scalar]:
-    result, layout, criterion = found.elimination, found.layout, found.task.criterion.name
+def _summary(placement: Placement) -> dict[str, Scalar]:
+    result, layout, criterion = placement.elimination, placement.layout, placement.task.criterion.name
     swapped, certificate, proof = layout.exchange, layout.certificate, layout.proof
     key = metric_key(criterion)
     numbers: dict[str, Scalar] = {
         "criterion": criterion,
-        "pool": len(found.task.pool.gauges),
-        "selected": len(found.gauges),
-        "clusters": _clusters(found),
+        "pool": len(placement.task.pool.gauges),
+        "selected": len(placement.gauges),
+        "clusters": _clusters(placement),
         f"{key}_initial": float(result.cost[0]),
         f"{key}_greedy": float(result.cost[-1]),
         f"{key}_final": float(layout.cost),
-        "worst_failure": float(found.loss.max()),
+        "worst_failure": float(placement.loss.max()),
         "riccati_residual": float(result.residual),
         "riccati_solves": int(result.solves.sum()),
         "ties": sum(1 for tied in result.ties if tied),
     }
-    if found.task.limits.plain:
+    if placement.task.limits.plain:
         numbers |= {"worth": worth_keeping(result.cost, len(result.kept))}
     if swapped:
         numbers |= {"exchanges": len(swapped.swaps), "exchange_complete": swapped.complete}
     if proof:
         numbers |= {"proven": layout.proven, "nodes": proof.nodes}
-    if found.task.whole is not None:
-        numbers["bounded"] = len(found.task.whole.limits.size)
+    if placement.task.whole is not None:
+        numbers["bounded"] = len(placement.task.whole.limits.size)
     if layout.beyond is not None:
         numbers["beyond"] = layout.beyond
     if certificate:
@@ -222,12 +228,17 @@ def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, 
     head += ["sign"] * bridged
     rows = [[*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted]]
     lines = gauge_lines(listed)
-    for own, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
-        i = own.gauge
-        numbers = [*np.round([*own.position, *own.normal, *own.direction], 12) + 0.0, own.angle, own.length, own.peak]
+    for line, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
+        i = line.gauge
+        numbers = [
+            *np.round([*line.position, *line.normal, *line.direction], 12) + 0.0,
+            line.angle,
+            line.length,
+            line.peak,
+        ]
         bonded = "yes" if listed.bonded[i] else "no"
-        words = [listed.labels[i], listed.kind[i], listed.family[i], bonded, str(own.element), str(own.facet)]
+        words = [listed.labels[i], listed.kind[i], listed.family[i], bonded, str(line.element), str(line.facet)]
         missing = [f"{values[i]:.9g}" for values in without.values()]
-        tail = [listed.unit[i], *[own.sign] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
+        tail = [listed.unit[i], *[line.sign] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
         rows.append([*words, *(f"{x:.9g}" for x in numbers), *tail])
     return csv_bytes(rows)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
@@ -27,8 +28,8 @@ ROUNDS = 3
 
 
 @dataclass(frozen=True)
-class Placed:
-    """All that a placement has found, of a structure or of a bench.
+class Placement:
+    """The result of a placement, of a structure or of a bench.
 
     task; elimination of its pool; layout: the best set; final (k,) pool rows and gauges (k,) numbers of the gauges of the
     layout, the most missed first; listed: the same for people; expected: what a filter on it claims; loss (k,): the metric
@@ -47,58 +48,71 @@ class Placed:
     advice: tuple[str, ...]
 
 
-def placed(
-    tasks: Sequence[Task],
-    claimed: Callable[[np.ndarray], Expectation],
-    listed: Callable[[np.ndarray], GaugeList],
-    progress: Callable[[str, float], None],
-    *,
-    alike: Callable[[np.ndarray], Sequence[tuple[int, ...]]] = lambda gauges: (),
-    alone: Callable[[np.ndarray, float], Sequence[Pool]] | None = None,
-    pooled: Callable[[np.ndarray], Task] | None = None,
-) -> Placed:
-    """The layout of least expected σ among those of the tasks, which are the same but for their coherence; the first has none.
+class Subject(ABC):
+    """What gauges are placed on, a structure or a bench; gauges (k,) by their numbers."""
 
-    Of gauges (k,) by their numbers: claimed, σ that a filter on them comes to claim; listed, the same for people; alike, groups
-    that are redundant; alone, where a pool row may be two gauges, the scenarios of a coherence with these as pool rows of their
-    own; pooled, where the task has a part of the candidates in its pool, the task with these.
+    @abstractmethod
+    def tasks(self) -> Sequence[Task]:
+        """The same task for errors of installation of no coherence, then of others."""
+
+    @abstractmethod
+    def expectation(self, gauges: np.ndarray) -> Expectation:
+        """σ that a filter on the gauges comes to claim."""
+
+    @abstractmethod
+    def listed(self, gauges: np.ndarray) -> GaugeList:
+        """The gauges for people."""
+
+    def alike(self, gauges: np.ndarray) -> Sequence[tuple[int, ...]]:
+        """Groups of them that are redundant."""
+        return ()
+
+    def alone(self, gauges: np.ndarray, coherence: float) -> Sequence[Pool]:
+        """Scenarios of a coherence with the gauges as pool rows of their own, where a pool row may be two gauges."""
+        raise NotImplementedError
+
+    def task_of(self, gauges: np.ndarray) -> Task:
+        """The task with these as its pool, where the pool of `tasks` is a part of the candidates."""
+        raise NotImplementedError
+
+
+def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement:
+    """The layout of least expected σ among those of the tasks of the subject.
+
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
 
     @cache
-    def expects(gauges: tuple[int, ...]) -> Expectation:
-        return claimed(np.array(gauges))
+    def expectation_of(gauges: tuple[int, ...]) -> Expectation:
+        return subject.expectation(np.array(gauges))
 
     def expected_of(task: Task, layout: Layout) -> Expectation:
-        return expects(tuple(task.pool.gauges_of(layout.gauges).tolist()))
+        return expectation_of(tuple(task.pool.gauges_of(layout.gauges).tolist()))
 
+    tasks = subject.tasks()
     drafts = [_drafted(task, progress) for task in tasks]
     chosen = 0
     if len(tasks) > 1:
         both = [expected_of(task, layout) for task, (_, layout) in zip(tasks, drafts, strict=True)]
         chosen = least_expected(both, tasks[0].over)
     task, (result, layout) = tasks[chosen], drafts[chosen]
-    if pooled is not None and task.whole is not None and task.settings.optimise == "metric":
-        task, result, layout = _widened(task, result, layout, pooled, progress)
-    pool, whole = task.pool, task.whole
-    every = None if whole is None else (task.under(whole.pools), whole.limits, whole.rows)
-    with blame("place.keep"):
-        searched = () if task.searched is task.pools else task.under(task.searched)
-        layout = proved(layout, result.pools, task.limits, task.settings, task.aggregate, progress, every, searched)
+    if task.whole is not None and task.settings.optimise == "metric":
+        task, result, layout = _widened(task, result, layout, subject, progress)
+    layout = proved(task, layout, result.pools, progress)
     expected, final = _most_missed_first(task, expected_of(task, layout), layout.gauges)
-    gauges = pool.gauges_of(final)
-    own = listed(gauges)
+    gauges = task.pool.gauges_of(final)
+    listed = subject.listed(gauges)
     progress("failures and other rules", 0.8)
-    if len(final) == len(gauges) or alone is None:
+    if len(final) == len(gauges):
         loss = loss_if_one_fails(task.under(task.pools), final, task.aggregate)
     else:  # of a mirrored pair one gauge fails, not both
-        single = task.under(alone(gauges, task.coherence))
+        single = task.under(subject.alone(gauges, task.coherence))
         loss = loss_if_one_fails(single, np.arange(len(gauges)), task.aggregate)
-    words = advice(task, result, layout, own, expected, loss, alike(gauges))
+    words = advice(task, result, layout, listed, expected, loss, subject.alike(gauges))
     if chosen:
         words = (moved_in_words(expected_of(tasks[0], drafts[0][1]), expected, task.over), *words)
     others = comparison(task, final, result.kept)
-    return Placed(task, result, layout, final, gauges, own, expected, loss, others, words)
+    return Placement(task, result, layout, final, gauges, listed, expected, loss, others, words)
 
 
 def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimination, Layout]:
@@ -118,11 +132,7 @@ def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimin
 
 
 def _widened(
-    task: Task,
-    result: Elimination,
-    layout: Layout,
-    pooled: Callable[[np.ndarray], Task],
-    progress: Callable[[str, float], None],
+    task: Task, result: Elimination, layout: Layout, subject: Subject, progress: Callable[[str, float], None]
 ) -> tuple[Task, Elimination, Layout]:
     """The same with a pool to which every candidate was added that a better layout could have, the likeliest first and at most as
     many again in a round: exchanges lead on from the layout until none is left out, and the elimination of what is then the pool
@@ -132,12 +142,12 @@ def _widened(
         whole = task.whole
         assert whole is not None
         progress("bound over all candidates", 0.55)
-        found = certify(task.under(whole.pools), whole.rows[start], cost, task.aggregate, limits=whole.limits)
-        new = np.setdiff1d(np.flatnonzero(found.including < cost * (1 - TIE)), whole.rows)
+        bound = certify(task.under(whole.pools), whole.rows[start], cost, task.aggregate, limits=whole.limits)
+        new = np.setdiff1d(np.flatnonzero(bound.including < cost * (1 - TIE)), whole.rows)
         if not len(new):
             break
-        new = new[tied_order(found.including[new])][: len(whole.rows)]
-        task = pooled(np.union1d(whole.rows, new))
+        new = new[tied_order(bound.including[new])][: len(whole.rows)]
+        task = subject.task_of(np.union1d(whole.rows, new))
         start = whole.rows[start] if task.whole is None else np.searchsorted(task.whole.rows, whole.rows[start])
         if layout.exchange:
             start = exchange(task.under(task.searched), start, task.aggregate, limits=task.limits).gauges
@@ -146,11 +156,11 @@ def _widened(
             break
     if task is before:
         return task, result, layout
-    result, own = _drafted(task, progress)
-    led_on = exchange(task.under(task.searched), start, task.aggregate, limits=task.limits) if own.exchange else None
+    result, draft = _drafted(task, progress)
+    led_on = exchange(task.under(task.searched), start, task.aggregate, limits=task.limits) if draft.exchange else None
     gauges = start if led_on is None else led_on.gauges
     cost = score(result.pools, gauges, task.aggregate)
-    return task, result, Layout(gauges, cost, led_on) if cost < own.cost * (1 - TIE) else own
+    return task, result, Layout(gauges, cost, led_on) if cost < draft.cost * (1 - TIE) else draft
 
 
 def _most_missed_first(task: Task, expected: Expectation, rows: np.ndarray) -> tuple[Expectation, np.ndarray]:

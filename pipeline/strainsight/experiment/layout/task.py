@@ -46,8 +46,8 @@ class LoadCases:
         weight = self.weight[of]
         if aggregate == "worst":
             return np.asarray(weight / self.weight.max())
-        there = np.unique(of)
-        share = self.weight[of] / self.weight[there].sum()
+        present = np.unique(of)
+        share = self.weight[of] / self.weight[present].sum()
         return np.asarray(len(of) * share / np.bincount(of)[of])
 
     def shares(self) -> np.ndarray:
@@ -85,8 +85,8 @@ class PoolRows:
 
     def gauges_of(self, rows: np.ndarray) -> np.ndarray:
         """Numbers of the gauges of some pool rows, in their order."""
-        found = self.gauges[rows].ravel()
-        return found[found >= 0]
+        gauges = self.gauges[rows].ravel()
+        return gauges[gauges >= 0]
 
     def summed(self, values: np.ndarray) -> np.ndarray:
         """For every row the sum over its gauges (p,); values: of every gauge of `flat`."""
@@ -214,26 +214,26 @@ class Task:
     @cached_property
     def searched(self) -> tuple[Pool, ...]:
         """What elimination and exchanges go by: the pools, of large models in their slow motions."""
-        own = self.unknowns
-        return slow_pools(self.pools, (len(self.pools[0].P) - len(own.states)) // 2, own.at)
+        unknowns = self.unknowns
+        return slow_pools(self.pools, (len(self.pools[0].P) - len(unknowns.states)) // 2, unknowns.at)
 
     @cached_property
     def metrics(self) -> dict[str, tuple[Metric, ...]]:
         """Every criterion of these unknowns by its name, one a load case: the trace weighed as `weights` asks for, of the
         scenarios of that case; the others in units of `size`. Unknowns that are silent in a case have no weight there."""
-        found = [self._metrics_of(case) for case in range(1 if self.cases is None else len(self.cases.names))]
-        return {c.name: tuple(own[c.name] for own in found) for c in CRITERIA}
+        by_case = [self._metrics_of(case) for case in range(1 if self.cases is None else len(self.cases.names))]
+        return {c.name: tuple(metrics[c.name] for metrics in by_case) for c in CRITERIA}
 
     def _metrics_of(self, case: int) -> dict[str, Metric]:
-        own, states, cases = self.unknowns, len(self.pools[0].P), self.cases
-        over, scale = np.isin(own.names, self.over), own.scale
+        unknowns, states, cases = self.unknowns, len(self.pools[0].P), self.cases
+        over, scale = np.isin(unknowns.names, self.over), unknowns.scale
         pools = self.pools if self.whole is None else self.whole.pools
         if cases is not None:
             over, scale = over & cases.acts[case], cases.scale[case]
             pools = tuple(pools[i] for i in np.flatnonzero(cases.of == case))
-        at = own.at[over]
+        at = unknowns.at[over]
         weight = thesis_weight(states, at, scale[over]) if self.weights == "thesis" else weight_of_pools(pools, at)
-        plain = thesis_weight(states, at, 1 / own.size[over])
+        plain = thesis_weight(states, at, 1 / unknowns.size[over])
         return {c.name: Metric(weight if isinstance(c, Trace) else plain, c) for c in CRITERIA}
 
     def under(

@@ -50,10 +50,10 @@ class Foil:
 
 def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
     """Of the grid of this line. What is bonded already may be of another type than the config names."""
-    own = shop.lines[line]
-    bonded_on = shop.listed.unit[own.gauge] == "strain" and not shop.listed.bonded[own.gauge]
+    row = shop.lines[line]
+    bonded_on = shop.listed.unit[row.gauge] == "strain" and not shop.listed.bonded[row.gauge]
     kind = gauge_type(gauges) if bonded_on else None
-    size = carrier(own.length) if kind is None else (kind.carrier_length, kind.carrier_width)
+    size = carrier(row.length) if kind is None else (kind.carrier_length, kind.carrier_width)
     return Foil(*size, kind)
 
 
@@ -70,18 +70,18 @@ def workshop_csv(shop: Workshop) -> bytes:
     head = ["gauge", "kind", "glued", "element", "facet", *measured_columns(frame)]
     head += [*axes, "angle_deg", f"grid_length_{frame.unit}"] + ["sign"] * bridged
     rows = [head]
-    for own, measured in zip(shop.lines, measured_cells(shop.lines, shop.edges, frame), strict=True):
-        i = own.gauge
+    for line, measured in zip(shop.lines, measured_cells(shop.lines, shop.edges, frame), strict=True):
+        i = line.gauge
         words = [
             listed.labels[i],
             listed.kind[i],
             "yes" if listed.bonded[i] else "no",
-            str(own.element),
-            str(own.facet),
+            str(line.element),
+            str(line.facet),
         ]
-        turned = [cell(x) for x in (*frame.turn(own.direction), *frame.turn(own.normal))]
-        sizes = [cell(own.angle), cell(float(frame.length(own.length)))]
-        rows.append([*words, *measured, *turned, *sizes, *[own.sign] * bridged])
+        turned = [cell(x) for x in (*frame.turn(line.direction), *frame.turn(line.normal))]
+        sizes = [cell(line.angle), cell(float(frame.length(line.length)))]
+        rows.append([*words, *measured, *turned, *sizes, *[line.sign] * bridged])
     return csv_bytes(rows)
 
 
@@ -192,12 +192,12 @@ LONGEST = 80
 def elements_of(shop: Workshop) -> dict[str, list[int]]:
     """Label of every gauge → ids of the elements below it, of a bridge below all its arms, ascending; none of what lies on no
     facet."""
-    found = {}
+    below = {}
     for i, label in enumerate(shop.listed.labels):
         ids = sorted({int(shop.lines[k].element) for k in shop.lines_of(i) if shop.lines[k].facet})
         if ids:
-            found[label] = ids
-    return found
+            below[label] = ids
+    return below
 
 
 def nastran_sets(elements: Mapping[str, Sequence[int]], run: str) -> bytes:
@@ -218,9 +218,9 @@ def abaqus_sets(elements: Mapping[str, Sequence[int]], run: str) -> bytes:
     ]
     taken: set[str] = set()
     for name, ids in _with_all(elements):
-        own = name if name == ALL else _set_name(f"GAUGE_{name}", taken)
-        taken.add(own.upper())
-        lines.append(f"*ELSET, ELSET={own}")
+        set_name = name if name == ALL else _set_name(f"GAUGE_{name}", taken)
+        taken.add(set_name.upper())
+        lines.append(f"*ELSET, ELSET={set_name}")
         lines += [", ".join(map(str, ids[i : i + A_LINE])) for i in range(0, len(ids), A_LINE)]
     return ("\n".join(lines) + "\n").encode("ascii")
 
@@ -244,10 +244,10 @@ def _wrapped(head: str, ids: Sequence[int]) -> list[str]:
 def _set_name(name: str, taken: set[str]) -> str:
     """Letters, digits, _ and -, which begin with a letter; apart from others, as case does not count."""
     plain = re.sub(r"[^A-Za-z0-9_-]+", "_", name)[:LONGEST]
-    own, count = plain, 2
-    while own.upper() in taken:
-        own, count = f"{plain}-{count}", count + 1
-    return own
+    free, count = plain, 2
+    while free.upper() in taken:
+        free, count = f"{plain}-{count}", count + 1
+    return free
 
 
 def _ascii(text: str) -> str:

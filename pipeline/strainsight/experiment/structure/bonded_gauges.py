@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from scipy import sparse
 
-from strainsight.config.checks_gauges import bridge_problem
+from strainsight.config.gauges import bridge_problem
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import ConfigError, DeckError, blame, did_you_mean
@@ -27,28 +27,19 @@ STRAIN_KINDS = ("strain gauge", "rosette", "bridge")
 
 
 @dataclass(frozen=True)
-class BondedArm:
-    """One arm of a bridge: position [m] and direction (3,); length [m] of its grid, None where the file has none; sign ±1."""
-
-    position: np.ndarray
-    direction: np.ndarray
-    length: float | None
-    sign: int
-
-
-@dataclass(frozen=True)
 class BondedPlace:
-    """One gauge: position (3,) [m]; direction (c, 3) of each of its channels; normal (3,) outward, zero where the file has none;
-    length [m] of its grid, None where the file has none; kind in words; line of the file where it begins; arms of a bridge, all
-    of them, the first of which is the rest of this."""
+    """One gauge of g grids, those of a bridge its arms: position [m] and direction (g, 3); length [m] of each, None where the
+    file has none; sign (g,) ±1 of an arm, all 1 of what is no bridge; normal (3,) outward, zero where the file has none; kind in
+    words; line of the file where it begins; bridge: whether it is one."""
 
     position: np.ndarray
     direction: np.ndarray
+    length: tuple[float | None, ...]
+    sign: np.ndarray
     normal: np.ndarray
-    length: float | None
     kind: str
     line: int
-    arms: tuple[BondedArm, ...] = ()
+    bridge: bool
 
     @property
     def angles(self) -> tuple[float, ...]:
@@ -65,23 +56,23 @@ def read_bonded(path: Path) -> dict[str, BondedPlace]:
     1 or −1, of the arms of a bridge; others are passed over. Raises DeckError for a column that is missing, what is no number, a
     direction without length, a gauge that is there twice, a rosette without a normal, and arms that are no bridge.
     """
-    found: dict[str, list[tuple[int, dict[str, str]]]] = {}
+    rows: dict[str, list[tuple[int, dict[str, str]]]] = {}
     last = ""
     for line, cells in csv_columns(path, NEEDED):
         name = cells["gauge"]
         if not name:
             raise DeckError("a line without the name of a gauge", where=f"{path}:{line}", remedy="name it")
-        if name in found and name != last:
+        if name in rows and name != last:
             raise DeckError(
                 f"gauge {name} is there twice",
                 where=f"{path}:{line}",
                 remedy="give each its own name; grids of a rosette stand one behind the other",
             )
         last = name
-        found.setdefault(name, []).append((line, cells))
-    if not found:
+        rows.setdefault(name, []).append((line, cells))
+    if not rows:
         raise DeckError("no gauge in the file", where=str(path), remedy=f"one line a gauge: {','.join(NEEDED)}")
-    return {name: _place(path, name, lines) for name, lines in found.items()}
+    return {name: _place(path, name, lines) for name, lines in rows.items()}
 
 
 def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> BondedPlace:
@@ -95,53 +86,45 @@ def _place(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> Bo
     if not length.all():
         raise DeckError(f"gauge {name} has a direction of length zero", where=where, remedy="give direction_x, …")
     direction = vectors["direction"] / length[:, None]
-    arms = _arms(path, name, lines, vectors["position"], direction)
-    if arms:
-        lines = lines[:1]
-    elif np.ptp(vectors["position"], axis=0).any():
+    sign = _signs(path, name, lines)
+    if sign is None and np.ptp(vectors["position"], axis=0).any():
         raise DeckError(f"the grids of {name} are in several places", where=where, remedy="give all the same position")
-    there = all(cells.get(column) for column in NORMAL)
-    normal = np.array([_number(path, first, cells, column) for column in NORMAL]) if there else np.zeros(3)
-    if len(lines) > 1 and not normal.any():
+    has_normal = all(cells.get(column) for column in NORMAL)
+    normal = np.array([_number(path, first, cells, column) for column in NORMAL]) if has_normal else np.zeros(3)
+    if sign is None and len(lines) > 1 and not normal.any():
         raise DeckError(
             f"rosette {name} has no normal, which says in which sense its grids turn",
             where=where,
             remedy=f"add the columns {', '.join(NORMAL)}: the outward normal of the surface",
         )
     return BondedPlace(
-        position=vectors["position"][0],
-        direction=direction[: len(lines)],
+        position=vectors["position"],
+        direction=direction,
+        length=tuple(
+            _number(path, line, entry, "grid_length") if entry.get("grid_length") else None for line, entry in lines
+        ),
+        sign=np.ones(len(lines), dtype=int) if sign is None else sign,
         normal=normal,
-        length=_length(path, first, cells),
-        kind=cells.get("kind") or STRAIN_KINDS[2 if arms else len(lines) > 1],
+        kind=cells.get("kind") or STRAIN_KINDS[len(lines) > 1 if sign is None else 2],
         line=first,
-        arms=arms,
+        bridge=sign is not None,
     )
 
 
-def _arms(
-    path: Path, name: str, lines: list[tuple[int, dict[str, str]]], position: np.ndarray, direction: np.ndarray
-) -> tuple[BondedArm, ...]:
-    """The arms of a bridge, () of what is none: its lines have signs."""
-    cells = [own.get("sign", "") for _, own in lines]
+def _signs(path: Path, name: str, lines: list[tuple[int, dict[str, str]]]) -> np.ndarray | None:
+    """Of the arms of a bridge; None of what is none: its lines have no signs."""
+    cells = [entry.get("sign", "") for _, entry in lines]
     where = f"{path}:{lines[0][0]}"
     if not any(cells):
         if lines[0][1].get("kind") == STRAIN_KINDS[2]:
             raise DeckError(
                 f"the arms of the bridge {name} have no sign", where=where, remedy="add the column sign: 1 or -1"
             )
-        return ()
-    sign = [_number(path, line, own, "sign") for line, own in lines]
+        return None
+    sign = [_number(path, line, entry, "sign") for line, entry in lines]
     if problem := bridge_problem(sign):
         raise DeckError(f"the bridge {name} has {problem[0]}", where=where, remedy=problem[1])
-    return tuple(
-        BondedArm(x, d, _length(path, line, own), int(s))
-        for x, d, s, (line, own) in zip(position, direction, sign, lines, strict=True)
-    )
-
-
-def _length(path: Path, line: int, cells: dict[str, str]) -> float | None:
-    return _number(path, line, cells, "grid_length") if cells.get("grid_length") else None
+    return np.array(sign, dtype=int)
 
 
 def _number(path: Path, line: int, cells: dict[str, str], column: str) -> float:
@@ -178,19 +161,19 @@ def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarra
         _check_kept(file)
         with blame(KEY):
             places = read_bonded(file)
-    found = {}
+    numbers = {}
     for i, entry in enumerate(config.estimate.channels):
         name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
         if name not in named and name not in placed:
             raise absent(key, name, [*placed, *named], places)
-        found[name] = number = named[name] if name in named else placed[name]
+        numbers[name] = number = named[name] if name in named else placed[name]
         if name in named:
             continue
         if places is None and not config.estimate.as_placed:
             raise place_unknown(name)
         if places is not None:
             _check_place(config, key, name, training.candidates, number, places)
-    return found
+    return numbers
 
 
 def _check_kept(file: Path) -> None:
@@ -214,12 +197,14 @@ def place_unknown(name: str) -> ConfigError:
     )
 
 
-def absent(key: str, name: str, there: Sequence[str], places: Mapping[str, BondedPlace] | None = None) -> ConfigError:
+def absent(
+    key: str, name: str, existing: Sequence[str], places: Mapping[str, BondedPlace] | None = None
+) -> ConfigError:
     """Of a channel of a gauge that is not among those that are there."""
-    listed = list(dict.fromkeys(there))
+    listed = list(dict.fromkeys(existing))
     known = f"there are {', '.join(listed[:12])}{' …' * (len(listed) > 12)}"
     if places is not None and name in places:
-        was = f": it was bonded at {_xyz(places[name].position)} m"
+        was = f": it was bonded at {_xyz(places[name].position[0])} m"
         return ConfigError(f"the layout has no gauge '{name}' now{was}", key=key, remedy=_KEPT)
     return ConfigError(
         f"no gauge '{name}'", key=key, remedy=" ".join(filter(None, (did_you_mean(name, listed), known)))
@@ -250,35 +235,30 @@ def _check_place(
     """Raises ConfigError where the gauge is not where it was bonded."""
     if name not in places:
         raise not_bonded(key, name, places)
-    was, own = places[name], candidates.take(candidates.channels(np.array([number])))
-    order = np.argsort(-own.sign_of_grid, kind="stable")  # the arms of a bridge as those of the file below
-    now, sign, direction = own.grids.take(order), own.sign_of_grid[order], was.direction
-    if len(now) != (len(was.arms) or len(was.direction)):
-        what = "arms" if own.arms is not None or was.arms else "channels"
+    was, channels = places[name], candidates.take(candidates.channels(np.array([number])))
+    order = np.argsort(-channels.sign_of_grid, kind="stable")  # the arms of a bridge as those of the file below
+    now, sign = channels.grids.take(order), channels.sign_of_grid[order]
+    if len(now) != len(was.direction):
+        what = "arms" if channels.arms is not None or was.bridge else "channels"
         raise ConfigError(
-            f"{name} had {len(was.arms) or len(was.direction)} {what} where it was bonded, and has {len(now)} now",
-            key=key,
-            remedy=_KEPT,
+            f"{name} had {len(was.direction)} {what} where it was bonded, and has {len(now)} now", key=key, remedy=_KEPT
         )
-    if was.arms:
-        arms = sorted(was.arms, key=lambda arm: -arm.sign)
-        there, direction = np.array([arm.position for arm in arms]), np.array([arm.direction for arm in arms])
-        if [arm.sign for arm in arms] != sign.tolist():
-            raise ConfigError(f"the arms of {name} had other signs where it was bonded", key=key, remedy=_KEPT)
-    else:
-        there = np.repeat(was.position[None], len(now), axis=0)
-    allowed, off = tolerances_of(config.tolerances), np.linalg.norm(now.position - there, axis=1)
+    of_file = np.argsort(-was.sign, kind="stable")
+    position, direction = was.position[of_file], was.direction[of_file]
+    if was.bridge and was.sign[of_file].tolist() != sign.tolist():
+        raise ConfigError(f"the arms of {name} had other signs where it was bonded", key=key, remedy=_KEPT)
+    allowed, off = tolerances_of(config.tolerances), np.linalg.norm(now.position - position, axis=1)
     worst = int(np.argmax(off))
-    moved, position = float(off[worst]), now.position[worst]
-    if moved > max(allowed.position, ROUNDED * float(np.abs(was.position).max())):
+    moved = float(off[worst])
+    if moved > max(allowed.position, ROUNDED * float(np.abs(was.position[0]).max())):
         raise ConfigError(
-            f"{name} sits elsewhere now: it was bonded at {_xyz(there[worst])} m, and the layout has it at {_xyz(position)} m, "
-            f"{1e3 * moved:.3g} mm from there",
+            f"{name} sits elsewhere now: it was bonded at {_xyz(position[worst])} m, and the layout has it at "
+            f"{_xyz(now.position[worst])} m, {1e3 * moved:.3g} mm from there",
             key=key,
             remedy=_KEPT,
         )
     along = np.sum(now.direction * direction, axis=1)
-    if own.quantity[0] == STRAIN:
+    if channels.quantity[0] == STRAIN:
         along = np.abs(along)  # a gauge that is turned by half a turn reads the same
     turned = float(np.rad2deg(np.arccos(np.clip(along.min(), -1.0, 1.0))))
     if turned > max(allowed.angle, float(np.rad2deg(np.sqrt(2 * ROUNDED)))):

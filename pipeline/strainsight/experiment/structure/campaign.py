@@ -62,7 +62,7 @@ from strainsight.experiment.structure.suspected import (
 )
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.parallel.sweep import Sweep
+from strainsight.parallel import Sweep
 from strainsight.records.estimated import Damaged, HoldOut, Posterior
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training

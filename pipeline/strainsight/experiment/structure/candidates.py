@@ -8,10 +8,10 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.gauges import AxisDirection, BondedBridge, Gauges, NamedGauge
+from strainsight.config.gauges import BondedBridge, Gauges, NamedGauge
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, InfeasibleError, blame
-from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, zone_of
+from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list, sites_of, strain_candidates, zone_of
 from strainsight.experiment.recorded import named_regions
 from strainsight.experiment.structure.bonded_gauges import STRAIN_KINDS, BondedPlace, read_bonded
 from strainsight.experiment.structure.references import families
@@ -24,27 +24,25 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS, Thickness, thickness_of
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel, accelerations
-from strainsight.sensors.bonded import BondedEntry, bonded
-from strainsight.sensors.bridges import StrainGauges, bridges
+from strainsight.sensors.bonded import BondedEntry, StrainGauges, bonded, bridges
 from strainsight.sensors.candidates import (
     ACCELERATION,
     DISPLACEMENT,
-    ROSETTE,
     STRAIN,
-    UNITS,
-    candidates,
     channels_of_gauges,
     concatenate,
     grouped,
     motion_candidates,
-    principal_angles,
+    units_in_words,
 )
-from strainsight.sensors.rows import channel_rows, fits
+from strainsight.sensors.rows import fits
 from strainsight.sensors.surface import facet_centres
 from strainsight.sensors.walk import skin_of
 from strainsight.sensors.zones import admissible, inside
 
 FILE = "gauges.fixed_file"
+NUMBERS_AT_A_TIME = 2**22
+"""Readings that are held in memory at a time, of all instants and some channels."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +73,8 @@ def candidates_on_surface(
     fixed = fixed_gauges(config.gauges, files.get("gauges.fixed_file"))
     if fixed:
         with blame("gauges.fixed"):
-            there, distance = bonded(mesh, facets, fixed, float(config.gauges.snap_tolerance))
-        parts.append(there)
+            bonded_pool, distance = bonded(mesh, facets, fixed, float(config.gauges.snap_tolerance))
+        parts.append(bonded_pool)
     strain = _strain_gauges(mesh, facets, config.gauges, basis, moment)
     parts.append(strain.candidates)
     for array, (key, sensors) in enumerate(families(config).items()):
@@ -89,9 +87,7 @@ def candidates_on_surface(
                     facets,
                     ACCELERATION if sensors.quantity == "acceleration" else DISPLACEMENT,
                     sensors.axes,
-                    surface=sensors.surface,
-                    include=[zone_of(entry) for entry in sensors.include],
-                    exclude=[zone_of(entry) for entry in sensors.exclude],
+                    **sites_of(sensors),
                     every=sensors.every,
                     array=array,
                     key=key,
@@ -105,47 +101,30 @@ def candidates_on_surface(
 def _empty_zones(mesh: Mesh, facets: Facets, config: PlacementConfig) -> tuple[str, ...]:
     """Keys of excluded zones without a facet in them: a box in millimetres, more often than not."""
     centre, normal = facet_centres(mesh.position, facets.kind, facets.nodes)
-    found = []
+    empty = []
     for key, sensors in families(config).items():
         for i, entry in enumerate(sensors.exclude):
             with blame(f"{key}.exclude.{i}"):
                 if not inside(zone_of(entry), mesh, facets, centre, normal).any():
-                    found.append(f"{key}.exclude.{i}")
-    return tuple(found)
+                    empty.append(f"{key}.exclude.{i}")
+    return tuple(empty)
 
 
 def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray, moment: np.ndarray) -> StrainGauges:
     """Gauges, rosettes or bridges on the facets that the config admits."""
-    direction, length = gauges.direction, gauges.grid_length
-    assert direction is not None  # the config asks for one where gauges are not given
-    include, exclude = ([zone_of(entry) for entry in zones] for zones in (gauges.include, gauges.exclude))
-    axis, turn = direction.axis if isinstance(direction, AxisDirection) else None, None
+    length = gauges.grid_length
+    assert gauges.direction is not None  # the config asks for one where gauges are not given
     with blame("gauges.surface"):
-        if axis is None:
-            base = candidates(
-                mesh, facets, None, ROSETTE, exclude, gauges.surface, include=include, rosette=True, length=0.0
-            )
-            rows = channel_rows(mesh.position, base, basis, facets=facets).reshape(-1, len(ROSETTE), basis.shape[1])
-            turn = principal_angles(rows, moment)
-        pool = candidates(
-            mesh,
-            facets,
-            axis,
-            direction.angles,
-            exclude,
-            gauges.surface,
-            include=include,
-            rosette=gauges.rosette,
-            length=length,
-            turn=turn,
+        pool = strain_candidates(
+            mesh, facets, gauges, gauges.direction, basis, lambda rows: moment, "gauges", gauges.rosette, length
         )
-        found = StrainGauges(pool)
+        strain = StrainGauges(pool)
         if gauges.bridge is not None:
-            keep, _, _ = admissible(mesh, facets, surface=gauges.surface, include=include, exclude=exclude)
-            found = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
-            pool = found.candidates
+            keep, _, _ = admissible(mesh, facets, **sites_of(gauges))
+            strain = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
+            pool = strain.candidates
     if length == 0:
-        return found
+        return strain
     well = fits(mesh.position, pool, facets)
     if not well.any():
         raise ConfigError(
@@ -154,19 +133,19 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
             remedy="a shorter grid",
         )
     kept = pool.take(np.flatnonzero(well))
-    return replace(found, candidates=kept, left_out=pool.gauges - kept.gauges)
+    return replace(strain, candidates=kept, left_out=pool.gauges - kept.gauges)
 
 
-def _bridged(found: StrainGauges, pattern: str) -> StrainGauges:
+def _bridged(bridged: StrainGauges, pattern: str) -> StrainGauges:
     """Raises InfeasibleError where no place has one opposite."""
-    if not len(found.candidates):
+    if not len(bridged.candidates):
         raise InfeasibleError(
-            f"no place has one opposite for the arms of a {pattern} bridge: behind none of {found.alone} is a facet that takes a "
-            "gauge along its direction",
+            f"no place has one opposite for the arms of a {pattern} bridge: behind none of {bridged.alone} is a facet that "
+            "takes a gauge along its direction",
             key="gauges.bridge",
             remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or remove it",
         )
-    return found
+    return bridged
 
 
 def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
@@ -200,10 +179,10 @@ def _stated(gauges: Gauges, i: int, entry: NamedGauge | BondedBridge) -> BondedE
     return bridge_of(arms, name, name or str(i + 1))
 
 
-def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, said: str) -> BondedEntry:
-    """A bridge of arms with their signs, one of them 1 at least, the first of which becomes its place; said: what messages call
+def bridge_of(arms: Sequence[tuple[BondedEntry, int]], name: str, called: str) -> BondedEntry:
+    """A bridge of arms with their signs, one of them 1 at least, the first of which becomes its place; called: what messages call
     it."""
-    named = [(replace(arm, name=f"{said}, arm {k + 1},"), sign) for k, (arm, sign) in enumerate(arms)]
+    named = [(replace(arm, name=f"{called}, arm {k + 1},"), sign) for k, (arm, sign) in enumerate(arms)]
     (first, _), *others = sorted(named, key=lambda arm: -arm[1])
     return replace(first, name=name, arms=others)
 
@@ -215,18 +194,15 @@ def _entry(gauges: Gauges, file: Path, name: str, place: BondedPlace) -> BondedE
             key=FILE,
             remedy="remove its line",
         )
-    if place.arms:
-        arms = [
-            (
-                BondedEntry(arm.position.tolist(), arm.direction.tolist(), _length(gauges, arm.length), key=FILE),
-                arm.sign,
-            )
-            for arm in place.arms
-        ]
-        return bridge_of(arms, name, name)
-    return BondedEntry(
-        place.position.tolist(), place.direction[0].tolist(), _length(gauges, place.length), place.angles, name, FILE
-    )
+    grids = [
+        BondedEntry(position, direction, _length(gauges, length), key=FILE)
+        for position, direction, length in zip(
+            place.position.tolist(), place.direction.tolist(), place.length, strict=True
+        )
+    ]
+    if place.bridge:
+        return bridge_of(list(zip(grids, place.sign.tolist(), strict=True)), name, name)
+    return replace(grids[0], angles=place.angles, name=name)
 
 
 def _length(gauges: Gauges, stated: float | None) -> float:
@@ -262,11 +238,6 @@ class Channels:
     def of(self, gauges: np.ndarray) -> np.ndarray:
         """Channels (..., c) of gauges (...), −1 where a gauge has fewer than the c of the largest."""
         return channels_of_gauges(self.gauge, gauges)
-
-
-def units_in_words(quantity: np.ndarray) -> str:
-    """The unit of an array over channels of these quantities: "strain", or "strain or m/s^2" where they differ."""
-    return " or ".join(UNITS[kind] for kind in np.unique(quantity))
 
 
 def training_units(quantity: np.ndarray) -> dict[str, str]:
@@ -312,6 +283,19 @@ def readings(
     return reading
 
 
+def reading_sizes(
+    model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, x: np.ndarray, u: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """RMS and largest of the `readings` of every channel (m,) at the references, some channels at a time."""
+    count = max(1, NUMBERS_AT_A_TIME // len(x))
+    rms, peak = np.empty((2, len(rows)))
+    for first in range(0, len(rows), count):
+        part = slice(first, first + count)
+        reading = readings(model, model.reference, rows[part], quantity[part], x, u)
+        rms[part], peak[part] = np.sqrt(np.mean(reading**2, axis=0)), np.abs(reading).max(axis=0)
+    return rms, peak
+
+
 def largest_of_quantity(peak: np.ndarray, quantity: np.ndarray) -> np.ndarray:
     """For every channel the largest reading of any channel of its quantity (m,); peak (m,) of each, quantity (m,)."""
     return np.array([peak[quantity == q].max() for q in quantity])
@@ -323,10 +307,10 @@ SMALL = 1e-4
 
 def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str, float]) -> tuple[Parameter, ...]:
     """The parameters that are a thickness, at their references [m]."""
-    own = {name: entry for name, entry in config.parameters.items() if entry.property == THICKNESS}
+    thicknesses = {name: entry for name, entry in config.parameters.items() if entry.property == THICKNESS}
     return tuple(
         Parameter(name, THICKNESS, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range)
-        for name, entry in own.items()
+        for name, entry in thicknesses.items()
     )
 
 
@@ -337,7 +321,7 @@ def thickness_of_guess(config: PlacementConfig, mesh: Mesh, reference: Mapping[s
 
 def thickness_at(mesh: Mesh, free: Sequence[Parameter], theta: Mapping[str, float]) -> Thickness | None:
     """Of the shells at θ [m]; None where no thickness is free."""
-    return thickness_of(mesh, [(own.regions, theta[own.name]) for own in free]) if free else None
+    return thickness_of(mesh, [(parameter.regions, theta[parameter.name]) for parameter in free]) if free else None
 
 
 def rows_along(
@@ -350,17 +334,17 @@ def rows_along(
     as a row is a sum over points, each on a shell of one thickness. Linear in it on shells that are flat around a node, and else
     rational, as faces are longer or shorter than the middle.
     read: shells of another thickness → rows (m, r) as they read then."""
-    reference = {own.name: own.reference for own in free}
+    reference = {parameter.name: parameter.reference for parameter in free}
     first = read(thickness_at(mesh, free, reference))
     size = np.abs(first).max(axis=1, initial=0.0, keepdims=True)
     size = np.maximum(size, SMALL * size.max(initial=0.0))  # rows that are zero but for rounding
     change = NO_CHANGE
-    for own in free:
+    for parameter in free:
 
         def at(theta: Mapping[str, float]) -> np.ndarray:
             return read(thickness_at(mesh, free, {**reference, **theta})) / size
 
-        found = interpolated(at, [own])
-        terms = {label: size * X for label, X in found.terms.items()}
-        change = AffineOperator(0.0, {**change.terms, **terms}, {**change.coefficients, **found.coefficients})
+        slope = interpolated(at, [parameter])
+        terms = {label: size * X for label, X in slope.terms.items()}
+        change = AffineOperator(0.0, {**change.terms, **terms}, {**change.coefficients, **slope.coefficients})
     return first, change

@@ -49,10 +49,10 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
     """
     pool, stated = training.candidates, config.gauges.clearance
     first, blocked = pool.first, np.zeros(pool.gauges, dtype=bool)
-    own = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first])
-    if stated == "none" or training.given is not None or not len(own):
+    free = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first])
+    if stated == "none" or training.given is not None or not len(free):
         return None, blocked
-    facets, part = exterior_facets(mesh), pool.take(first[own])
+    facets, part = exterior_facets(mesh), pool.take(first[free])
     points, places = part.position, part.grids.position
     around = obstacles(mesh, facets, loaded_nodes(config, mesh, facets))
     if names := [zone for zone in config.gauges.exclude if isinstance(zone, str)]:
@@ -72,8 +72,8 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
     if stated is not None:
         wanted = float(stated)
         near = nearer(wanted)
-        blocked[own] = _any(near)
-        if blocked[own].all():
+        blocked[free] = _any(near)
+        if blocked[free].all():
             raise InfeasibleError(
                 f"none of {len(points)} candidates is {1e3 * wanted:.3g} mm from every {_listed(around)}",
                 key="gauges.clearance",
@@ -88,7 +88,7 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
     for step in STEPS:
         near = nearer(step * wanted)
         if room_for(points[~_any(near)], config.screen.minimum_spacing, CHOICE):
-            blocked[own] = _any(near)
+            blocked[free] = _any(near)
             return Clearance(distance=step * wanted, wanted=wanted, rule=CARRIER, near=_counts(near)), blocked
     return Clearance(distance=0.0, wanted=wanted, rule=CARRIER, near={}), blocked
 
@@ -101,12 +101,12 @@ def bent_gauges(config: PlacementConfig, mesh: Mesh, training: Training) -> np.n
     """
     pool, kind = training.candidates, gauge_type(config.gauges)
     bent = np.zeros(pool.gauges, dtype=bool)
-    own = np.flatnonzero(pool.quantity[pool.first] == STRAIN)
-    if kind is None or kind.bend_radius == 0 or training.given is not None or not len(own):
+    straining = np.flatnonzero(pool.quantity[pool.first] == STRAIN)
+    if kind is None or kind.bend_radius == 0 or training.given is not None or not len(straining):
         return bent
-    facets, part = exterior_facets(mesh), pool.take(pool.first[own])
-    bent[own] = _lies_on(part, facets, tight(mesh.position, facets, kind.bend_radius))
-    free = own[~pool.bonded[pool.first[own]]]
+    facets, part = exterior_facets(mesh), pool.take(pool.first[straining])
+    bent[straining] = _lies_on(part, facets, tight(mesh.position, facets, kind.bend_radius))
+    free = straining[~pool.bonded[pool.first[straining]]]
     if len(free) and bent[free].all():
         raise InfeasibleError(
             f"the surface bends tighter than the {1e3 * kind.bend_radius:g} mm to which {config.gauges.type} may be bent at all "
@@ -120,10 +120,10 @@ def bent_gauges(config: PlacementConfig, mesh: Mesh, training: Training) -> np.n
 def bent_warning(config: PlacementConfig, training: Training, bent: np.ndarray) -> str:
     """Which bonded gauges lie on a surface that bends too tightly for their type, by `bent_gauges`; empty where none does."""
     pool, kind = training.candidates, gauge_type(config.gauges)
-    there = np.flatnonzero(bent & pool.bonded[pool.first])
-    if kind is None or not len(there):
+    bonded = np.flatnonzero(bent & pool.bonded[pool.first])
+    if kind is None or not len(bonded):
         return ""
-    names = ", ".join(training.name[i] or f"fixed {i + 1}" for i in there)
+    names = ", ".join(training.name[i] or f"fixed {i + 1}" for i in bonded)
     return (
         f"Bonded already where the surface bends tighter than the {1e3 * kind.bend_radius:g} mm of {config.gauges.type}: "
         f"{names}. Check that the carrier holds there, or state gauges.type as of the gauges that are bonded."
@@ -160,45 +160,45 @@ def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndar
     outside[facets.nodes[facets.nodes >= 0]] = True
     for block in mesh.blocks:
         solid[block.nodes] = True
-    found = np.zeros(len(mesh.position), dtype=bool)
+    loaded = np.zeros(len(mesh.position), dtype=bool)
     for load in config.loads.values():
-        own = np.zeros(len(mesh.position), dtype=bool)
+        acted_on = np.zeros(len(mesh.position), dtype=bool)
         if load.deck_load is not None:
             forces = mesh.loads[load.deck_load]
             turned = False if forces.moment is None else forces.moment.any(axis=1)
-            own[forces.nodes[forces.force.any(axis=1) | turned]] = True
+            acted_on[forces.nodes[forces.force.any(axis=1) | turned]] = True
         elif load.set is not None:
-            own[node_indices(mesh, load.set)] = True
+            acted_on[node_indices(mesh, load.set)] = True
         elif load.node is not None:
-            own[mesh.node_ids == load.node] = True
+            acted_on[mesh.node_ids == load.node] = True
             if load.moment is not None:
                 # on a node of solids it is a couple of forces on those of its elements, some of which may be inside
-                found[nodes_at(mesh, int(np.flatnonzero(own)[0]))] |= bool(np.any(own & solid))
-        if not np.any(own & solid & ~outside):
+                loaded[nodes_at(mesh, int(np.flatnonzero(acted_on)[0]))] |= bool(np.any(acted_on & solid))
+        if not np.any(acted_on & solid & ~outside):
             for nodes in (shell.nodes for shell in mesh.shells):
-                own[nodes[own[nodes].all(axis=1)]] = False
-            found |= mesh.above(own) & outside
-    return np.flatnonzero(found & outside)
+                acted_on[nodes[acted_on[nodes].all(axis=1)]] = False
+            loaded |= mesh.above(acted_on) & outside
+    return np.flatnonzero(loaded & outside)
 
 
-def clearance_in_words(found: Clearance, taken: int) -> str:
+def clearance_in_words(clearance: Clearance, taken: int) -> str:
     """The clearance, whose rule it is, and how many candidates it took."""
-    if found.distance == 0:
+    if clearance.distance == 0:
         return "no clearance from edges, supports and loads"
-    near = ", ".join(f"{count} to {name}" for name, count in found.near.items() if count)
-    how = {STATED: "", CARRIER: ", half the diagonal of a carrier"}[found.rule]
-    if found.distance < found.wanted:
-        how = f", reduced from {1e3 * found.wanted:.3g} mm"
-    return f"clearance {1e3 * found.distance:.3g} mm{how}, {taken} nearer{near and f': {near}'}"
+    near = ", ".join(f"{count} to {name}" for name, count in clearance.near.items() if count)
+    how = {STATED: "", CARRIER: ", half the diagonal of a carrier"}[clearance.rule]
+    if clearance.distance < clearance.wanted:
+        how = f", reduced from {1e3 * clearance.wanted:.3g} mm"
+    return f"clearance {1e3 * clearance.distance:.3g} mm{how}, {taken} nearer{near and f': {near}'}"
 
 
-def clearance_warning(found: Clearance) -> str:
+def clearance_warning(clearance: Clearance) -> str:
     """What a reader has to know of a default that the part is too small for; empty where it is kept."""
-    if found.distance == found.wanted:
+    if clearance.distance == clearance.wanted:
         return ""
-    kept = f"{1e3 * found.distance:.3g} mm is kept" if found.distance else "none is kept"
+    kept = f"{1e3 * clearance.distance:.3g} mm is kept" if clearance.distance else "none is kept"
     return (
-        f"A clearance of {1e3 * found.wanted:.3g} mm from edges, supports and loads, half the diagonal of a gauge's carrier, "
+        f"A clearance of {1e3 * clearance.wanted:.3g} mm from edges, supports and loads, half the diagonal of a gauge's carrier, "
         f"leaves fewer than {CHOICE} places here: {kept}. Mesh more finely, or state gauges.clearance (a length, or "
         "none) for the gauge that you have."
     )
@@ -275,38 +275,38 @@ def _steep(
     return in_place * share, over_grid * share
 
 
-def notes_at_gauges(found: AtGauges | None, count: int) -> tuple[str, ...]:
+def notes_at_gauges(sites: AtGauges | None, count: int) -> tuple[str, ...]:
     """What is to be looked at of every gauge of `count`, for its line in a list: empty where there is nothing."""
-    if found is None:
+    if sites is None:
         return ("",) * count
-    return tuple("; ".join(filter(None, (found.steep_in_words(i), found.access_in_words(i)))) for i in range(count))
+    return tuple("; ".join(filter(None, (sites.steep_in_words(i), sites.access_in_words(i)))) for i in range(count))
 
 
-def advice_at_gauges(found: AtGauges | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:
+def advice_at_gauges(sites: AtGauges | None, labels: Sequence[str], bonded: Sequence[bool]) -> Iterator[str]:
     """A sentence for each gauge in a steep gradient, and for those to which access is to be checked alike, as on one face."""
-    if found is None:
+    if sites is None:
         return
     alike: dict[str, list[str]] = {}
     for i, label in enumerate(labels):
-        if said := found.steep_in_words(i):
+        if words := sites.steep_in_words(i):
             remedy = "" if bonded[i] else ": place it by a template, take a shorter grid, or move it"
-            yield f"{label}, {said}{remedy}."
+            yield f"{label}, {words}{remedy}."
         if not bonded[i]:
-            for said in found.access(i):
-                alike.setdefault(said, []).append(label)
-    for said, own in alike.items():
+            for words in sites.access(i):
+                alike.setdefault(words, []).append(label)
+    for words, those in alike.items():
         yield (
-            f"{', '.join(own)}, check access: {said}: see whether a hand gets there, or leave the place out (gauges.exclude)."
+            f"{', '.join(those)}, check access: {words}: see whether a hand gets there, or leave the place out (gauges.exclude)."
         )
 
 
 def type_in_words(config: PlacementConfig) -> str:
     """The type of the gauges that are to be bonded, and what of it was taken; empty where the config names none."""
-    own = gauge_type(config.gauges)
-    if own is None:
+    kind = gauge_type(config.gauges)
+    if kind is None:
         return ""
     taken = [f"{what} {value}" for what, value, where in _rows(config) if where == config.gauges.type]
-    source = f" ({own.source})" * bool(own.source)
+    source = f" ({kind.source})" * bool(kind.source)
     return f"gauges {config.gauges.type}{source}: {', '.join(taken)}"
 
 
@@ -319,8 +319,8 @@ def type_table(config: PlacementConfig) -> tuple[Table, ...]:
 
 def _rows(config: PlacementConfig) -> list[tuple[str, str, str]]:
     """What, its value, and where that comes from: what a key states as the type has it is the type's."""
-    gauges, own = config.gauges, gauge_type(config.gauges)
-    assert own is not None
+    gauges, named_type = config.gauges, gauge_type(config.gauges)
+    assert named_type is not None
     assert gauges.type is not None
     kind = gauges.type
 
@@ -330,13 +330,13 @@ def _rows(config: PlacementConfig) -> list[tuple[str, str, str]]:
     limit = "none" if gauges.range is None else f"{1e6 * gauges.range:.6g} µm/m"
     spacing = config.screen.minimum_spacing
     return [
-        ("grid", _mm(gauges.grid_length), of(gauges.grid_length, own.grid_length, "gauges.grid_length")),
-        ("carrier", f"{1e3 * own.carrier_length:.4g} × {_mm(own.carrier_width)}", kind),
-        ("spacing", _mm(spacing), of(spacing, own.spacing, "screen.minimum_spacing")),
-        ("range", limit, of(gauges.range, own.range, "gauges.range")),
-        ("bend radius", _mm(own.bend_radius), kind),
-        ("resistance", f"{own.resistance:.4g} Ω", kind),
-        ("gauge factor", f"{own.gauge_factor:.4g} ± {100 * own.gauge_factor_tolerance:.2g} %", kind),
+        ("grid", _mm(gauges.grid_length), of(gauges.grid_length, named_type.grid_length, "gauges.grid_length")),
+        ("carrier", f"{1e3 * named_type.carrier_length:.4g} × {_mm(named_type.carrier_width)}", kind),
+        ("spacing", _mm(spacing), of(spacing, named_type.spacing, "screen.minimum_spacing")),
+        ("range", limit, of(gauges.range, named_type.range, "gauges.range")),
+        ("bend radius", _mm(named_type.bend_radius), kind),
+        ("resistance", f"{named_type.resistance:.4g} Ω", kind),
+        ("gauge factor", f"{named_type.gauge_factor:.4g} ± {100 * named_type.gauge_factor_tolerance:.2g} %", kind),
     ]
 
 
@@ -362,7 +362,7 @@ def tested_hot_spots(
     solid = np.isin(pool.element[pool.first[gauges]], np.concatenate([block.ids for block in mesh.blocks]))
     which = np.flatnonzero(solid)[:MOST]
     tested = gauges[which]
-    found = hot_spots(
+    change = hot_spots(
         at_guess(config, mesh, reduced),
         training.candidates.take(training.candidates.channels(tested)),
         reduced.basis,
@@ -371,20 +371,20 @@ def tested_hot_spots(
         _pressed_nodes(config, mesh),
     )
     refined, spread = np.full((2, len(gauges)), np.nan)
-    refined[which], spread[which] = found.change, found.spread
+    refined[which], spread[which] = change.change, change.spread
     return HotSpots(refined=refined, spread=spread, share=share_of(config))
 
 
 def _pressed_nodes(config: PlacementConfig, mesh: Mesh) -> np.ndarray:
     """Nodes (indices) of the faces that loads act on, and those of loads of the deck: facets that have such nodes alone carry a
     traction. Of a set that is no face the nodes have equal parts."""
-    found = np.zeros(len(mesh.position), dtype=bool)
+    pressed = np.zeros(len(mesh.position), dtype=bool)
     for load in config.loads.values():
         if load.deck_load is not None:
-            found[mesh.loads[load.deck_load].nodes] = True
+            pressed[mesh.loads[load.deck_load].nodes] = True
         elif load.set in mesh.faces:
-            found[np.isin(mesh.node_ids, mesh.node_sets[str(load.set)])] = True
-    return np.flatnonzero(found)
+            pressed[np.isin(mesh.node_ids, mesh.node_sets[str(load.set)])] = True
+    return np.flatnonzero(pressed)
 
 
 def share_of(config: PlacementConfig) -> float:
@@ -418,9 +418,9 @@ def hot_spot_advice(test: HotSpots | None, labels: Sequence[str], bonded: Sequen
             else "move {it} (a larger gauges.clearance, gauges.exclude) or mesh more finely there"
         )
         alike.setdefault((" and ".join(how), remedy), []).append(labels[i])
-    for (how_much, remedy), own in alike.items():
-        sit, its, it = ("sits at a hot spot", "its", "it") if len(own) == 1 else ("sit at hot spots", "their", "them")
-        yield f"{', '.join(own)} {sit}: {its} strain changes {how_much}; {remedy.format(it=it)}."
+    for (how_much, remedy), those in alike.items():
+        sit, its, it = ("sits at a hot spot", "its", "it") if len(those) == 1 else ("sit at hot spots", "their", "them")
+        yield f"{', '.join(those)} {sit}: {its} strain changes {how_much}; {remedy.format(it=it)}."
     unknown = [label for label, value in zip(labels, test.refined, strict=True) if np.isnan(value)]
     if unknown:
         yield f"Not tested for hot spots: {', '.join(unknown)}."

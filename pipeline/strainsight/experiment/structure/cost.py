@@ -100,7 +100,7 @@ def cost_of(stage: str, config: PlacementConfig, size: Size) -> Cost:
 
 def varies_apart(config: PlacementConfig, size: Size) -> bool:
     """Whether moduli vary, or springs, that do not scale the whole body."""
-    moduli = [own for own in config.parameters.values() if of_stiffness(own.property)]
+    moduli = [parameter for parameter in config.parameters.values() if of_stiffness(parameter.property)]
     return len(moduli) > 1 or (len(moduli) == 1 and (size.regions > 1 or moduli[0].springs is not None))
 
 

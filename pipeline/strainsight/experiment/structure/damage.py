@@ -9,8 +9,18 @@ import numpy as np
 
 from strainsight.config.estimate import DamageSettings
 from strainsight.config.gauges import Gauges, NamedGauge
-from strainsight.damage.loops import FKM, GOODMAN, NONE
-from strainsight.damage.sums import Curve, Interval, MeanStress, damage_of, equivalent_range, interval_of, one_number
+from strainsight.damage import (
+    FKM,
+    GOODMAN,
+    NONE,
+    Curve,
+    Interval,
+    MeanStress,
+    damage_of,
+    equivalent_range,
+    interval_of,
+    one_number,
+)
 from strainsight.errors import UserError
 from strainsight.estimation.bank_smoother import Paths
 from strainsight.estimation.model import FilterModel
@@ -18,7 +28,7 @@ from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.surface import Skin, virtual_pool
 from strainsight.fem.affine import AffineOperator
-from strainsight.fem.stress import SurfaceModel
+from strainsight.fem.recovery import SurfaceModel
 from strainsight.records.estimated import DamageAt, Damaged
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.surface import facet_centres

@@ -114,7 +114,8 @@ def histories(given: Filtering, found: Filtered, count: int, seed: int) -> Itera
     A parameter that a filter lets drift is its mean over the record.
     """
     if found.bank is not None:
-        yield from histories_of_bank(given, found.bank, count, seed)
+        q = slice(0, given.model.model.size)
+        yield from bank_paths(given.bank_record, found.bank, count, seed, q, given.record)
         return
     model, known, at = given.model, given.test.known, given.biased
     q = slice(0, model.model.size)
@@ -124,13 +125,6 @@ def histories(given: Filtering, found: Filtered, count: int, seed: int) -> Itera
         error = smoother_errors(core, found.run, min(part, count - first), rng)
         error += found.smoothed.mean[None, :, 0]
         yield Paths(error[:, :, model.parameter_states].mean(axis=1), error[:, :, q])
-
-
-def histories_of_bank(given: Filtering, bank: BankRun, count: int, seed: int) -> Iterator[Paths]:
-    """By a bank, which may be that of other walks of the loads than those of the test's results."""
-    test, covariance, q = given.test, given.covariance, slice(0, given.model.model.size)
-    before = given.model, np.zeros(len(covariance)), covariance, test.known, test.values, given.nuisances
-    return bank_paths(*before, bank, count, seed, given.biased, given.settled, q, given.record)
 
 
 @dataclass(frozen=True)

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.estimate import Channel, DelayInSeconds
-from strainsight.estimation.bank_filters import BankRecord, bank_record
 from strainsight.estimation.decision import INCONSISTENT
 from strainsight.estimation.faults import MARGIN, Explained, Fault, at_limit
 from strainsight.estimation.load_faults import ResidualPattern
 from strainsight.estimation.peak import peak_of_records
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.record_check import RecordCheck, check_record
 from strainsight.estimation.suspect import ShiftedMode, Suspect
 from strainsight.experiment.recorded import delay_in_seconds
@@ -327,11 +327,12 @@ def together_of(each: Sequence[Filtering], suspects: Sequence[Suspect], names: S
     for given, own in zip(each, suspects, strict=True):
         for nuisances, found in ((own.nuisances, alone), (given.nuisances, records)):
             learned = replace(nuisances, learned=True)
-            found.append(bank_record(own.model, own.known, own.samples, learned, own.settled))
-    first = suspects[0]
-    peaks = [peak_of_records([own], first.mean, first.covariance, first.biased) for own in alone]
-    in_place = [records[i] for i in np.argsort([given.record for given in each])]
-    of_all = peak_of_records(in_place, first.mean, first.covariance, first.biased)
+            start = suspects[0].mean, suspects[0].covariance
+            found.append(
+                BankRecord(own.model, *start, own.known, own.samples, learned, suspects[0].biased, own.settled)
+            )
+    peaks = [peak_of_records([own]) for own in alone]
+    of_all = peak_of_records([records[i] for i in np.argsort([given.record for given in each])])
     unknowns = each[0].problem.unknowns
     values = {
         name: unknowns.guess[name] * np.exp([peak.point[i] for peak in peaks])

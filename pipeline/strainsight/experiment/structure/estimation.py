@@ -16,7 +16,6 @@ from strainsight.estimation.decision import Decision
 from strainsight.estimation.model import surface_reading
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
-from strainsight.experiment.structure.candidates import units_in_words
 from strainsight.experiment.structure.diagnosed import Judgement, clock_in_words
 from strainsight.experiment.structure.filtered_test import (
     LONGEST_COMPARED,
@@ -37,7 +36,7 @@ from strainsight.loads.input_models import Unknowns
 from strainsight.mesh.vtkhdf import VtkHdf
 from strainsight.records.estimated import Channels, Damaged, Estimated, HoldOut, Offsets, Source
 from strainsight.records.placed import budget_of_shares
-from strainsight.sensors.candidates import UNITS
+from strainsight.sensors.candidates import UNITS, units_in_words
 
 
 @dataclass(frozen=True)

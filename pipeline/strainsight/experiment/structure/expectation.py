@@ -11,7 +11,7 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.claim import bank_claim, covariance_recursion
 from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList
-from strainsight.experiment.layout.placement import Placed
+from strainsight.experiment.layout.placement import Placement
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
 from strainsight.ordering import first_of_largest
@@ -22,21 +22,21 @@ from strainsight.runner.output import Table
 from strainsight.sensors.candidates import STRAIN, UNITS
 
 
-def expectation(problem: Problem, gauges: np.ndarray, own: Tolerated) -> Expectation:
+def expectation(problem: Problem, gauges: np.ndarray, tolerances: Tolerated) -> Expectation:
     """σ along the training run from a 100 % prior, tolerances included; its variance by source. Of a constant parameter that of
     the end, when all samples are in it; otherwise the RMS over the last half.
 
-    gauges (k,) numbers; own: the tolerances of their channels at least. A gauge that is left out has its noise raised until it
+    gauges (k,) numbers; tolerances: those of their channels at least. A gauge that is left out has its noise raised until it
     says nothing.
     """
     channels = problem.channels.of(gauges)
-    there = channels >= 0
-    flat, owner = channels[there], np.nonzero(there)[0]
+    exists = channels >= 0
+    flat, owner = channels[exists], np.nonzero(exists)[0]
     silent = np.where(owner == np.arange(-1, len(gauges))[:, None], SILENT, 1.0)
     model = filter_model(problem, flat, problem.h)
     model = replace(model, r=model.r * silent)
     start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
-    nuisances = nuisances_of(own, model, flat)
+    nuisances = nuisances_of(tolerances, model, flat)
     if problem.method == "bank":
         settled = settled_under(problem, problem.loading)
         claim = bank_claim(model, problem.x, problem.u, start, nuisances, settled)
@@ -69,40 +69,42 @@ def alike_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -
     quantity = problem.channels.quantity[channels[:, 0]]
     groups = []
     for kind in np.unique(quantity):
-        own = np.flatnonzero(quantity == kind)
-        rows = np.where((channels[own] >= 0)[..., None], problem.channels.rows[channels[own]], 0.0)
-        groups += [tuple(int(own[i]) for i in group) for group in alike(rows @ L)]
+        of_kind = np.flatnonzero(quantity == kind)
+        rows = np.where((channels[of_kind] >= 0)[..., None], problem.channels.rows[channels[of_kind]], 0.0)
+        groups += [tuple(int(of_kind[i]) for i in group) for group in alike(rows @ L)]
     return sorted(groups)
 
 
-def worst_case(found: Sequence[Expectation], acts: Sequence[np.ndarray]) -> Expectation:
+def worst_case(cases: Sequence[Expectation], acts: Sequence[np.ndarray]) -> Expectation:
     """Of every unknown what is expected in the load case where σ, relative to its amplitude there, is largest; without a gauge
     the largest of any case. Only cases count in which the unknown acts; acts (u,) bool of each."""
-    if len(found) == 1:
-        return found[0]
+    if len(cases) == 1:
+        return cases[0]
     std, without, budget = {}, {}, {}
-    for i, name in enumerate(found[0].std):
-        there = [own for own, act in zip(found, acts, strict=True) if act[i]]
-        worst = there[first_of_largest(np.array([own.std[name] for own in there]))]
+    for i, name in enumerate(cases[0].std):
+        acting = [case for case, act in zip(cases, acts, strict=True) if act[i]]
+        worst = acting[first_of_largest(np.array([case.std[name] for case in acting]))]
         std[name] = worst.std[name]
-        without[name] = np.max([own.without[name] for own in there], axis=0)
+        without[name] = np.max([case.without[name] for case in acting], axis=0)
         budget[name] = worst.budget[name]
     return Expectation(std, without, budget)
 
 
-def cases_of(found: Placed, expected: Sequence[Expectation]) -> ByCase:
+def cases_of(placement: Placement, expected: Sequence[Expectation]) -> ByCase:
     """The load cases of a layout: weight, metric, expected σ; expected: one a case, of the layout."""
-    task, cases = found.task, found.task.cases
+    task, cases = placement.task, placement.task.cases
     assert cases is not None
     names, every = task.unknowns.names, range(len(cases.names))
     metric = task.metrics[task.criterion.name]
     cost = [
         score(
-            [task.pools[i].under(metric[case]) for i in np.flatnonzero(cases.of == case)], found.final, task.aggregate
+            [task.pools[i].under(metric[case]) for i in np.flatnonzero(cases.of == case)],
+            placement.final,
+            task.aggregate,
         )
         for case in every
     ]
-    std = np.array([[own.std[name] for name in names] for own in expected])
+    std = np.array([[case_expectation.std[name] for name in names] for case_expectation in expected])
     return ByCase(
         name=cases.names,
         weight=cases.weight,
@@ -118,32 +120,32 @@ def cases_of(found: Placed, expected: Sequence[Expectation]) -> ByCase:
     )
 
 
-def case_table(own: ByCase, symbol: str) -> Table:
+def case_table(cases: ByCase, symbol: str) -> Table:
     """Every load case with its weight, what the criterion is in it and what is expected of every unknown."""
     rows = tuple(
         (
             name,
-            f"{own.weight[i]:g}",
-            f"{own.metric[i]:.4g}",
-            *(f"{100 * std[i]:.3g} %" if own.acts[unknown][i] else "silent" for unknown, std in own.std.items()),
+            f"{cases.weight[i]:g}",
+            f"{cases.metric[i]:.4g}",
+            *(f"{100 * std[i]:.3g} %" if cases.acts[unknown][i] else "silent" for unknown, std in cases.std.items()),
         )
-        for i, name in enumerate(own.name)
+        for i, name in enumerate(cases.name)
     )
-    columns = ("load case", "weight", symbol, *(f"expected σ({name})" for name in own.std))
+    columns = ("load case", "weight", symbol, *(f"expected σ({name})" for name in cases.std))
     return Table("load cases: σ relative to the amplitude in each", columns, rows)
 
 
-def cases_in_words(own: ByCase, aggregate: str) -> Iterator[str]:
+def cases_in_words(cases: ByCase, aggregate: str) -> Iterator[str]:
     """In which load case every unknown is known least, and which one a worst-case layout is ruled by."""
-    if len(own.name) == 1:
+    if len(cases.name) == 1:
         return
     least: dict[str, list[str]] = {}
-    for unknown, case in own.worst.items():
+    for unknown, case in cases.worst.items():
         least.setdefault(case, []).append(unknown)
     for case, unknowns in least.items():
         yield f"Of the load cases {case} is where {' and '.join(unknowns)} {'is' if len(unknowns) == 1 else 'are'} known least."
     if aggregate == "worst":
-        yield f"The layout is ruled by the load case {own.name[first_of_largest(own.weight * own.metric)]}."
+        yield f"The layout is ruled by the load case {cases.name[first_of_largest(cases.weight * cases.metric)]}."
 
 
 RESOLVED = 1e-7

@@ -10,12 +10,12 @@ import numpy as np
 from strainsight.config.estimate import Estimate
 from strainsight.errors import blame
 from strainsight.estimation.bank import BankRun, filter_records
-from strainsight.estimation.bank_filters import bank_record
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import Nuisances, each_its_own
 from strainsight.estimation.consistency import Tuning, scale_noise, tune
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Settled, driven_with_offsets
+from strainsight.estimation.record import BankRecord, Settled
+from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, Wanted, smooth
 from strainsight.experiment.structure.filtering import by_moments, compared
@@ -64,6 +64,13 @@ class Filtering:
         """Of all records; what is zeroed anew acts in this one alone."""
         own = nuisances_of(self.tolerances, self.model, self.test.channels, behind=True)
         return each_its_own(own, self.records, RENEWED)[self.record]
+
+    @property
+    def bank_record(self) -> BankRecord:
+        """What the bank is given, from a start at zero."""
+        start, test = self.covariance, self.test
+        states = self.model, np.zeros(len(start)), start
+        return BankRecord(*states, test.known, test.values, self.nuisances, self.biased, self.settled)
 
     @property
     def smoothed_states(self) -> int:
@@ -146,20 +153,18 @@ def filtered_together(
         by_place = filtered_together(sorted(each, key=lambda own: own.record), wanted, progress)
         return tuple(by_place[place] for place in places)
     _require_memory(each, some=wanted is not None)
-    covariance, at, all_nuisances = each[0].covariance, each[0].biased, [given.nuisances for given in each]
-    rest = np.zeros(len(covariance))
 
     def going(begin: float, length: float) -> Progress:
         return lambda share: progress(begin + length * share)
 
     found: list[Filtered] = []
     banks = banks_of(each, going(0.0, FILTER))
-    for own, nuisances, bank in zip(each, all_nuisances, banks, strict=True):
-        samples = own.test.known, own.test.values
+    for own, bank in zip(each, banks, strict=True):
         which = None if wanted is None else wanted(own, bank.run)
         length = (1 - FILTER) / len(each)
         done = going(FILTER + length * len(found), length)
-        later = smooth_bank(own.model, rest, covariance, *samples, nuisances, bank, at, own.settled, which, done)
+        record = replace(own.bank_record, covariance=each[0].covariance, biased=each[0].biased)
+        later = smooth_bank(record, bank, which, done)
         found.append(Filtered(bank.run, later, None, bank))
     return tuple(found)
 
@@ -184,21 +189,11 @@ def filtered_by_verdict(
 
 def banks_of(each: Sequence[Filtering], progress: Progress = lambda share: None) -> tuple[BankRun, ...]:
     """The bank over the records, in the order of their places; progress: called with the share of the way."""
-    records = [
-        bank_record(own.model, own.test.known, own.test.values, own.nuisances, own.settled)
-        for own in sorted(each, key=lambda own: own.record)
-    ]
-    covariance, at = each[0].covariance, each[0].biased
+    covariance, biased = each[0].covariance, each[0].biased
+    in_place = sorted(each, key=lambda own: own.record)
+    records = [replace(own.bank_record, covariance=covariance, biased=biased) for own in in_place]
     ratio = max(own.birge_ratio for own in each)
-    found = filter_records(
-        records,
-        np.zeros(len(covariance)),
-        covariance,
-        biased=at,
-        keep="mean",
-        progress=progress,
-        birge_ratio=ratio,
-    )
+    found = filter_records(records, "mean", progress=progress, birge_ratio=ratio)
     return tuple(found[own.record] for own in each)
 
 

@@ -9,9 +9,11 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
+from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import Posterior, marginal
 from strainsight.estimation.model import FilterModel, physical
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.estimation.smoother import Smoothed
@@ -75,10 +77,6 @@ def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.n
         lost=np.where([bank is None for bank in banks], 1, -1),
         log_likelihood=fit,
         last=last,
-        covariance=None,
-        jacobian=None,
-        rows=None,
-        adjusted=None,
     )
 
 
@@ -139,7 +137,7 @@ def compared(
     covariance: np.ndarray,
     known: np.ndarray,
     measured: np.ndarray,
-    biased: np.ndarray | None = None,
+    biased: np.ndarray,
 ) -> Compared | None:
     """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
     without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
@@ -153,7 +151,8 @@ def compared(
     model = exactly_damped(problem, model)
 
     def by_bank() -> FilterRun:
-        return filter_bank(model, start, covariance, known, measured, biased=biased, keep="parameters").run
+        record = BankRecord(model, start, covariance, known, measured, no_nuisances(model), biased)
+        return filter_bank(record, "parameters").run
 
     def by_extended() -> FilterRun:
         turns = problem.iterations

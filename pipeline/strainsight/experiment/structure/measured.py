@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.config.estimate import Channel, Estimate, GaugeChannel
 from strainsight.errors import ConfigError, StrainsightError
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.record import Settled
 from strainsight.experiment.recorded import delay_in_seconds, signals_of
 from strainsight.experiment.structure.problem import Problem, settled_at
 from strainsight.experiment.structure.start import tones_in
@@ -208,7 +208,7 @@ def settled_in(problem: Problem, test: Measured) -> Settled:
     def refused(what: str) -> ConfigError:
         return ConfigError(what, key="estimate.start", remedy="take moving, or rest where the structure stood still")
 
-    unknown, tones = problem.unknowns.inputs, tones_of(list(problem.signals.values()))
+    unknown, tones = problem.unknowns.inputs, tones_of(list(problem.run.signals.values()))
     if problem.method != "bank":
         raise refused(f"filter.method: {problem.method} cannot begin in a settled motion")
     if unknown:

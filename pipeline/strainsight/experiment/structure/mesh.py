@@ -16,7 +16,7 @@ from strainsight.decks.faults import LINEAR, PRELOAD, short, spelt
 from strainsight.decks.reader import read_mesh
 from strainsight.decks.text import LARGEST_ID
 from strainsight.errors import ConfigError, DeckError, InfeasibleError, StrainsightError, UserError, blame
-from strainsight.experiment.layout.gauge_list import zone_of
+from strainsight.experiment.layout.gauge_list import sites_of
 from strainsight.fem.checks import Quality, check_geometry, check_inverted, check_mesh, element_quality
 from strainsight.fem.constraints import constraint_transform
 from strainsight.fem.equations import turning_nodes
@@ -86,11 +86,11 @@ def loose_warnings(mesh: Mesh) -> tuple[str, ...]:
 
 def grounding_warnings(mesh: Mesh) -> tuple[str, ...]:
     """A sentence on springs and relations that a rigid motion of the whole stretches."""
-    found = grounded(mesh)
-    if not found:
+    grounding = grounded(mesh)
+    if not grounding:
         return ()
-    named = "; ".join(f"{own.name} ({own.motion}, nodes {own.apart:.3g} m apart)" for own in found[:SHOWN])
-    more = f" and {len(found) - SHOWN} more" if len(found) > SHOWN else ""
+    named = "; ".join(f"{link.name} ({link.motion}, nodes {link.apart:.3g} m apart)" for link in grounding[:SHOWN])
+    more = f" and {len(grounding) - SHOWN} more" if len(grounding) > SHOWN else ""
     return (
         f"springs or relations between nodes resist a rigid motion of the whole, as a support would: {named}{more}; let "
         "their ends coincide, or let them act along the line between these",
@@ -103,13 +103,13 @@ def heavy_points(mesh: Mesh) -> tuple[str, ...]:
     points = sum(point.mass for point in mesh.point_masses)
     if points <= 0 or any(mesh.density_of(number) is None for number in mesh.regions):
         return ()
-    own = mass_properties(mesh)[0] - points
+    elements = mass_properties(mesh)[0] - points
     ball = 2 * float(np.cbrt(3 * points / (4 * np.pi * STEEL)))
     long = float(np.linalg.norm(np.ptp(mesh.position[mesh.nodes_of_elements], axis=0)))
-    if own <= 0 or points <= HEAVY * own or ball <= long:
+    if elements <= 0 or points <= HEAVY * elements or ball <= long:
         return ()
     return (
-        f"point masses of {points:.4g} kg outweigh the elements, {own:.4g} kg, {points / own:.3g} times, and as "
+        f"point masses of {points:.4g} kg outweigh the elements, {elements:.4g} kg, {points / elements:.3g} times, and as "
         f"a ball of steel they would be {ball:.3g} m across beside a structure of {long:.3g} m: their unit is that of the deck, "
         "mesh.mass_unit; a base that is moved by way of a large mass may stand",
     )
@@ -196,7 +196,7 @@ def _all_supported(mesh: Mesh, ignore: Sequence[str]) -> Mesh:
             where=mesh.unsupported[missing[0]],
             remedy=f"{instead}if they do not matter, leave them out: mesh.ignore: [{names}]",
         )
-    idle = [card for card in ignore if spelt(card) not in {spelt(own) for own in mesh.ignored}]
+    idle = [card for card in ignore if spelt(card) not in {spelt(existing) for existing in mesh.ignored}]
     notes = (f"mesh.ignore names {', '.join(idle)}, of which the deck has none",) if idle else ()
     return replace(mesh, notes=(*mesh.notes, *notes))
 
@@ -245,18 +245,18 @@ def model_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", fr
     )
 
 
-def _with_material(mesh: Mesh, own: Material, name: str) -> Mesh:
-    regions = None if own.regions == "all" else own.regions
-    E, nu, G = own.youngs_modulus, own.poisson_ratio, own.shear_modulus
+def _with_material(mesh: Mesh, material: Material, name: str) -> Mesh:
+    regions = None if material.regions == "all" else material.regions
+    E, nu, G = material.youngs_modulus, material.poisson_ratio, material.shear_modulus
     if isinstance(E, float) and isinstance(nu, float):
-        return with_material(mesh, regions, E, nu, own.density, name)
+        return with_material(mesh, regions, E, nu, material.density, name)
     assert isinstance(E, tuple)
     assert isinstance(nu, tuple)
     assert G is not None
     if fault := constants_fault(E, nu, G):
         raise UserError(fault[0], key=name, remedy=fault[1])
-    stiffness, orientation = orthotropic(E, nu, G), _orientation(own.axes)
-    return with_anisotropic(mesh, regions, stiffness, orientation, own.density, name)
+    stiffness, orientation = orthotropic(E, nu, G), _orientation(material.axes)
+    return with_anisotropic(mesh, regions, stiffness, orientation, material.density, name)
 
 
 def _orientation(axes: MaterialAxes | None) -> Orientation:
@@ -315,8 +315,8 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
             if support.stiffness is None:
                 mesh = with_support(mesh, nodes, _components(support.components))
             else:
-                own = _springs(mesh, f"{key}.supports.{i}", support, nodes)
-                mesh = replace(mesh, springs=(*mesh.springs, own))
+                springs = _springs(mesh, f"{key}.supports.{i}", support, nodes)
+                mesh = replace(mesh, springs=(*mesh.springs, springs))
     return without_held(mesh)
 
 
@@ -356,36 +356,35 @@ def _components(numbers: tuple[int, ...]) -> tuple[int, ...]:
 
 def given_sections(config: MeshFile, key: str = "mesh") -> dict[str, GivenSection]:
     """Key → section, of the config's section at `key`."""
-    return {f"{key}.sections.{name}": _given(own) for name, own in config.sections.items()}
+    return {f"{key}.sections.{name}": _given(section) for name, section in config.sections.items()}
 
 
-def _given(own: ElementSection) -> GivenSection:
-    regions = None if own.regions == "all" else own.regions
-    if own.thickness is not None:
-        return GivenSection(regions, ShellSection(own.thickness), own.offset)
-    yy, zz, yz = (*(own.second_moments or (0.0, 0.0)), 0.0)[:3]
-    half = [(-0.5 * side, 0.5 * side) for side in own.size or ()]
+def _given(stated: ElementSection) -> GivenSection:
+    regions = None if stated.regions == "all" else stated.regions
+    if stated.thickness is not None:
+        return GivenSection(regions, ShellSection(stated.thickness), stated.offset)
+    yy, zz, yz = (*(stated.second_moments or (0.0, 0.0)), 0.0)[:3]
+    half = [(-0.5 * side, 0.5 * side) for side in stated.size or ()]
     section = BeamSection(
-        float(own.area or 0.0),  # the config asks for one of the two
+        float(stated.area or 0.0),  # the config asks for one of the two
         np.array([[yy, yz], [yz, zz]]),
-        own.torsion or 0.0,
+        stated.torsion or 0.0,
         points=np.array(list(product(*half)) if half else np.zeros((0, 2))),
     )
-    return GivenSection(regions, section, direction=own.direction)
+    return GivenSection(regions, section, direction=stated.direction)
 
 
 def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces: Faces) -> Iterator[str]:
     """A sentence for each face that probably lies on something though gauges may sit on it, with what leaves it out."""
-    own = config.gauges
-    if own.given is not None:
+    gauges = config.gauges
+    if gauges.given is not None:
         return
-    include, exclude = ([zone_of(entry) for entry in zones] for zones in (own.include, own.exclude))
     free = np.zeros(0, dtype=int)
     with suppress(InfeasibleError):  # no facet at all: `train` names that
-        free, _, _ = admissible(mesh, facets, surface=own.surface, include=include, exclude=exclude)
-    found = contact_faces(mesh, facets, faces)
-    named = {name: {*facet_key(*own.T).tolist()} for name, own in mesh.faces.items()}
-    for i, face in enumerate(found.face):
+        free, _, _ = admissible(mesh, facets, **sites_of(gauges))
+    contact = contact_faces(mesh, facets, faces)
+    named = {name: {*facet_key(*gauges.T).tolist()} for name, gauges in mesh.faces.items()}
+    for i, face in enumerate(contact.face):
         if not (faces.of[free] == face).any():
             continue
         keys = {*facets.key[faces.of == face].tolist()}
@@ -394,7 +393,7 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
         if not name:
             lines = f"mesh.faces: {{seat: {{{pointed_at(int(face), faces, mesh.position, facets)}}}}} and {lines}"
         yield (
-            f"the flat face of {faces.area[face]:.3g} m² about {_point(faces.centre[face])} is {found.in_words(i)}: if it "
+            f"the flat face of {faces.area[face]:.3g} m² about {_point(faces.centre[face])} is {contact.in_words(i)}: if it "
             f"lies on something, no gauge can sit there; leave it out with {lines}"
         )
 
@@ -405,11 +404,11 @@ def held_below(mesh: Mesh, facets: Facets, grids: Candidates) -> tuple[str, ...]
     facets: the exterior ones.
     """
     faces = faces_of(mesh.position, facets)
-    found = contact_faces(mesh, facets, faces)
+    contact = contact_faces(mesh, facets, faces)
     of = dict(zip(facets.key.tolist(), faces.of.tolist(), strict=True))
     words = {
-        int(face): f"the face about {_point(faces.centre[face])} is {found.in_words(i)}"
-        for i, face in enumerate(found.face)
+        int(face): f"the face about {_point(faces.centre[face])} is {contact.in_words(i)}"
+        for i, face in enumerate(contact.face)
     }
     return tuple(words.get(of.get(key, -1), "") for key in facet_key(grids.element, grids.facet).tolist())
 

@@ -116,12 +116,12 @@ def _plies(mesh: Mesh, region: int) -> str:
     return f"{len(laminate.plies)} plies ({counted}), {laminate.thickness:.4g} m thick, rho {density:.5g} kg/m³ in the mean"
 
 
-def _layers(mesh: Mesh, region: int, own: CompositeSolid) -> str:
+def _layers(mesh: Mesh, region: int, composite: CompositeSolid) -> str:
     """A composite solid in words: its layers by material, the direction along which they lie, and density."""
-    of = Counter(layer.material for layer in own.layers)
+    of = Counter(layer.material for layer in composite.layers)
     counted = ", ".join(f"{n} of {mesh.anisotropic.get(i) or mesh.materials.get(i)}" for i, n in of.items())
     return (
-        f"{len(own.layers)} layers ({counted}) along direction {own.direction + 1} of each element, rho "
+        f"{len(composite.layers)} layers ({counted}) along direction {composite.direction + 1} of each element, rho "
         f"{mesh.density_of(region):.5g} kg/m³ in the mean"
     )
 
@@ -137,8 +137,12 @@ def _constraints(mesh: Mesh) -> list[Row]:
         ]
         rows += _shortened(ties, f"{kind}s")
     relations = [
-        (str(own), _number(len(own.node), "motion"), f"node {mesh.node_ids[node]} component {component + 1} follows")
-        for own, (node, component) in ((own, own.follower) for own in mesh.relations)
+        (
+            str(relation),
+            _number(len(relation.node), "motion"),
+            f"node {mesh.node_ids[node]} component {component + 1} follows",
+        )
+        for relation, (node, component) in ((relation, relation.follower) for relation in mesh.relations)
     ]
     rows += _shortened(relations, "relations")
     masses = [
@@ -147,8 +151,12 @@ def _constraints(mesh: Mesh) -> list[Row]:
     ]
     rows += _shortened(masses, "point masses")
     springs = [
-        (str(own), _number(len(own.stiffness), "spring"), f"{_number(len(np.unique(own.node)), 'node')}{_total(own)}")
-        for own in mesh.springs
+        (
+            str(group),
+            _number(len(group.stiffness), "spring"),
+            f"{_number(len(np.unique(group.node)), 'node')}{_total(group)}",
+        )
+        for group in mesh.springs
     ]
     rows += _shortened(springs, "springs")
     loads = [
@@ -165,10 +173,10 @@ def _constraints(mesh: Mesh) -> list[Row]:
     return rows + _shortened(loads, "loads")
 
 
-def _total(own: Springs) -> str:
+def _total(springs: Springs) -> str:
     """The stiffness of all its springs, of those that stretch and of those that turn."""
-    turns = own.torsion
-    words = ((own.stiffness[~turns].sum(), "N/m"), (own.stiffness[turns].sum(), "N m/rad"))
+    turns = springs.torsion
+    words = ((springs.stiffness[~turns].sum(), "N/m"), (springs.stiffness[turns].sum(), "N m/rad"))
     return "".join(f", {value:.4g} {unit}" for value, unit in words if value)
 
 
@@ -186,7 +194,7 @@ def _lever(point: PointMass) -> str:
 
 
 def _sets(mesh: Mesh) -> list[Row]:
-    faces = [(f"face {name}", _number(len(own), "facet"), "") for name, own in mesh.faces.items()]
+    faces = [(f"face {name}", _number(len(facets), "facet"), "") for name, facets in mesh.faces.items()]
     sets = {name: ids for name, ids in mesh.node_sets.items() if name not in mesh.faces}
     nodes = [(f"node set {name}", _number(len(ids), "node"), "") for name, ids in sets.items()]
     elements = [(f"element set {name}", _number(len(ids), "element"), "") for name, ids in mesh.element_sets.items()]
@@ -206,7 +214,7 @@ def _quality(quality: Quality) -> Row:
 
 
 def _poor(quality: Sequence[Quality]) -> list[str]:
-    found = []
+    sentences = []
     for entry in quality:
         poor = np.flatnonzero(entry.shape < POOR)
         if poor.size:
@@ -215,8 +223,8 @@ def _poor(quality: Sequence[Quality]) -> list[str]:
                 ", …" if poor.size > 5 else ""
             )
             have = f"{entry.kind} element{'s have' if poor.size > 1 else ' has'}"
-            found.append(f"{poor.size} {have} a shape below {POOR:g} (1 is regular): {listed}")
-    return found
+            sentences.append(f"{poor.size} {have} a shape below {POOR:g} (1 is regular): {listed}")
+    return sentences
 
 
 ASSUMES = "what this model assumes"
@@ -240,8 +248,9 @@ def assumed_table(mesh: Mesh, program: str, free: bool) -> Table:
 
 def _cards(mesh: Mesh) -> Iterator[Row]:
     for card, count in sorted(mesh.read.items()):
-        if own := count - sum(n for name, n in mesh.ignored.items() if name.split(" that ")[0] == card or name == card):
-            yield (f"card {card}", str(own), "read")
+        ignored = sum(n for name, n in mesh.ignored.items() if card in (name, name.split(" that ")[0]))
+        if count != ignored:
+            yield (f"card {card}", str(count - ignored), "read")
     for card, count in mesh.ignored.items():
         yield (f"card {card}", str(count), _fate(card, mesh.effect.get(card, "")))
 
@@ -263,11 +272,12 @@ def _connections(mesh: Mesh) -> Iterator[Row]:
     joints = Joints(mesh)
     tied = np.unique(joined_parts(mesh, joints)[mesh.nodes_of_elements])
     yield ("parts that share no node", str(parts(mesh).count), f"{len(tied)} with ties, relations and springs")
-    found = Coincident(mesh, joints)
-    yield ("nodes in one place that nothing joins", str(len(found.unjoined)), "")
+    coincident = Coincident(mesh, joints)
+    yield ("nodes in one place that nothing joins", str(len(coincident.unjoined)), "")
     if mesh.shells:
         rings = [
-            np.stack([own.corners, np.roll(own.corners, -1, axis=1)], axis=2).reshape(-1, 2) for own in mesh.shells
+            np.stack([block.corners, np.roll(block.corners, -1, axis=1)], axis=2).reshape(-1, 2)
+            for block in mesh.shells
         ]
         _, count = np.unique(np.sort(np.concatenate(rings), axis=1), axis=0, return_counts=True)
         several = f"{int((count > 2).sum())} sides have more than two shells"
@@ -282,10 +292,10 @@ def _rigid(mesh: Mesh, free: bool) -> Iterator[Row]:
             yield ("rigid-body check: motions left", str(len(left)), words + " (mesh.free)" * (free and bool(left)))
         except StrainsightError as error:
             yield ("rigid-body check: motions left", "?", error.what)
-    found = links(mesh)
-    ground = sum(own.share > EXACT for own in found)
-    detail = f"{ground} resist one; largest share of it {found[0].share:.2g}, {found[0].name}" if found else ""
-    yield ("rigid-body check: springs and relations between nodes", str(len(found)), detail)
+    between = links(mesh)
+    ground = sum(link.share > EXACT for link in between)
+    detail = f"{ground} resist one; largest share of it {between[0].share:.2g}, {between[0].name}" if between else ""
+    yield ("rigid-body check: springs and relations between nodes", str(len(between)), detail)
     supports = len(np.unique(mesh.fixed[:, 0]))
     yield ("nodes held", str(supports), f"{len(mesh.fixed)} components at zero")
 
@@ -297,13 +307,13 @@ def _masses(mesh: Mesh) -> Iterator[Row]:
     of: dict[int, float] = dict.fromkeys(mesh.regions, 0.0)
     for part, values in element_mass_parts(mesh):
         a, b = np.triu_indices(part.nodes.shape[1])
-        own = values @ np.where(a == b, 1.0, 2.0)
+        mass = values @ np.where(a == b, 1.0, 2.0)
         for number in np.unique(part.region):
-            of[int(number)] += float(own[part.region == number].sum())
+            of[int(number)] += float(mass[part.region == number].sum())
     listed = list(of)[:MOST]
     for number in listed:
         ids = [block.ids[block.region == number] for block in mesh.thin]
-        if any(len(own) for own in ids):
+        if any(len(those) for those in ids):
             M, _ = thin_mass(mesh, np.concatenate(ids))
             along = np.zeros((M.shape[0] // 6, 6))
             along[:, 0] = 1.0
@@ -315,7 +325,7 @@ def _masses(mesh: Mesh) -> Iterator[Row]:
     if mesh.point_masses:
         yield (
             "point masses",
-            f"{sum(own.mass for own in mesh.point_masses):.6g} kg",
+            f"{sum(point.mass for point in mesh.point_masses):.6g} kg",
             f"{len(mesh.point_masses)} of them",
         )
 

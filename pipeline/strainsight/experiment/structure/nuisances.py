@@ -14,7 +14,7 @@ from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.estimation.claim import Claim, bank_claim, covariance_recursion
 from strainsight.estimation.conditional import Nuisances, acceleration_rows, linear_models, no_nuisances, theta_at
 from strainsight.estimation.model import FilterModel, inputs_of, theta_of
-from strainsight.estimation.reduced import Settled, periodic_start
+from strainsight.estimation.record import Settled, periodic_start
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.candidates import thickness_of_guess

@@ -15,7 +15,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.recorded import signal_of
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.candidates import channels_of, largest_of_quantity, readings
+from strainsight.experiment.structure.candidates import channels_of, largest_of_quantity, reading_sizes
 from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.references import characteristic
 from strainsight.experiment.structure.start import loading_of, motion_of
@@ -29,8 +29,6 @@ from strainsight.records.training import Screened, Training
 from strainsight.rom.model import ReducedModel
 
 STEPS_A_PERIOD = 40
-PART = 10**7
-"""Readings held at once."""
 AT_ONCE = 1000
 """Instants that are linearised at a time."""
 HEADER = 116
@@ -60,8 +58,9 @@ def observed_of(
     sensed = every.sensed(pool)
     excitations, table = _excitations(config, model, training, amplitude), []
     for motion in excitations:
+        _, peak = reading_sizes(model, sensed.rows, sensed.quantity, motion.x, motion.u)
         with blame("observe"):
-            found = cases(
+            case_table = cases(
                 model,
                 model.reference,
                 motion.x,
@@ -73,11 +72,11 @@ def observed_of(
                 amplitude=amplitude,
                 guess=model.reference,
                 sensed=sensed,
-                largest=_largest(model, sensed.rows, sensed.quantity, motion),
+                largest=largest_of_quantity(peak, sensed.quantity),
                 instants=config.place.instants,
                 seed=config.seed,
             )
-        table.append(found)
+        table.append(case_table)
     return Observed(
         excitation=tuple(motion.label for motion in excitations),
         case=tuple(case.label for case in table[0]),
@@ -89,22 +88,12 @@ def observed_of(
     )
 
 
-def _largest(model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, motion: Excitation) -> np.ndarray:
-    """For every channel the largest reading of any channel of its quantity (m,); in parts, as pools and motions are long."""
-    parts = np.array_split(np.arange(len(motion.x)), max(1, len(motion.x) * len(rows) // PART))
-    peaks = [
-        np.abs(readings(model, model.reference, rows, quantity, motion.x[part], motion.u[part])).max(axis=0)
-        for part in parts
-    ]
-    return largest_of_quantity(np.max(peaks, axis=0), quantity)
-
-
 def _excitations(
     config: PlacementConfig, model: ReducedModel, training: Training, amplitude: dict[str, float]
 ) -> list[Excitation]:
-    found = [
-        Excitation(label, np.hstack([own.coordinate, own.velocity]), own.load)
-        for label, own in zip(sorted(training.cases) or ["training run"], training.motions, strict=True)
+    excitations = [
+        Excitation(label, np.hstack([motion_of_case.coordinate, motion_of_case.velocity]), motion_of_case.load)
+        for label, motion_of_case in zip(sorted(training.cases) or ["training run"], training.motions, strict=True)
     ]
     for frequency in config.observe.frequencies:
         duration = max(config.train.duration, 5 / frequency)
@@ -112,83 +101,57 @@ def _excitations(
         signals = [Sine(frequency, amplitude[name], 0.0) for name in model.inputs]
         loading = loading_of(config.train.settle, signals, duration / steps, steps)
         motion = motion_of(model, model.reference, loading)
-        found.append(Excitation(f"{frequency:g} Hz", motion, instant_values(loading.held)))
-    return found
+        excitations.append(Excitation(f"{frequency:g} Hz", motion, instant_values(loading.held)))
+    return excitations
 
 
-@dataclass(frozen=True)
-class LinearModel:
-    """ẋ = A x + B u + w, y = C x + v, cov w = Q δ, cov v = R δ, for each of s scenarios.
-
-    A (s, n, n) [1/s]; B (n, p) known loads, at the guess of the parameters; C (s, m, n) rows of the layout's channels;
-    Q (s, n, n); R (s, m, m) [unit² s]; states, their units; loads; channels, their units.
-    """
-
-    A: np.ndarray
-    B: np.ndarray
-    C: np.ndarray
-    Q: np.ndarray
-    R: np.ndarray
-    states: tuple[str, ...]
-    state_units: tuple[str, ...]
-    loads: tuple[str, ...]
-    load_units: tuple[str, ...]
-    channels: tuple[str, ...]
-    channel_units: tuple[str, ...]
-
-
-def linear_model(
+def mat_file(
     placed: Placed, model: ReducedModel, channels: Sequence[str], units: Sequence[str], load_units: Mapping[str, str]
-) -> LinearModel:
-    """From the scenarios as solved, x* = S x̃ with S = diag(scale):
+) -> bytes:
+    """ẋ = A x + B u + w, y = C x + v, cov w = Q δ, cov v = R δ, as a MAT file of version 5 without a date: arrays with the s
+    scenarios last, names and units as cells of text. From the scenarios as solved, x* = S x̃ with S = diag(scale):
 
         A = S F S⁻¹,   C = H S⁻¹,   Q = S Q̃ S,   B = [0; M⁻¹ S_known; 0]
 
-    channels and units of the layout's channels, in its order; load_units: that of every load, by name.
+    A (n, n, s) [1/s]; B (n, p) known loads, at the guess; C (m, n, s) rows of the layout's channels; Q (n, n, s); R (m, m, s)
+    [unit² s]. channels and units of the layout's channels, in its order; load_units: that of every load, by name.
     """
-    own, n = placed.augmented, model.size
-    s = own.scale
-    wanted = placed.final.channel[placed.final.channel >= 0]
-    rows = [int(np.flatnonzero(placed.pool.channel == channel)[0]) for channel in wanted]
-    r = own.R[:, rows]
-    known = [i for i, name in enumerate(model.inputs) if name not in own.state]
-    B = np.zeros((len(own.state), len(known)))
-    B[n : 2 * n] = np.linalg.solve(model.mass.at(model.reference), model.input_shape[:, known])
-    loads = tuple(model.inputs[i] for i in known)
-    return LinearModel(
-        A=own.F * s[:, :, None] / s[:, None, :],
-        B=B,
-        C=own.H[:, rows] / s[:, None, :],
-        Q=own.Q * s[:, :, None] * s[:, None, :],
-        R=np.einsum("sm,mk->smk", r, np.eye(len(rows))),
-        states=own.state,
-        state_units=tuple(_unit(name, i, n) for i, name in enumerate(own.state)),
-        loads=loads,
-        load_units=tuple(load_units[name] for name in loads),
-        channels=tuple(channels),
-        channel_units=tuple(units),
-    )
-
-
-def mat_file(model: LinearModel) -> bytes:
-    """A MAT file of version 5 without a date: arrays with the scenario last, names and units as cells of text."""
     from scipy.io import savemat  # which most runs need not load
 
+    solved, n = placed.augmented, model.size
+    scale = solved.scale
+    wanted = placed.final.channel[placed.final.channel >= 0]
+    rows = [int(np.flatnonzero(placed.pool.channel == channel)[0]) for channel in wanted]
+    known = [i for i, name in enumerate(model.inputs) if name not in solved.state]
+    B = np.zeros((len(solved.state), len(known)))
+    B[n : 2 * n] = np.linalg.solve(model.mass.at(model.reference), model.input_shape[:, known])
+    loads = [model.inputs[i] for i in known]
+    arrays = {
+        "A": solved.F * scale[:, :, None] / scale[:, None, :],
+        "C": solved.H[:, rows] / scale[:, None, :],
+        "Q": solved.Q * scale[:, :, None] * scale[:, None, :],
+        "R": np.einsum("sm,mk->smk", solved.R[:, rows], np.eye(len(rows))),
+    }
+    words = {
+        "states": solved.state,
+        "state_units": [_unit(name, i, n) for i, name in enumerate(solved.state)],
+        "loads": loads,
+        "load_units": [load_units[name] for name in loads],
+        "channels": channels,
+        "channel_units": units,
+    }
     content = {
-        **{name: np.moveaxis(getattr(model, name), 0, -1) for name in ("A", "C", "Q", "R")},
-        "B": model.B,
-        **{
-            name: np.array(getattr(model, name), dtype=object).reshape(-1, 1)
-            for name in ("states", "state_units", "loads", "load_units", "channels", "channel_units")
-        },
+        **{name: np.moveaxis(array, 0, -1) for name, array in arrays.items()},
+        "B": B,
+        **{name: np.array(tuple(texts), dtype=object).reshape(-1, 1) for name, texts in words.items()},
         "about": "dx/dt = A(:,:,k) x + B u + w, y = C(:,:,k) x + v; Q, R: intensities of w, v; an unknown load over its "
         "amplitude, a parameter as ln(value/guess); B at the guess",
     }
     with TemporaryDirectory() as folder:
         file = Path(folder) / "model.mat"
         savemat(file, content, do_compression=True)
-        found = file.read_bytes()
-    return b"MATLAB 5.0 MAT-file, strainsight".ljust(HEADER) + found[HEADER:]
+        written = file.read_bytes()
+    return b"MATLAB 5.0 MAT-file, strainsight".ljust(HEADER) + written[HEADER:]
 
 
 def _unit(name: str, place: int, n: int) -> str:

@@ -9,14 +9,15 @@ from itertools import chain
 
 import numpy as np
 
-from strainsight.config.placement import Place, PlacementConfig, Symmetry
+from strainsight.config.placement import PlacementConfig, Symmetry
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.layout.advice import Expectation, budget_table
+from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.output import layout_output, layout_record
-from strainsight.experiment.layout.placement import Placed, placed
+from strainsight.experiment.layout.placement import Placement, Subject, place
 from strainsight.experiment.layout.task import LoadCases, PoolRows, Readings, Task, Unknowns, layout_limits
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.candidates import Channels, largest_of_quantity, listed_gauges, units_in_words
+from strainsight.experiment.structure.candidates import Channels, largest_of_quantity, listed_gauges
 from strainsight.experiment.structure.clearance import (
     advice_at_gauges,
     at_gauges,
@@ -40,20 +41,21 @@ from strainsight.experiment.structure.problem import (
     Problem,
     placed_instants,
     problem_in,
+    problem_of,
     rests_on_loads_in_words,
     scenarios_of,
 )
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
 from strainsight.experiment.structure.start import ringing_in_words
-from strainsight.experiment.structure.training import Run, run_as_stated, runs_of
+from strainsight.experiment.structure.training import runs_of
 from strainsight.loads.histories import instant_values
 from strainsight.loads.linearisation import linearise, measurement_rows
 from strainsight.loads.observability import Observability, observability
 from strainsight.mesh.model import Mesh
-from strainsight.placement.scenario import Scenario, solve_pool, solved
-from strainsight.records.placed import AtGauges, ByCase, HotSpots, PbhNumbers, budget_of_shares
-from strainsight.records.placed import Placed as PlacedRecord
+from strainsight.placement.limits import Limits
+from strainsight.placement.scenario import Pool, Scenario, solve_pool, solved
+from strainsight.records.placed import AtGauges, ByCase, HotSpots, PbhNumbers, Placed, budget_of_shares
 from strainsight.records.record import record_from
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
@@ -64,8 +66,8 @@ from strainsight.sensors.symmetry import mirror_partners
 
 
 @dataclass(frozen=True)
-class Placement(Placed):
-    """All that a placement has found, with the problem that it is of; σ is relative to the scale of an unknown.
+class StructurePlacement(Placement):
+    """The result of a placement, with its problem; σ is relative to the scale of an unknown.
 
     condition: whether the pool can tell the unknowns, in the load case where it can least; hot_spots: whether the strain at its
     gauges is that of the part, None where the model is not that of a mesh; at_gauges: what their places ask of those who bond,
@@ -80,51 +82,102 @@ class Placement(Placed):
 
 
 def placement_of(
-    config: PlacementConfig,
-    mesh: Mesh,
-    reduced: Reduced,
-    problem: Problem,
-    training: Training,
-    screened: Screened,
-    using: Resources,
-) -> Placement:
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, using: Resources
+) -> StructurePlacement:
     """Linearise along the training runs, eliminate, exchange, certify, and say what the layout is expected to know.
 
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
-    settings, candidates = config.place, training.candidates
-    posed = _posed(config, reduced, problem, training, screened, using)
-    unknowns = problem.unknowns
-    pool = pool_of(screened.kept, problem.channels, candidates, settings.symmetry)
-    if costs := of_pool_in_words(config, len(pool.gauges), 2 * problem.model.size + len(unknowns.state_names)):
-        using.notice(costs)
-    price = prices(config, pool, candidates)
-    with blame("place.keep"):
-        limits = layout_limits(settings, pool, mesh, candidates, price)
-    ranges = {name: entry.range for name, entry in config.parameters.items()}
+    subject = _subject(config, mesh, reduced, training, screened, using)
+    placement = place(subject, using.progress)
+    using.progress("hot spots", 0.9)
+    gauges, listed = placement.gauges, placement.listed
+    hot = tested_hot_spots(config, mesh, reduced, training, gauges)
+    sites = at_gauges(config, mesh, reduced, training, gauges)
+    by_case = None if placement.task.cases is None else cases_of(placement, subject.expectations(gauges))
+    bonded = listed.bonded.tolist()
+    advice = (
+        *filter(None, (_ringing(problem, config) for problem in subject.problems)),
+        *filter(None, not_held_in_words(config, reduced, training)),
+        *unresolved_gauges(listed),
+        *hot_spot_advice(hot, listed.labels, bonded),
+        *advice_at_gauges(sites, listed.labels, bonded),
+        *(() if by_case is None else cases_in_words(by_case, config.place.aggregate)),
+        *placement.advice,
+    )
+    noted = replace(listed, notes=notes_at_gauges(sites, len(listed.labels)))
+    return StructurePlacement(
+        **vars(replace(placement, advice=advice, listed=noted)),
+        problem=subject.problem,
+        condition=_worst_observability(placement, subject),
+        hot_spots=hot,
+        at_gauges=sites,
+        by_case=by_case,
+    )
 
-    covariance = _covariance(posed)
-    variance = _avoided(config, screened, len(posed))
-    avoided = bool(variance.any())
 
-    def scenarios(channels: np.ndarray, share: float) -> list[tuple[Scenario, ...]]:
+@dataclass(frozen=True)
+class _Structure(Subject):
+    """Gauges on a structure: problem under the loads as stated; problems, one a load case; pool, price (p,) and limits of a
+    layout; covariance (n, n) of the coordinates in training; installation (cases, m) [unit²]: variance of errors that are
+    avoided, 0 of none."""
+
+    config: PlacementConfig
+    mesh: Mesh
+    reduced: Reduced
+    training: Training
+    screened: Screened
+    using: Resources
+    problem: Problem
+    problems: tuple[Problem, ...]
+    pool: PoolRows
+    price: np.ndarray
+    limits: Limits
+    covariance: np.ndarray
+    installation: np.ndarray
+
+    def tasks(self) -> list[Task]:
+        return [self._task(share) for share in ((0.0, COHERENCE) if self.installation.any() else (0.0,))]
+
+    def expectation(self, gauges: np.ndarray) -> Expectation:
+        return worst_case(self.expectations(gauges), [problem.acts for problem in self.problems])
+
+    def expectations(self, gauges: np.ndarray) -> list[Expectation]:
+        """One a load case."""
+        channels = self.problem.channels.of(gauges)
+        tolerances = tolerated(self.config, self.mesh, self.reduced, self.training, channels)
+        return [expectation(problem, gauges, tolerances) for problem in self.problems]
+
+    def listed(self, gauges: np.ndarray) -> GaugeList:
+        return listed_gauges(gauges, self.training, self.screened)
+
+    def alike(self, gauges: np.ndarray) -> list[tuple[int, ...]]:
+        return alike_gauges(self.problem, gauges, self.covariance)
+
+    def alone(self, gauges: np.ndarray, coherence: float) -> list[Pool]:
+        channels = self.problem.channels.of(gauges)
+        scenarios = self._scenarios(channels, COHERENCE if coherence else 0.0)
+        return [solve_pool(scenario) for scenario in chain(*scenarios)]
+
+    def _scenarios(self, channels: np.ndarray, share: float) -> list[tuple[Scenario, ...]]:
+        """Of every load case; share of its duration over which errors of installation are coherent."""
+        config = self.config
+        ranges = {name: entry.range for name, entry in config.parameters.items()}
+        added = [
+            share * problem.run.duration * v if share else None
+            for problem, v in zip(self.problems, self.installation, strict=True)
+        ]
         return [
-            scenarios_of(
-                own.problem,
-                channels,
-                settings,
-                ranges,
-                config.seed,
-                share * own.run.duration * v if share else None,
-            )
-            for own, v in zip(posed, variance, strict=True)
+            scenarios_of(problem, channels, config.place, ranges, config.seed, more)
+            for problem, more in zip(self.problems, added, strict=True)
         ]
 
-    def task(share: float) -> Task:
-        found = scenarios(pool.channels, share)
+    def _task(self, share: float) -> Task:
+        config, problem = self.config, self.problem
+        unknowns, scenarios = problem.unknowns, self._scenarios(self.pool.channels, share)
         with blame("place.estimate"):
-            pools = using.sweep(solved, tuple(chain(*found)), unknowns.state_names)
-        cases = _cases(posed, [len(own) for own in found])
+            pools = self.using.sweep(solved, tuple(chain(*scenarios)), unknowns.state_names)
+        cases = self._cases([len(of_case) for of_case in scenarios])
         return Task(
             Unknowns(
                 unknowns.names,
@@ -134,56 +187,72 @@ def placement_of(
                 np.ones(len(unknowns.names)),
             ),
             tuple(pools),
-            candidates,
-            pool,
-            price,
-            limits,
-            settings,
-            _readings(problem, pool.channels, covariance),
+            self.training.candidates,
+            self.pool,
+            self.price,
+            self.limits,
+            config.place,
+            self._readings(),
             config.seed,
-            settings.aggregate,
-            settings.weights,
+            config.place.aggregate,
+            config.place.weights,
             coherence=share * config.train.duration,
             cases=cases,
         )
 
-    def expected(gauges: np.ndarray) -> list[Expectation]:
-        own = tolerated(config, mesh, reduced, training, problem.channels.of(gauges))
-        return [expectation(each.problem, gauges, own) for each in posed]
+    def _cases(self, count: Sequence[int]) -> LoadCases | None:
+        """The load cases with so many scenarios each; None of the loads as stated."""
+        problems = self.problems
+        if not problems[0].run.name:
+            return None
+        return LoadCases(
+            tuple(problem.run.name for problem in problems),
+            np.array([problem.run.weight for problem in problems]),
+            np.repeat(np.arange(len(problems)), count),
+            np.array([problem.acts for problem in problems]),
+            np.array([problem.unknowns.scale for problem in problems]),
+        )
 
-    found = placed(
-        [task(share) for share in ((0.0, COHERENCE) if avoided else (0.0,))],
-        lambda gauges: worst_case(expected(gauges), [own.acts for own in posed]),
-        lambda gauges: listed_gauges(gauges, training, screened),
-        using.progress,
-        alike=lambda gauges: alike_gauges(problem, gauges, covariance),
-        alone=lambda gauges, coherence: [
-            solve_pool(own) for own in chain(*scenarios(problem.channels.of(gauges), COHERENCE if coherence else 0.0))
-        ],
-    )
-    using.progress("hot spots", 0.9)
-    hot = tested_hot_spots(config, mesh, reduced, training, found.gauges)
-    ringing = [_ringing(own, settings, config.seed) for own in posed]
-    first = *ringing, *not_held_in_words(config, reduced, training)
-    listed = found.listed
-    there = at_gauges(config, mesh, reduced, training, found.gauges)
-    spots = hot_spot_advice(hot, listed.labels, listed.bonded.tolist())
-    places = advice_at_gauges(there, listed.labels, listed.bonded.tolist())
-    listed = replace(listed, notes=notes_at_gauges(there, len(listed.labels)))
-    by_case = None if found.task.cases is None else cases_of(found, expected(found.gauges))
-    words = () if by_case is None else cases_in_words(by_case, settings.aggregate)
-    found = replace(
-        found,
-        advice=(*filter(None, first), *unresolved_gauges(listed), *spots, *places, *words, *found.advice),
-        listed=listed,
-    )
-    return Placement(
-        **vars(found),
-        problem=problem,
-        condition=_worst_observability(found, posed, pool),
-        hot_spots=hot,
-        at_gauges=there,
-        by_case=by_case,
+    def _readings(self) -> Readings:
+        """Rows per reduced coordinate, of accelerometers at the guess."""
+        p, channels = self.problem, self.pool.channels
+        F = linearise(p.model, p.unknowns, p.model.reference, p.x[:1], instant_values(p.u)[:1])[0]
+        every = measurement_rows(p.channels.rows, p.channels.quantity, F)[:, : p.model.size]
+        rows = np.where((channels >= 0)[..., None], every[channels], 0.0)
+        return Readings(rows, p.channels.noise_std[channels] ** 2, self.covariance)
+
+
+def _subject(
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, using: Resources
+) -> _Structure:
+    """The problem of every load case, and the pool of the candidates that were kept."""
+    files, inputs, candidates = using.files, reduced.model.inputs, training.candidates
+    problem = problem_of(config, files, reduced, training, screened)
+    cases = runs_of(config, inputs, files)
+    problems = tuple(problem_in(run, config, files, reduced, training, screened) for run in cases) or (problem,)
+    pool = pool_of(screened.kept, problem.channels, candidates, config.place.symmetry)
+    states = 2 * problem.model.size + len(problem.unknowns.state_names)
+    if costs := of_pool_in_words(config, len(pool.gauges), states):
+        using.notice(costs)
+    price = prices(config, pool, candidates)
+    with blame("place.keep"):
+        limits = layout_limits(config.place, pool, mesh, candidates, price)
+    moved = [np.cov(case.x[:, : case.model.size], rowvar=False) for case in problems]
+    covariance = np.average(moved, axis=0, weights=[run.weight for run in cases]) if len(moved) > 1 else moved[0]
+    return _Structure(
+        config,
+        mesh,
+        reduced,
+        training,
+        screened,
+        using,
+        problem,
+        problems,
+        pool,
+        price,
+        limits,
+        covariance,
+        _avoided(config, screened, len(problems)),
     )
 
 
@@ -200,101 +269,40 @@ def _avoided(config: PlacementConfig, screened: Screened, cases: int) -> np.ndar
     return screened.installation
 
 
-@dataclass(frozen=True)
-class Posed:
-    """A training run with its estimation problem: x of it, amplitudes and process noise; peak (m,): largest reading of every
-    channel."""
-
-    run: Run
-    problem: Problem
-    peak: np.ndarray
-
-    @property
-    def acts(self) -> np.ndarray:
-        """Which unknowns act in it (u,) bool: all but the silent loads."""
-        return np.array([name not in self.run.silent for name in self.problem.unknowns.names])
-
-
-def _posed(
-    config: PlacementConfig,
-    reduced: Reduced,
-    problem: Problem,
-    training: Training,
-    screened: Screened,
-    using: Resources,
-) -> tuple[Posed, ...]:
-    """The load cases, or the loads as stated where there are none."""
-    runs = runs_of(config, reduced.model.inputs, using.files)
-    if not runs:
-        return (Posed(run_as_stated(config, reduced.model.inputs, using.files), problem, training.peak),)
-    return tuple(
-        Posed(run, problem_in(run, config, using.files, reduced, training, screened), training.cases[run.name].peak)
-        for run in runs
-    )
-
-
-def _cases(posed: Sequence[Posed], count: Sequence[int]) -> LoadCases | None:
-    """The load cases with so many scenarios each; None of the loads as stated."""
-    if not posed[0].run.name:
-        return None
-    return LoadCases(
-        tuple(own.run.name for own in posed),
-        np.array([own.run.weight for own in posed]),
-        np.repeat(np.arange(len(posed)), count),
-        np.array([own.acts for own in posed]),
-        np.array([own.problem.unknowns.scale for own in posed]),
-    )
-
-
-def _covariance(posed: Sequence[Posed]) -> np.ndarray:
-    """Of the coordinates in training (n, n), the weighed mean over load cases."""
-    found = [np.cov(own.problem.x[:, : own.problem.model.size], rowvar=False) for own in posed]
-    if len(found) == 1:
-        return found[0]
-    return np.asarray(np.average(found, axis=0, weights=[own.run.weight for own in posed]))
-
-
-def _readings(problem: Problem, channels: np.ndarray, covariance: np.ndarray) -> Readings:
-    """Rows per reduced coordinate, of accelerometers at the guess; channels (pool, c): rows of train.h5, −1 for none."""
-    p, there = problem, channels >= 0
-    F = linearise(p.model, p.unknowns, p.model.reference, p.x[:1], instant_values(p.u)[:1])[0]
-    every = measurement_rows(p.channels.rows, p.channels.quantity, F)[:, : p.model.size]
-    rows = np.where(there[..., None], every[channels], 0.0)
-    return Readings(rows, p.channels.noise_std[channels] ** 2, covariance)
-
-
-def _ringing(posed: Posed, settings: Place, seed: int) -> str:
+def _ringing(problem: Problem, config: PlacementConfig) -> str:
     """What to know of instants at which a start from rest still rings; without a parameter the instant does not matter."""
-    p, case = posed.problem, posed.run.name
+    p, case = problem, problem.run.name
     if not p.unknowns.parameters:
         return ""
-    instants = placed_instants(p, p.model.reference, p.x, settings, seed)
-    said = ringing_in_words(p.settle, p.loading, p.model, instants)
-    return f"Load case {case}: {said}" if case and said else said
+    instants = placed_instants(p, p.model.reference, p.x, config.place, config.seed)
+    words = ringing_in_words(p.run.settle, p.loading, p.model, instants)
+    return f"Load case {case}: {words}" if case and words else words
 
 
-def _worst_observability(found: Placed, posed: Sequence[Posed], pool: PoolRows) -> Observability:
+def _worst_observability(placement: Placement, subject: _Structure) -> Observability:
     """Of the first instant of every load case, that of the largest condition."""
-    task = found.task
-    first = [0] if task.cases is None else [int(np.flatnonzero(task.cases.of == case)[0]) for case in range(len(posed))]
+    task = placement.task
+    of = np.zeros(1, dtype=int) if task.cases is None else task.cases.of
+    first = [task.pools[int(np.flatnonzero(of == case)[0])] for case in range(len(subject.problems))]
     every = [
-        _observability(own, task.pools[at].scenario.scaled(1 / task.pools[at].scale), pool)
-        for own, at in zip(posed, first, strict=True)
+        _observability(problem, pool.scenario.scaled(1 / pool.scale), subject)
+        for problem, pool in zip(subject.problems, first, strict=True)
     ]
-    return max(every, key=lambda own: own.condition)
+    return max(every, key=lambda case: case.condition)
 
 
-def _observability(posed: Posed, scenario: Scenario, pool: PoolRows) -> Observability:
+def _observability(problem: Problem, scenario: Scenario, subject: _Structure) -> Observability:
     """Of x* as it is, not in the coordinates of a solved pool."""
-    p, n = posed.problem, posed.problem.model.size
+    p, n = problem, problem.model.size
     frequency = np.sqrt(modal_basis(p.model, p.model.reference)[0])
     amplitude = float(np.sqrt(np.sum((p.x[:, :n] * frequency) ** 2 + p.x[:, n:] ** 2, axis=1)).max())
-    there = pool.channels >= 0
-    used = pool.channels[there]
-    H = scenario.H[there] if scenario.H.ndim == 3 else scenario.H
+    exists = subject.pool.channels >= 0
+    used = subject.pool.channels[exists]
+    peak = subject.training.motion_in(p.run.name).peak[used]
+    H = scenario.H[exists] if scenario.H.ndim == 3 else scenario.H
     return observability(
         scenario.F,
-        H / largest_of_quantity(posed.peak[used], p.channels.quantity[used])[:, None],
+        H / largest_of_quantity(peak, p.channels.quantity[used])[:, None],
         names=p.unknowns.state_names,
         frequency=frequency,
         state_amplitude=amplitude,
@@ -316,14 +324,14 @@ def pool_of(kept: np.ndarray, channels: Channels, candidates: Candidates, symmet
         partner = mirror_partners(candidates, symmetry.point, symmetry.normal)
     bonded = np.zeros(channels.gauges, dtype=bool)
     bonded[candidates.gauge[candidates.bonded]] = True
-    there = np.zeros(channels.gauges, dtype=bool)
-    there[kept] = True
+    kept_gauges = np.zeros(channels.gauges, dtype=bool)
+    kept_gauges[kept] = True
     pairs = []
     for gauge in kept:
         other = int(partner[gauge])
         if bonded[gauge] or other == gauge:
             pairs.append((int(gauge), -1))
-        elif other > gauge and there[other] and not bonded[other]:
+        elif other > gauge and kept_gauges[other] and not bonded[other]:
             pairs.append((int(gauge), other))
     if not pairs:
         raise InfeasibleError(
@@ -351,35 +359,39 @@ def _left_aligned(channels: np.ndarray) -> np.ndarray:
     return moved[:, (moved >= 0).any(axis=0)]
 
 
-def placement_output(found: Placement, mesh: Mesh, length_unit: str) -> Output:
+def placement_output(placement: StructurePlacement, mesh: Mesh, length_unit: str) -> Output:
     """Datasets, numbers, tables and files; length_unit of the deck."""
-    condition, lost, unknowns = found.condition, found.condition.null_direction, found.task.unknowns
+    condition, unknowns, by_case, hot = (
+        placement.condition,
+        placement.task.unknowns,
+        placement.by_case,
+        placement.hot_spots,
+    )
     scale = dict(zip(unknowns.names, unknowns.scale.tolist(), strict=True))
-    by_case = found.by_case
     if by_case is not None:
         scale = {name: float(by_case.scale[name][by_case.name.index(by_case.worst[name])]) for name in unknowns.names}
-    budget = found.expected.budget
-    record = PlacedRecord(
-        **vars(layout_record(found)),
-        expected_std={name: std * scale[name] for name, std in found.expected.std.items()},
-        without=found.expected.without,
-        budget=budget_of_shares(budget),
+    expected = placement.expected
+    record = layout_record(
+        Placed,
+        placement,
+        expected_std={name: std * scale[name] for name, std in expected.std.items()},
+        without=expected.without,
+        budget=budget_of_shares(expected.budget),
         observability=record_from(PbhNumbers, condition),
-        hot_spots=found.hot_spots,
-        at_gauges=found.at_gauges,
+        hot_spots=hot,
+        at_gauges=placement.at_gauges,
         by_case=by_case,
     )
-    numbers: dict[str, Scalar] = {"condition": condition.condition} | ({"null_direction": lost} if lost else {})
-    rests = rests_on_loads_in_words(found.problem)
-    numbers |= {"rests_on_loads": rests} if rests else {}
-    hot = found.hot_spots
-    cases = () if by_case is None else (case_table(by_case, found.task.criterion.symbol),)
-    tables: tuple[Table, ...] = (*cases, budget_table(budget))
+    rests, lost = rests_on_loads_in_words(placement.problem), condition.null_direction
+    words = {"null_direction": lost, "rests_on_loads": rests}
+    numbers: dict[str, Scalar] = {"condition": condition.condition} | {key: text for key, text in words.items() if text}
+    tables: tuple[Table, ...] = (budget_table(expected.budget),)
+    if by_case is not None:
+        tables = (case_table(by_case, placement.task.criterion.symbol), *tables)
     if hot is not None:
         numbers |= {"hot_spots": int(hot.hot.sum())}
-        tables += (hot_spot_table(hot, found.listed.labels),)
+        tables += (hot_spot_table(hot, placement.listed.labels),)
     attributes = {f"/expected_std/{name}": {"scale": size} for name, size in scale.items()}
-    unit = units_in_words(found.problem.channels.quantity)
-    output = layout_output(found, record, mesh, length_unit, numbers, attributes, tables, unit)
+    output = layout_output(placement, record, mesh, length_unit, numbers, attributes, tables)
     message = f"{output.message}, hardly observable: {lost}" if lost else output.message
     return replace(output, message=f"{message}; {rests}" if rests else message)

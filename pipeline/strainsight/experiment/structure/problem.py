@@ -9,18 +9,17 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.config.loads import Settle
 from strainsight.config.placement import Place, PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.record import Settled
 from strainsight.estimation.update import Form
 from strainsight.experiment.structure.candidates import Channels, channels_of
 from strainsight.experiment.structure.references import unknowns_of
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.training import Run, run_as_stated, typical_of
-from strainsight.loads.histories import Signal, instant_values
+from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import WALK, Unknowns
 from strainsight.loads.linearisation import (
     Rule,
@@ -50,17 +49,15 @@ SILENT = 1e12
 class Problem:
     """One estimation problem before its gauges are chosen.
 
-    model; unknowns; signals of all inputs by name; settle: how motions under them begin; x (steps + 1, 2n) and loading of
-    the training run; Q (n*, n*) process intensity of the filter, frozen_Q that of the placement, which differs where the
-    thesis's printed numbers are asked for; printed: whether they are; channels of all candidates; scheme of the time step,
-    form of the covariance and iterations of the update of the extended filter; method of the filter; drifting: whether
-    parameters drift in it, or are constants.
+    model; unknowns; run: the training run, with its motion x (steps + 1, 2n) and loading; Q (n*, n*) process intensity of the
+    filter, frozen_Q that of the placement, which differs where the thesis's printed numbers are asked for; printed: whether they
+    are; channels of all candidates; scheme of the time step, form of the covariance and iterations of the update of the extended
+    filter; method of the filter; drifting: whether parameters drift in it, or are constants.
     """
 
     model: ReducedModel
     unknowns: Unknowns
-    signals: Mapping[str, Signal]
-    settle: Settle
+    run: Run
     x: np.ndarray
     loading: Loading
     Q: np.ndarray
@@ -82,6 +79,11 @@ class Problem:
     def h(self) -> float:
         """Step [s] of the training run."""
         return self.loading.h
+
+    @property
+    def acts(self) -> np.ndarray:
+        """Which unknowns act in the run (u,) bool: all but its silent loads."""
+        return np.array([name not in self.run.silent for name in self.unknowns.names])
 
     @property
     def known(self) -> tuple[str, ...]:
@@ -142,26 +144,25 @@ def problem_in(
     channels = channels_of(training, screened)
     if h != config.train.time_step:
         channels = replace(channels, noise_std=channels.noise_std * np.sqrt(config.train.time_step / h))
-    own = config.filter
-    drifting = own.method == "extended" if own.drift is None else own.drift
+    settings = config.filter
+    drifting = settings.method == "extended" if settings.drift is None else settings.drift
     if not drifting:
         constant = range(len(Q) - len(unknowns.parameters), len(Q))
         Q[constant, constant] = 0.0
     return Problem(
         model,
         unknowns,
-        run.signals,
-        run.settle,
+        run,
         x,
         loading,
         Q,
         frozen_Q,
         rule == "as_printed",
         channels,
-        own.scheme,
-        own.form,
-        own.iterations,
-        own.method,
+        settings.scheme,
+        settings.form,
+        settings.iterations,
+        settings.method,
         drifting,
     )
 
@@ -207,17 +208,17 @@ def filter_model(
     Unknown loads are free beside a known one. Without one nothing tells parameters from them but how they move as stated, and a
     damping is seen by small differences of phase, which noise of free loads would blur.
     """
-    own, there = problem.channels, channels >= 0
-    rows = np.where(there[..., None], own.rows[channels], 0.0)
-    quantity = np.where(there, own.quantity[channels], STRAIN)
-    std = own.noise_std[channels] if stated is None else np.where(np.isnan(stated), own.noise_std[channels], stated)
+    every, exists = problem.channels, channels >= 0
+    rows = np.where(exists[..., None], every.rows[channels], 0.0)
+    quantity = np.where(exists, every.quantity[channels], STRAIN)
+    std = every.noise_std[channels] if stated is None else np.where(np.isnan(stated), every.noise_std[channels], stated)
     std = np.asarray(noise_factor)[..., None] * std
     H = np.concatenate(
         [rows, np.zeros((*channels.shape, problem.unknowns.size(problem.model) - rows.shape[-1]))], axis=-1
     )
     r = channel_intensity(std, problem.h, rows, quantity, problem.Q)
     fixed = {name: value for name, value in problem.model.reference.items() if name not in problem.unknowns.parameters}
-    change = own.change.of_terms(lambda X: np.where(there[..., None], X[channels], 0.0))
+    change = every.change.of_terms(lambda X: np.where(exists[..., None], X[channels], 0.0))
     return FilterModel(
         problem.model,
         problem.unknowns,
@@ -292,8 +293,8 @@ def scheme_in_words(problem: Problem, h: float) -> str:
 
 def sample_std(problem: Problem, channels: np.ndarray, h: float, noise_factor: float | np.ndarray = 1.0) -> np.ndarray:
     """σ of one sample every h [s] of channels (k,) or (B, k) [unit of the channel], 1 where there is none."""
-    own = problem.channels.noise_std[channels] * np.sqrt(problem.h / h)
-    return np.where(channels >= 0, np.asarray(noise_factor)[..., None] * own, 1.0)
+    noise_std = problem.channels.noise_std[channels] * np.sqrt(problem.h / h)
+    return np.where(channels >= 0, np.asarray(noise_factor)[..., None] * noise_std, 1.0)
 
 
 def settled_under(problem: Problem, loading: Loading) -> Settled | None:
@@ -343,8 +344,8 @@ def scenarios_of(
         x = p.x if theta == p.model.reference else motion_of(p.model, theta, p.loading)
         chosen = placed_instants(p, theta, x, settings, seed)
         F = linearise(p.model, p.unknowns, theta, x[chosen], u[chosen], settings.damping_slope)
-        for own, H, r in zip(F, *_measured(p, channels, theta, x[chosen], u[chosen], F, installation), strict=True):
-            plain.append(Scenario(own, p.frozen_Q, H, r, np.zeros(len(own))))
+        for F_at, H, r in zip(F, *_measured(p, channels, theta, x[chosen], u[chosen], F, installation), strict=True):
+            plain.append(Scenario(F_at, p.frozen_Q, H, r, np.zeros(len(F_at))))
     return tuple(plain)
 
 
@@ -382,14 +383,14 @@ def _measured(
     installation: np.ndarray | None,
 ) -> tuple[np.ndarray, np.ndarray]:
     """H* (s, pool, c, n*) and r (s, pool, c), or without c where every pool row has one channel, at s instants."""
-    own, there = problem.channels, channels >= 0
-    used = np.unique(channels[there])
-    sensed = own.sensed(used)
+    every, exists = problem.channels, channels >= 0
+    used = np.unique(channels[exists])
+    sensed = every.sensed(used)
     rule: Rule = "as_printed" if problem.printed else "intensity"
     H = sensed.linearised(problem.model, problem.unknowns, theta, x, u, F)
-    r = channel_intensity(own.noise_std[used], problem.h, sensed.rows, sensed.quantity, problem.frozen_Q, rule)
+    r = channel_intensity(every.noise_std[used], problem.h, sensed.rows, sensed.quantity, problem.frozen_Q, rule)
     r = r if installation is None else r + installation[used]
     at = np.searchsorted(used, channels)
-    at[~there] = 0
-    blocks, intensity = np.where(there[..., None], H[:, at], 0.0), np.broadcast_to(r[at], (len(F), *at.shape))
+    at[~exists] = 0
+    blocks, intensity = np.where(exists[..., None], H[:, at], 0.0), np.broadcast_to(r[at], (len(F), *at.shape))
     return (blocks[:, :, 0], intensity[:, :, 0]) if channels.shape[1] == 1 else (blocks, intensity)

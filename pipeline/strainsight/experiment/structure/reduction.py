@@ -27,18 +27,17 @@ from strainsight.experiment.structure.references import (
 from strainsight.experiment.structure.results import model_of_results
 from strainsight.experiment.structure.training import refuse_damping
 from strainsight.fem.affine import DAMPING, Parameter, at_their_references
-from strainsight.fem.factorisation import Factorise, factorise
+from strainsight.fem.factorisation import Factorise, factorise, relief_of
 from strainsight.fem.loads import misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, FullModel, build_model, nodal
 from strainsight.fem.modes import modes as lowest_modes
-from strainsight.fem.relief import relief_of
 from strainsight.foreign.matrices.files import NOTED, read_matrix, read_numbering, symmetric
 from strainsight.foreign.ready import ReadyMatrices, Term, build_ready_model, ready_matrices
 from strainsight.memory import available_memory
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import OF_MASS, shapes, with_value
 from strainsight.mesh.units import length_factor, mass_factor
-from strainsight.parallel.sweep import Sweep, in_threads, serial, threads, watched
+from strainsight.parallel import Sweep, in_threads, serial, threads, watched
 from strainsight.processes import peak_memory
 from strainsight.records.reduced import FromResults, HeldOut, Misaligned, Modes, ReadyBasis, Reduced
 from strainsight.records.training import Training
@@ -69,38 +68,32 @@ def full_model(
     config: the section `mesh`, of which READS are read; loads: those whose static responses results are read for; by: who
     factorises its stiffness.
     """
-    built = _built(config, mesh, parameters, files, loads)
-    return replace(built, model=replace(built.model, factorise=by))
-
-
-def _built(
-    config: MeshFile,
-    mesh: Mesh,
-    parameters: Sequence[Parameter],
-    files: Mapping[str, Path],
-    loads: Mapping[str, Load] | None,
-) -> FullModel:
     if config.results is not None:
         full = model_of_results(config, mesh, parameters, files, loads)
-        return replace(full, model=_with_densities(full.model, parameters))
-    if config.matrices is None:
+        full = replace(full, model=_with_densities(full.model, parameters))
+    elif config.matrices is None:
         with blame("mesh.file"), mesh.located():
-            model = _with_densities(build_model(mesh, parameters, free=config.free), parameters)
+            full = FullModel(_with_densities(build_model(mesh, parameters, free=config.free), parameters))
         if config.free:
-            _whole_mass(model)
-        return FullModel(model)
-    ready, said = _read(config.matrices, config, files)
-    with blame("mesh.matrices.numbering"), mesh.located():
-        full = build_ready_model(mesh, ready)
-    return replace(full, notes=(*said, *full.notes))
+            _whole_mass(full.model)
+    else:
+        ready, notes = _read(config.matrices, config, files)
+        with blame("mesh.matrices.numbering"), mesh.located():
+            full = build_ready_model(mesh, ready)
+        full = replace(full, notes=(*notes, *full.notes))
+    return replace(full, model=replace(full.model, factorise=by))
 
 
 def _with_densities(model: FiniteElementModel, parameters: Sequence[Parameter]) -> FiniteElementModel:
     """Loads that act on mass are those of the mass at the reference."""
-    for own in parameters:
-        known = own.property != "density" or all(model.mesh.density_of(number) is not None for number in own.regions)
-        if own.property in OF_MASS and known:
-            model = replace(model, mesh=with_value(model.mesh, own.property, own.regions, own.reference))
+    for parameter in parameters:
+        known = parameter.property != "density" or all(
+            model.mesh.density_of(number) is not None for number in parameter.regions
+        )
+        if parameter.property in OF_MASS and known:
+            model = replace(
+                model, mesh=with_value(model.mesh, parameter.property, parameter.regions, parameter.reference)
+            )
     return model
 
 
@@ -120,10 +113,10 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
     with blame("mesh.matrices.numbering"):
         path = files["mesh.matrices.numbering"]
         node_ids, components = read_numbering(path)
-    said: list[str] = []
+    notes: list[str] = []
     terms: dict[str, list[Term]] = {"stiffness": [], "mass": []}
-    for kind, own in (("stiffness", matrices.stiffness), ("mass", matrices.mass)):
-        for i, entry in enumerate(own):
+    for kind, entries in (("stiffness", matrices.stiffness), ("mass", matrices.mass)):
+        for i, entry in enumerate(entries):
             key = f"mesh.matrices.{kind}.{i}.file"
             with blame(key):
                 X = read_matrix(files[key], entry.name)
@@ -135,7 +128,7 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
                     )
                 X, off = symmetric(X, files[key])
             if off > NOTED:
-                said.append(
+                notes.append(
                     f"{files[key].name} is off symmetry by {off:.1e} of its largest entry and is made symmetric"
                 )
             terms[kind].append(Term(X, entry.parameter, 1.0 if entry.at is None else entry.at))
@@ -149,7 +142,7 @@ def _read(matrices: Matrices, config: MeshFile, files: Mapping[str, Path]) -> tu
             mass_factor(config.mass_unit),
             str(path),
         )
-    return ready, said
+    return ready, notes
 
 
 def solver_of(config: PlacementConfig, using: Resources) -> Factorise:
@@ -193,7 +186,7 @@ def spectrum_of(config: PlacementConfig, mesh: Mesh, using: Resources) -> Modes:
     Empty where shapes change with them, as of two materials or of plies: `validate` then solves for the truth at its own values.
     """
     count, parameters = config.validation.truth.modes, _in_the_middle(config, mesh)
-    if any(shapes(mesh, number, own.property) for own in parameters for number in own.regions):
+    if any(shapes(mesh, number, parameter.property) for parameter in parameters for number in parameter.regions):
         return NO_MODES  # K is no multiple of one matrix, which need not be assembled to say so
     return _lowest(config, mesh, parameters, count, "validate.truth.modes", using, scaled=True)
 
@@ -226,14 +219,14 @@ def _lowest(
 
 def _in_the_middle(config: PlacementConfig, mesh: Mesh) -> tuple[Parameter, ...]:
     """The free material properties at the geometric mean of their ranges."""
-    found = []
+    middle_of = []
     for name, entry in config.parameters.items():
         if entry.property == DAMPING:
             continue
         regions, springs = ((), ()) if config.mesh.matrices is not None else places_of(name, entry, mesh, config.mesh)
         middle = float(np.sqrt(entry.range[0] * entry.range[1]))
-        found.append(Parameter(name, entry.property, regions, middle, springs, entry.range, entry.material))
-    return tuple(found)
+        middle_of.append(Parameter(name, entry.property, regions, middle, springs, entry.range, entry.material))
+    return tuple(middle_of)
 
 
 def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.ndarray) -> None:
@@ -241,11 +234,11 @@ def _require_strain(config: PlacementConfig, model: FiniteElementModel, S: np.nd
     reference = dict.fromkeys(model.mass.parameters, 1.0)  # of one density, which is a factor of the whole mass
     left = relief_of(model.mass.at(reference), np.asarray(model.rigid)).balanced(S)
     share = np.linalg.norm(left, axis=0) / np.linalg.norm(S, axis=0)
-    for name, own in zip(config.loads, share, strict=True):
-        if own < BALANCED:
+    for name, strained in zip(config.loads, share, strict=True):
+        if strained < BALANCED:
             raise UserError(
                 "the load pulls at all mass alike: it accelerates a free structure (mesh.free) as a whole and strains nothing "
-                f"({own:.1e} of it is left when the inertia is subtracted)",
+                f"({strained:.1e} of it is left when the inertia is subtracted)",
                 key=f"loads.{name}",
                 remedy="remove the load, or hold the structure (mesh.supports) in place of mesh.free",
             )
@@ -265,7 +258,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
     ranges = {name: config.parameters[name].range for name in reference}
     using.progress("static responses", 0.2)
     with blame("rom.modes"):
-        found = reduce_model(
+        reduction = reduce_model(
             built.model,
             S,
             tuple(config.loads),
@@ -280,26 +273,26 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
             off.reshape(len(off), -1),
             load_slopes(built.model, config.loads, parameters),
         )
-    refuse_damping(found.model.damping, found.frequency)
+    refuse_damping(reduction.model.damping, reduction.frequency)
     using.progress("held-out errors", 0.7)
     watch = watched(sweep, lambda share: using.progress("held-out errors", 0.7 + 0.3 * share))
-    held_out = held_out_errors(built.model, S, found, held_out_samples(reference, ranges, HELD_OUT), watch)
+    held_out = held_out_errors(built.model, S, reduction, held_out_samples(reference, ranges, HELD_OUT), watch)
     tried = np.array([[point[name] for name in reference] for point in held_out.theta])
     if config.train.model == "static":
-        model, basis = quasi_static(found.model, found.basis)
-        found = replace(found, model=model, basis=basis)
+        model, basis = quasi_static(reduction.model, reduction.basis)
+        reduction = replace(reduction, model=model, basis=basis)
     free = damping_parameter(config.parameters, using.files)
-    shape = np.tensordot(found.basis, off, axes=(0, 0))
-    kept = np.linalg.solve(found.model.stiffness.at(reference), shape.reshape(len(shape), -1))
-    missed = found.aside - found.basis @ kept
+    shape = np.tensordot(reduction.basis, off, axes=(0, 0))
+    kept = np.linalg.solve(reduction.model.stiffness.at(reference), shape.reshape(len(shape), -1))
+    missed = reduction.aside - reduction.basis @ kept
     return Reduced(
-        model=found.model if free is None else found.model.with_damping(*free),
-        frequency=found.frequency,
-        basis=nodal(built.model, found.basis),
-        static=found.static,
+        model=reduction.model if free is None else reduction.model.with_damping(*free),
+        frequency=reduction.frequency,
+        basis=nodal(built.model, reduction.basis),
+        static=reduction.static,
         misaligned=Misaligned(
             shape=shape,
-            static=found.aside.reshape(off.shape),
+            static=reduction.aside.reshape(off.shape),
             missed=nodal(built.model, missed).reshape(-1, *off.shape[1:]),
         ),
         error=HeldOut(
@@ -309,7 +302,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
         matrices=None
         if built.motion is None
         else ReadyBasis(
-            basis=built.motion @ found.basis,
+            basis=built.motion @ reduction.basis,
             missed=(built.motion @ missed).reshape(-1, *off.shape[1:]),
             notes=tuple(built.notes),
         ),
@@ -329,14 +322,14 @@ def inertia_problems(train: Train, training: Training, first: float) -> Iterator
     """
     if train.model == "static":
         share = left_out(training, first)
-        said = (
+        words = (
             f"inertia, which train.model: static leaves out, adds up to {100 * share:.2g} % to what these loads strain (first "
             f"mode {first:.4g} Hz)"
         )
         if share > INERTIA_MOST:
-            raise InfeasibleError(said, key="train.model", remedy="train.model: dynamic, or slower loads")
+            raise InfeasibleError(words, key="train.model", remedy="train.model: dynamic, or slower loads")
         if share > INERTIA_NOTED:
-            yield f"{said[0].upper()}{said[1:]}: σ does not know of it."
+            yield f"{words[0].upper()}{words[1:]}: σ does not know of it."
     elif first * train.time_step * SAMPLES > 1:
         yield (
             f"A step of {train.time_step:g} s is {first * train.time_step:.2g} periods of the first mode, {first:.4g} Hz: "

@@ -14,7 +14,7 @@ from strainsight.config.loads import InputNoise, Load
 from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, InfeasibleError, UserError, blame
-from strainsight.experiment.layout.gauge_list import zone_of
+from strainsight.experiment.layout.gauge_list import sites_of
 from strainsight.experiment.recorded import named_regions
 from strainsight.fem.affine import DAMPING, Parameter
 from strainsight.fem.by_region import regions_of
@@ -73,7 +73,7 @@ def parameters_of(
     Raises ConfigError where a region or spring does not exist, a guess is far from the file's value or cannot be taken from
     another run.
     """
-    found = []
+    parameters = []
     for name, entry in config.items():
         value, (low, high) = reference_value(name, entry.guess, files), entry.range
         if not low <= value <= high:
@@ -86,7 +86,7 @@ def parameters_of(
             continue
         if section is not None and section.matrices is not None:
             _check_against_terms(name, value, section.matrices)
-            found.append(Parameter(name, entry.property, (), value, range=entry.range))
+            parameters.append(Parameter(name, entry.property, (), value, range=entry.range))
             continue
         regions, springs = places_of(name, entry, mesh, section)
         of_deck: dict[str, float] = {}
@@ -113,8 +113,8 @@ def parameters_of(
                 )
         if entry.property == THICKNESS:
             _require_alike(name, of_deck)
-        found.append(Parameter(name, entry.property, regions, value, springs, entry.range, entry.material))
-    return tuple(found)
+        parameters.append(Parameter(name, entry.property, regions, value, springs, entry.range, entry.material))
+    return tuple(parameters)
 
 
 def damping_parameter(config: Mapping[str, MaterialParameter], files: Mapping[str, Path]) -> tuple[str, float] | None:
@@ -152,8 +152,8 @@ def places_of(
 def _check_against_terms(name: str, value: float, matrices: Matrices) -> None:
     terms = [
         (f"mesh.matrices.{kind}.{i}", term)
-        for kind, own in (("stiffness", matrices.stiffness), ("mass", matrices.mass))
-        for i, term in enumerate(own)
+        for kind, entries in (("stiffness", matrices.stiffness), ("mass", matrices.mass))
+        for i, term in enumerate(entries)
         if term.parameter == name
     ]
     for key, term in terms:
@@ -214,34 +214,34 @@ def load_slopes(
 
     Raises UserError where the density and a section of one region are free: S would be their product."""
     on_mass = [i for i, load in enumerate(point_loads(config).values()) if load.of_mass]
-    found = {}
-    for own in parameters if on_mass else ():
-        if own.property in OF_MASS:
-            _require_affine(own, parameters)
-            step = 1e-3 if own.property == THICKNESS else 1.0
+    slopes = {}
+    for parameter in parameters if on_mass else ():
+        if parameter.property in OF_MASS:
+            _require_affine(parameter, parameters)
+            step = 1e-3 if parameter.property == THICKNESS else 1.0
             # a factor is one of what the mesh of the model has
-            value = (1 + step) * (own.reference if own.property in ("density", THICKNESS) else 1.0)
-            more = replace(model, mesh=with_value(model.mesh, own.property, own.regions, value))
+            value = (1 + step) * (parameter.reference if parameter.property in ("density", THICKNESS) else 1.0)
+            more = replace(model, mesh=with_value(model.mesh, parameter.property, parameter.regions, value))
             names = [list(config)[i] for i in on_mass]
             change = [load_shapes(each, {name: config[name] for name in names}) for each in (more, model)]
             slope = np.zeros((model.size, len(config)))
-            slope[:, on_mass] = (change[0] - change[1]) / (step * own.reference)
-            found[own.name] = slope
-    return found
+            slope[:, on_mass] = (change[0] - change[1]) / (step * parameter.reference)
+            slopes[parameter.name] = slope
+    return slopes
 
 
-def _require_affine(own: Parameter, parameters: Sequence[Parameter]) -> None:
+def _require_affine(parameter: Parameter, parameters: Sequence[Parameter]) -> None:
     """Raises UserError where the density and a thickness or factor of the section of one region are free."""
     for other in parameters:
-        both = {own.property, other.property} & {"density"}
+        both = {parameter.property, other.property} & {"density"}
         if (
             both
             and other.property in OF_MASS
-            and own.property != other.property
-            and set(own.regions) & {*other.regions}
+            and parameter.property != other.property
+            and set(parameter.regions) & {*other.regions}
         ):
             raise UserError(
-                f"{own.name} and {other.name} multiply each other in loads on mass (gravity, rotation)",
+                f"{parameter.name} and {other.name} multiply each other in loads on mass (gravity, rotation)",
                 key=f"parameters.{other.name}",
                 remedy="keep one of them, or give the load as forces",
             )
@@ -281,16 +281,16 @@ def characteristic(entry: Load, signal: Signal, duration: float) -> tuple[float,
     noise = entry.process_noise
     match signal:
         case Sine():
-            own = (signal.frequency, signal.amplitude)
+            typical = (signal.frequency, signal.amplitude)
         case Sweep():
-            own = (max(signal.start, signal.stop), signal.amplitude)
+            typical = (max(signal.start, signal.stop), signal.amplitude)
         case MultiSine():
-            own = (signal.highest, signal.amplitude)
+            typical = (signal.highest, signal.amplitude)
         case _:
             t = np.linspace(0, duration, 2001)
-            own = (float("nan"), float(np.abs(evaluate(signal, t)).max()))
-    frequency = noise.frequency if noise.frequency is not None else own[0]
-    amplitude = noise.amplitude if noise.amplitude is not None else own[1]
+            typical = (float("nan"), float(np.abs(evaluate(signal, t)).max()))
+    frequency = noise.frequency if noise.frequency is not None else typical[0]
+    amplitude = noise.amplitude if noise.amplitude is not None else typical[1]
     return float(frequency), float(amplitude)
 
 
@@ -338,13 +338,19 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     Raises UserError with the key of what is not there, and of a load that would change with a parameter.
     """
     if config.mesh.matrices is None:
-        known = {name: own for name, own in config.parameters.items() if not isinstance(own.guess, GuessFrom)}
+        known = {
+            name: parameter_entry
+            for name, parameter_entry in config.parameters.items()
+            if not isinstance(parameter_entry.guess, GuessFrom)
+        }
         parameters_of(known, mesh, {}, config.mesh)
         for name, parameter in config.parameters.items():
             if parameter.property != DAMPING:
                 places_of(name, parameter, mesh, config.mesh)
         with blame("parameters"):
-            spring_owners(mesh, {name: own.springs or () for name, own in config.parameters.items()})
+            spring_owners(
+                mesh, {name: parameter_entry.springs or () for name, parameter_entry in config.parameters.items()}
+            )
     for name, load in point_loads(config.loads).items():
         with blame(f"loads.{name}"):
             if load.moment is None:
@@ -363,13 +369,10 @@ def check_references(config: PlacementConfig, mesh: Mesh) -> None:
     if not mesh.has_surface or config.gauges.given is not None:
         return
     facets = exterior_facets(mesh)
-    sites = {"gauges": config.gauges} | {f"motion_sensors.{name}": own for name, own in config.motion_sensors.items()}
-    for key, own in sites.items():
-        include, exclude = ([zone_of(entry) for entry in zones] for zones in (own.include, own.exclude))
-        with suppress(
-            InfeasibleError
-        ):  # what leaves no facet is named by `train`: an import is there to look at the faces
-            admissible(mesh, facets, surface=own.surface, include=include, exclude=exclude, key=key)
+    for key, sensors in families(config).items():
+        # what leaves no facet is named by `train`: an import is there to look at the faces
+        with suppress(InfeasibleError):
+            admissible(mesh, facets, **sites_of(sensors), key=key)
 
 
 def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
@@ -393,33 +396,35 @@ def on_one_node(loads: Mapping[str, Load], mesh: Mesh) -> tuple[str, ...]:
     solid, shell, beam = (_nodes(blocks) for blocks in (mesh.blocks, mesh.shells, mesh.beams))
     shell = np.setdiff1d(shell, beam)
     tied = {tie.reference for tie in mesh.rigid} | {tie.reference for tie in mesh.averaging}
-    found = []
+    sentences = []
     for name, load in loads.items():
         if load.node is not None and load.moment is None:
             node = mesh.node_index(load.node)
             if node not in tied and (node in solid or node in shell):
                 what = "solid" if node in solid else "shell"
-                found.append(
+                sentences.append(
                     f"loads.{name} acts on node {load.node} of a {what} alone: strain beside it grows with a finer mesh. Spread "
                     f"the force over a face (mesh.faces, loads.{name}.set), or tie its nodes to a reference node (mesh.ties)"
                 )
-    return tuple(found)
+    return tuple(sentences)
 
 
 def beyond_range(config: PlacementConfig, mesh: Mesh) -> tuple[str, ...]:
     """A sentence for every parameter whose value in the deck lies outside of its range."""
-    found = []
-    known = {name: own for name, own in config.parameters.items() if own.property != DAMPING and not own.springs}
-    for name, own in known.items() if config.mesh.matrices is None and config.mesh.results is None else ():
-        for region in places_of(name, own, mesh, config.mesh)[0]:
-            value, (low, high) = value_of(mesh, region, own.property, own.material), own.range
+    sentences = []
+    known = {
+        name: entry for name, entry in config.parameters.items() if entry.property != DAMPING and not entry.springs
+    }
+    for name, entry in known.items() if config.mesh.matrices is None and config.mesh.results is None else ():
+        for region in places_of(name, entry, mesh, config.mesh)[0]:
+            value, (low, high) = value_of(mesh, region, entry.property, entry.material), entry.range
             if not low <= value <= high:
-                found.append(
+                sentences.append(
                     f"{name} is {value:.4g} in {mesh.regions[region]} of the deck, outside parameters.{name}.range, {low:g} to "
                     f"{high:g}: widen the range, or correct the deck, the region or the guess"
                 )
                 break
-    return tuple(found)
+    return tuple(sentences)
 
 
 def _nodes(blocks: Sequence[CellBlock | ShellBlock | BeamBlock]) -> np.ndarray:

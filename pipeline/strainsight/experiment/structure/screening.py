@@ -25,7 +25,7 @@ from strainsight.records.training import CaseMotion, Screened, Training, with_mi
 from strainsight.rom.model import ReducedModel, accelerations
 from strainsight.sensors.candidates import ACCELERATION, Candidates
 from strainsight.sensors.installation import Sensitivity, given_sensitivity, installation_variance, sensitivity_rows
-from strainsight.sensors.points import surface_of
+from strainsight.sensors.rows import surface_of
 from strainsight.sensors.screening import BEND, CLEARANCE, Screening, screen
 
 COHERENCE = 0.01
@@ -64,9 +64,9 @@ def installation_variances(
     runs = runs_of(config, inputs, files) or (run_as_stated(config, inputs, files),)
     moments = [_moments(config, reduced, training.motion_in(run.name), run) for run in runs]
     v = np.zeros((len(runs), len(pool)))
-    for own, slopes in _sensitivities(config, mesh, reduced, training, gauges):
-        part = pool.take(own)
-        v[:, own] = [installation_variance(slopes, std, part, still, moving) for still, moving in moments]
+    for index, slopes in _sensitivities(config, mesh, reduced, training, gauges):
+        part = pool.take(index)
+        v[:, index] = [installation_variance(slopes, std, part, still, moving) for still, moving in moments]
     return v
 
 
@@ -76,44 +76,47 @@ def _sensitivities(
     """Channels and their derivatives, of so many gauges at a time."""
     pool = training.candidates
     if training.given is not None:
-        own = pool.channels(gauges)
-        yield own, given_sensitivity(with_missed(training.rows[own], training.missed[own]))
+        channels = pool.channels(gauges)
+        yield channels, given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
         return
     field = with_missed(reduced.basis, reduced.misaligned.missed)
     std = installation_std(tolerances_of(config.tolerances)).position
     skin = surface_of(mesh.position, pool, exterior_facets(mesh))
     thickness = thickness_of_guess(config, mesh, reduced.model.reference)
     for few in np.array_split(gauges, len(gauges) // AT_A_TIME + 1):
-        own = pool.channels(few)
-        yield own, sensitivity_rows(mesh.position, pool.take(own), field, std, facets=skin, thickness=thickness)
+        channels = pool.channels(few)
+        yield (
+            channels,
+            sensitivity_rows(mesh.position, pool.take(channels), field, std, facets=skin, thickness=thickness),
+        )
 
 
 def _moments(
-    config: PlacementConfig, reduced: Reduced, own: Training | CaseMotion, run: Run
+    config: PlacementConfig, reduced: Reduced, motion: Training | CaseMotion, run: Run
 ) -> tuple[np.ndarray, np.ndarray]:
     """C of [q, what is beyond], and of the second rates, which nothing beyond has."""
     n = reduced.model.size
-    motions = list(_motions(config, reduced, own, run))
-    load = own.load[: len(motions[0][1])]
+    motions = list(_motions(config, reduced, motion, run))
+    load = motion.load[: len(motions[0][1])]
     z = np.vstack([np.hstack([x[:, :n], missed.reshape(len(x), -1)]) for _, x, missed in motions])
     a = np.vstack([accelerations(model, model.reference, x, load) for model, x, _ in motions])
     return z.T @ z / len(load), np.pad(a.T @ a / len(load), (0, z.shape[1] - n))
 
 
 def _motions(
-    config: PlacementConfig, reduced: Reduced, own: Training | CaseMotion, run: Run
+    config: PlacementConfig, reduced: Reduced, motion: Training | CaseMotion, run: Run
 ) -> Iterator[tuple[ReducedModel, np.ndarray, np.ndarray]]:
     """The training run, and what one σ of every misalignment adds to it: model, x (T + 1, 2n), and what it is beyond
     (T + 1, n_u, misalignments) [N rad or N m]."""
     own_std, off = tolerances_of(config.tolerances), reduced.misaligned
     std = np.repeat([np.deg2rad(own_std.load_angle), own_std.load_position], 2)
-    nothing = np.zeros((len(own.load), *off.missed.shape[1:]))
-    yield reduced.model, np.hstack([own.coordinate, own.velocity]), nothing
+    nothing = np.zeros((len(motion.load), *off.missed.shape[1:]))
+    yield reduced.model, np.hstack([motion.coordinate, motion.velocity]), nothing
     with blame(run.key):
         loading = run.loading()
     for i, way in np.argwhere((off.shape.any(axis=0) | off.missed.any(axis=0)) & (std > 0)):
         shape, missed = np.zeros_like(reduced.model.input_shape), nothing.copy()
-        shape[:, i], missed[:, i, way] = std[way] * off.shape[:, i, way], std[way] * own.load[:, i]
+        shape[:, i], missed[:, i, way] = std[way] * off.shape[:, i, way], std[way] * motion.load[:, i]
         model = reduced.model.acted_on(shape)
         yield model, motion_of(model, model.reference, loading), missed
 
@@ -135,14 +138,14 @@ def screened_of(
     clear = ~near[pool.gauge]
     best = {}
     for i, (key, family) in enumerate(families(config).items()):
-        own = pool.array == i
+        of_family = pool.array == i
         # Of candidates: one bonded in a loud place, or a corner of no finite strain, must not make all others noisier.
-        free = own & ~pool.bonded & clear if (own & ~pool.bonded).any() else own
-        noise_std[own] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
-        if own.any():
-            best[key] = float(rms[own].max()), float(noise_std[own][0])
+        free = of_family & ~pool.bonded & clear if (of_family & ~pool.bonded).any() else of_family
+        noise_std[of_family] = _noise_std(family.noise_std, rms[free], f"{key}.noise_std")
+        if of_family.any():
+            best[key] = float(rms[of_family].max()), float(noise_std[of_family][0])
         if family.range is not None:
-            limit[own] = family.range
+            limit[of_family] = family.range
     refuse_noise(best)
     v = None
     if avoids_errors(config):
@@ -179,26 +182,26 @@ def _screened(
     keep = None if settings.keep == "all" else settings.keep
     kinds = pool.array[pool.first]
     kept, reason = [], np.full(pool.gauges, CLEARANCE, dtype="<U9")
-    snr = np.max([np.sqrt(np.bincount(pool.gauge, own**2, pool.gauges)) for own in ratio], axis=0)
+    snr = np.max([np.sqrt(np.bincount(pool.gauge, of_unknown**2, pool.gauges)) for of_unknown in ratio], axis=0)
     for kind in np.unique(kinds):
         gauges = np.flatnonzero((kinds == kind) & ~near)
-        own = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
-        part = pool.take(own)
+        channels = np.flatnonzero((pool.array == kind) & ~near[pool.gauge])
+        part = pool.take(channels)
         further = None if part.arms is None else (part.arms.grid.position, part.gauge[part.arms.channel])
-        found = screen(
-            ratio[:, own],
+        screening = screen(
+            ratio[:, channels],
             1.0,
-            pool.position[own],
+            pool.position[channels],
             keep,
             settings.minimum_spacing,
-            gauge=np.searchsorted(gauges, pool.gauge[own]),
-            bonded=pool.bonded[own],
-            largest=strained[own],
-            limit=limit[own],
+            gauge=np.searchsorted(gauges, pool.gauge[channels]),
+            bonded=pool.bonded[channels],
+            largest=strained[channels],
+            limit=limit[channels],
             also_at=further,
         )
-        kept.append(gauges[found.kept])
-        snr[gauges], reason[gauges] = found.snr, found.reason
+        kept.append(gauges[screening.kept])
+        snr[gauges], reason[gauges] = screening.snr, screening.reason
     return Screening(np.sort(np.concatenate(kept)), snr, reason)
 
 
@@ -225,7 +228,7 @@ def _by_unknowns(
         )
     ratio = [rms / noise_std for _, rms in alone]
     if v is not None:
-        tau = np.array([COHERENCE * own.time[-1] for own in training.motions])
+        tau = np.array([COHERENCE * motion.time[-1] for motion in training.motions])
         std = np.sqrt(noise_std**2 + tau[:, None] * v / config.train.time_step)
         ratio += [rms / std[case] for case, rms in alone]
     return np.array(ratio).reshape(-1, len(noise_std))
@@ -247,7 +250,7 @@ def _alone(
         for name in config.place.estimate:
             if name in inputs:
                 alone = model.acted_on(model.input_shape * (np.array(inputs) == name))
-                found = _rms(training.rows, sensing, _motion(alone, model.reference, loading))
+                rms = _rms(training.rows, sensing, _motion(alone, model.reference, loading))
             else:
                 more, less = (
                     _motion(model, {**model.reference, name: way * model.reference[name]}, loading)
@@ -260,9 +263,9 @@ def _alone(
                     rows = np.hstack([rows, slope])
                     motion = _motion(model, model.reference, loading)
                     difference = [np.hstack(both) for both in zip(difference, motion, strict=True)]
-                found = _rms(rows, sensing, difference)
-            if found.any():
-                yield case, found
+                rms = _rms(rows, sensing, difference)
+            if rms.any():
+                yield case, rms
 
 
 def _motion(model: ReducedModel, theta: Mapping[str, float], loading: Loading) -> Sequence[np.ndarray]:
@@ -273,10 +276,10 @@ def _motion(model: ReducedModel, theta: Mapping[str, float], loading: Loading) -
 
 def _rms(rows: np.ndarray, sensing: np.ndarray, motion: Sequence[np.ndarray]) -> np.ndarray:
     """Of every channel (m,), without its history: ‖R rᵀ‖/√T, R of q = QR; of accelerometers, `sensing` (m,), of q̈."""
-    still, moving = (np.linalg.qr(own, mode="r") / np.sqrt(len(own)) for own in motion)
-    found = np.linalg.norm(rows @ still.T, axis=1)
-    found[sensing] = np.linalg.norm(rows[sensing] @ moving.T, axis=1)
-    return np.asarray(found)
+    still, moving = (np.linalg.qr(history, mode="r") / np.sqrt(len(history)) for history in motion)
+    rms = np.linalg.norm(rows @ still.T, axis=1)
+    rms[sensing] = np.linalg.norm(rows[sensing] @ moving.T, axis=1)
+    return np.asarray(rms)
 
 
 def _noise_std(stated: AbsoluteNoise | RelativeNoise, rms: np.ndarray, key: str) -> float:

@@ -73,9 +73,9 @@ def tones_in(held: np.ndarray, h: float, frequency: np.ndarray) -> tuple[np.ndar
     phase = np.outer(h * np.arange(len(held)), frequency)
     columns = np.hstack([np.cos(phase), -np.sin(phase)])
     flat = held.reshape(len(held), -1)
-    found = np.linalg.lstsq(columns, flat, rcond=None)[0]
-    off = (flat - columns @ found).reshape(held.shape)[:, 0]
-    real, imaginary = found.reshape(2, len(frequency), *held.shape[1:])
+    amplitude = np.linalg.lstsq(columns, flat, rcond=None)[0]
+    off = (flat - columns @ amplitude).reshape(held.shape)[:, 0]
+    real, imaginary = amplitude.reshape(2, len(frequency), *held.shape[1:])
     size = np.sqrt(np.mean(held[:, 0] ** 2, axis=0))
     return real + 1j * imaginary, np.sqrt(np.mean(off**2, axis=0)) / np.where(size > 0, size, 1.0)
 

@@ -9,9 +9,9 @@ import numpy as np
 
 from strainsight.config.tolerances import Sweeps, Validate
 from strainsight.errors import ConfigError, NumericalError
-from strainsight.estimation.filter import all_lost
 from strainsight.estimation.model import physical
 from strainsight.estimation.reduced import Driven
+from strainsight.estimation.run import all_lost
 from strainsight.experiment.structure.problem import filter_model, sample_std
 from strainsight.experiment.structure.trial import (
     Trial,
@@ -21,7 +21,7 @@ from strainsight.experiment.structure.trial import (
     scaled_truth,
     without_truth,
 )
-from strainsight.parallel.sweep import Sweep, serial
+from strainsight.parallel import Sweep, serial
 from strainsight.records.validated import NoiseStudy, RandomSets, Starts, SweepTable
 from strainsight.runner.output import Table
 

@@ -22,8 +22,15 @@ from strainsight.experiment.structure.nuisances import Tolerated
 from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.recovery import facet_strain, strain_matrix
-from strainsight.fem.stress import SurfaceModel, SurfaceState, principal, surface_model, surface_state
+from strainsight.fem.recovery import (
+    SurfaceModel,
+    SurfaceState,
+    facet_strain,
+    principal,
+    strain_matrix,
+    surface_model,
+    surface_state,
+)
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import THICKNESS

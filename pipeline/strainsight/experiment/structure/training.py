@@ -20,7 +20,7 @@ from strainsight.experiment.structure.candidates import (
     OnSurface,
     candidates_on_surface,
     free_thicknesses,
-    readings,
+    reading_sizes,
     rows_along,
     thickness_of_guess,
 )
@@ -85,14 +85,14 @@ def _run(
     train, key, silent = config.train, f"place.load_cases.{name}", silent_in(case)
     signals: dict[str, Signal] = {}
     with blame(key):
-        for own in inputs:
-            entry = case.loads.get(own)
-            if own in silent:
-                signals[own] = Constant(0.0)
+        for load in inputs:
+            entry = case.loads.get(load)
+            if load in silent:
+                signals[load] = Constant(0.0)
             elif isinstance(entry, CaseLoad):
-                signals[own] = signal_of(own, entry.signal, files, f"{key}.loads")
+                signals[load] = signal_of(load, entry.signal, files, f"{key}.loads")
             else:
-                signals[own] = signal_of(own, config.loads[own].signal, files)
+                signals[load] = signal_of(load, config.loads[load].signal, files)
     return Run(
         name,
         key,
@@ -111,11 +111,11 @@ def typical_of(
     """Frequency [Hz] and amplitude of some unknown loads in a run: as its case states them, else as process_noise of the load or
     the signal have them. A silent load has those that it has as stated: its filter does not know that it is silent."""
     stated = config.place.load_cases[run.name].loads if run.name and config.place.load_cases else {}
-    found = {}
+    typical = {}
     for name in names:
         load, entry = config.loads[name], stated.get(name)
         if name in run.silent:
-            found[name] = characteristic(load, signal_of(name, load.signal, files), config.train.duration)
+            typical[name] = characteristic(load, signal_of(name, load.signal, files), config.train.duration)
             continue
         frequency, amplitude = characteristic(load, run.signals[name], run.duration)
         if isinstance(entry, CaseLoad):
@@ -127,14 +127,12 @@ def typical_of(
                 key=f"{run.key}.loads.{name}",
                 remedy=f"state {name}: none",
             )
-        found[name] = frequency, amplitude
-    return found
+        typical[name] = frequency, amplitude
+    return typical
 
 
 AT_A_TIME = 1000
 """Arms of bridges whose readings in time are held in memory."""
-NUMBERS_AT_A_TIME = 2**22
-"""Readings that are held in memory at a time, of all instants and some channels."""
 LEAST_PERIODS = 1e-3
 """Periods of the last mode in a training run. In fewer the stiffness adds less than (2π 1e-3)²/2, a fifty-thousandth, to
 what the mass does, in every mode: no gauge tells a modulus, and the Riccati equation of 4e-5 periods is beyond double
@@ -167,11 +165,11 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
     )
     x, u, n, steps = stated.x, stated.u, model.size, len(stated.x) - 1
     using.progress("candidates", 0.3)
-    surface, given, change = None, None, NO_CHANGE
+    surface, given_rows, change = None, None, NO_CHANGE
     names: tuple[str, ...] = ()
     if config.gauges.given is None:
         with np.errstate(over="ignore", invalid="ignore"):  # readings beyond all bounds are refused below
-            moments = [own.x[:, :n].T @ own.x[:, :n] / len(own.x) for own in cases or [stated]]
+            moments = [moved.x[:, :n].T @ moved.x[:, :n] / len(moved.x) for moved in cases or [stated]]
         surface = candidates_on_surface(mesh, config, using.files, reduced.basis, np.mean(moments, axis=0))
         pool, names = surface.candidates, surface.names
         field, skin = (
@@ -181,34 +179,34 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         both, change = rows_along(
             mesh,
             free_thicknesses(config, mesh, model.reference),
-            lambda own: channel_rows(mesh.position, pool, field, facets=skin, thickness=own),
+            lambda thickness: channel_rows(mesh.position, pool, field, facets=skin, thickness=thickness),
         )
     else:
-        pool, given = _given(config, mesh, using)
+        pool, given_rows = _given(config, mesh, using)
         names = tuple(str(number) for number in pool.element)
         assert reduced.matrices is not None  # the config asks for matrices beside given gauges
-        both = given @ with_missed(reduced.matrices.basis, reduced.matrices.missed)
+        both = given_rows @ with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
     rms, peak = _sizes(stated, reduced, rows, pool)
-    found = {}
-    for own in cases:
-        using.progress(f"readings of {own.run.name}", 0.5)
-        own_rms, own_peak = _sizes(own, reduced, rows, pool)
-        found[own.run.name] = CaseMotion(
-            time=own.run.time_step * np.arange(len(own.x)),
-            load=own.u,
-            coordinate=own.x[:, :n],
-            velocity=own.x[:, n:],
-            rms=own_rms,
-            peak=own_peak,
+    motions = {}
+    for case in cases:
+        using.progress(f"readings of {case.run.name}", 0.5)
+        case_rms, case_peak = _sizes(case, reduced, rows, pool)
+        motions[case.run.name] = CaseMotion(
+            time=case.run.time_step * np.arange(len(case.x)),
+            load=case.u,
+            coordinate=case.x[:, :n],
+            velocity=case.x[:, n:],
+            rms=case_rms,
+            peak=case_peak,
         )
     training = Training(
         candidates=pool,
         name=names + ("",) * (pool.gauges - len(names)),
         rows=rows,
-        row_change=change.of_terms(lambda own: own[:, :n]) if change.terms else None,
+        row_change=change.of_terms(lambda X: X[:, :n]) if change.terms else None,
         missed=missed,
-        given=given,
+        given=given_rows,
         moved=surface.moved if surface is not None and len(surface.moved) else None,
         time=stated.run.time_step * np.arange(steps + 1),
         load=u,
@@ -217,7 +215,7 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         acceleration=accelerations(model, model.reference, x, u),
         rms_as_stated=rms,
         peak_as_stated=peak,
-        cases=found,
+        cases=motions,
     )
     if pool.arms is not None:
         thickness = thickness_of_guess(config, mesh, model.reference)
@@ -242,16 +240,11 @@ def _motion(run: Run, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
     return motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held)
 
 
-def _sizes(own: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> tuple[np.ndarray, np.ndarray]:
-    """RMS and largest reading of all channels (m,) in a run, some channels at a time."""
-    model, count = reduced.model, max(1, NUMBERS_AT_A_TIME // len(own.x))
-    rms, peak = np.empty((2, len(rows)))
-    for first in range(0, len(rows), count):
-        part = slice(first, first + count)
-        with np.errstate(over="ignore", invalid="ignore"):  # refused below
-            found = readings(model, model.reference, rows[part], pool.quantity[part], own.x, own.u)
-            rms[part], peak[part] = np.sqrt(np.mean(found**2, axis=0)), np.abs(found).max(axis=0)
-    with blame(own.run.key):
+def _sizes(moved: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> tuple[np.ndarray, np.ndarray]:
+    """RMS and largest reading of all channels (m,) in a run."""
+    with np.errstate(over="ignore", invalid="ignore"):  # refused below
+        rms, peak = reading_sizes(reduced.model, rows, pool.quantity, moved.x, moved.u)
+    with blame(moved.run.key):
         refuse_readings(peak)
     return rms, peak
 
@@ -261,14 +254,14 @@ def _arm_peak(
 ) -> np.ndarray:
     """The largest reading of any grid of every channel (m,); of arms of bridges by rows of their own."""
     pool, n = training.candidates, basis.shape[1]
-    found, grids, channel = training.peak.copy(), pool.grids, pool.channel_of_grid
-    found[pool.bridged] = 0.0
+    peak, grids, channel = training.peak.copy(), pool.grids, pool.channel_of_grid
+    peak[pool.bridged] = 0.0
     facets = exterior_facets(mesh)
     for part in np.array_split(np.flatnonzero(pool.bridged[channel]), len(grids) // AT_A_TIME + 1):
         rows = channel_rows(mesh.position, grids.take(part), basis, facets=facets, thickness=thickness)
-        for own in runs:
-            np.maximum.at(found, channel[part], np.abs(own.x[:, :n] @ rows.T).max(axis=0, initial=0.0))
-    return found
+        for moved in runs:
+            np.maximum.at(peak, channel[part], np.abs(moved.x[:, :n] @ rows.T).max(axis=0, initial=0.0))
+    return peak
 
 
 def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candidates, sparse.csr_array]:
@@ -280,7 +273,7 @@ def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candi
         )
     _, components = read_numbering(using.files["mesh.matrices.numbering"])
     with blame("gauges.given"):
-        given = read_given(
+        gauges_of_file = read_given(
             using.files["gauges.given.rows"],
             using.files["gauges.given.table"],
             components,
@@ -288,8 +281,8 @@ def _given(config: PlacementConfig, mesh: Mesh, using: Resources) -> tuple[Candi
         )
     with blame("gauges.exclude"):
         facets = exterior_facets(mesh) if mesh.has_surface else None
-        given = without(given, mesh, facets, [zone_of(entry) for entry in gauges.exclude])
-    return given.pool, given.rows
+        gauges_of_file = without(gauges_of_file, mesh, facets, [zone_of(entry) for entry in gauges.exclude])
+    return gauges_of_file.pool, gauges_of_file.rows
 
 
 def hertz(frequency: float, decimals: int) -> str:

@@ -15,7 +15,7 @@ from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.consistency import input_error, load_scale
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.reduced import Settled
+from strainsight.estimation.record import BankRecord, Settled
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.smoother import Smoothed, smooth
 from strainsight.experiment.structure.filtering import by_moments, together
@@ -114,9 +114,9 @@ class Trial:
         for b in range(runs):
             has = sets[b] >= 0
             alone, nuisances = self._with_tolerances(_of_run(model, b).of_channels(has), sets[b][has])
-            known_to_it = P, self.known, samples[:, b, has], nuisances
             try:
-                banks.append(filter_bank(alone, starts[b], *known_to_it, settled=self.settled, keep=keep))
+                known_to_it = P, self.known, samples[:, b, has], nuisances
+                banks.append(filter_bank(BankRecord(alone, starts[b], *known_to_it, settled=self.settled), keep))
             except NumericalError as error:
                 failure = error
                 banks.append(None)
@@ -131,8 +131,8 @@ class Trial:
         bank = filtered.banks[0]
         assert bank is not None  # a bank that fails alone is refused
         model, nuisances = self._with_tolerances(model, self.chosen)
-        samples = self.known, measured, nuisances, bank
-        return smooth_bank(model, np.zeros(model.size), self.covariance, *samples, settled=self.settled)
+        samples = self.covariance, self.known, measured, nuisances
+        return smooth_bank(BankRecord(model, np.zeros(model.size), *samples, settled=self.settled), bank)
 
     def _with_tolerances(self, model: FilterModel, channels: np.ndarray) -> tuple[FilterModel, Nuisances]:
         model = on_average(self.tolerated, model, channels)
@@ -194,7 +194,7 @@ def _in_time(
 ) -> dict[str, Any]:
     """Fields of a trial that its time step decides; count: channels of the gauges."""
     unknowns, steps = problem.unknowns, round(duration / h)
-    loading = loading_of(problem.settle, list(problem.signals.values()), h, steps)
+    loading = loading_of(problem.run.settle, list(problem.run.signals.values()), h, steps)
     load = instant_values(loading.held)
     history = {name: load[:, problem.columns([name])[0]] for name in unknowns.inputs}
     history |= {name: np.full(steps + 1, truth.theta[name]) for name in unknowns.parameters}

@@ -386,7 +386,7 @@ def _full(
 ) -> SimulatedTruth:
     """stated: the damping; modes: how many have its ratio."""
     # with solvers that no other truth needs
-    from strainsight.fem.relief import relief_of
+    from strainsight.fem.factorisation import relief_of
     from strainsight.fem.transient import ViscousDamping, free_rows, modal_damping, steady_state, transient
 
     K, M = built.model.stiffness.at(theta), built.model.mass.at(theta)

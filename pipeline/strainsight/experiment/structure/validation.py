@@ -18,7 +18,6 @@ from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import disagreements_in_words, ratios
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.candidates import units_in_words
 from strainsight.experiment.structure.filtering import (
     compared,
     histories,
@@ -47,13 +46,13 @@ from strainsight.experiment.structure.truth import truth_of
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.pages.text import number
-from strainsight.parallel.sweep import Sweep, side_by_side, watched
+from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.placed import budget_of_shares
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
 from strainsight.runner.output import Scalar, Table
-from strainsight.sensors.candidates import ACCELERATION, STRAIN
+from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
 from strainsight.sensors.screening import CLEARANCE
 
 SETTLED = 0.01

@@ -20,9 +20,16 @@ from scipy import sparse
 from strainsight.csv_cells import plain_cell
 from strainsight.decks.text import no_integer, parse_integer, read_text
 from strainsight.errors import DeckError
-from strainsight.foreign.matrices.calculix import read_calculix, read_dofs
-from strainsight.foreign.matrices.market import read_market
-from strainsight.foreign.matrices.op4 import LARGEST, MARKERS, Column, binary_matrices, text_matrices
+from strainsight.foreign.matrices.formats import (
+    LARGEST,
+    MARKERS,
+    Column,
+    binary_matrices,
+    read_calculix,
+    read_dofs,
+    read_market,
+    text_matrices,
+)
 from strainsight.memory import require_memory
 
 SUFFIXES = ".op4, .mtx, .mtx.gz, .npz, .sti, .mas"

@@ -2,22 +2,20 @@
 
 from __future__ import annotations
 
-import json
-import os
-import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import fields
 from importlib.util import find_spec
 from pathlib import Path
 from shutil import copyfile
 from tempfile import TemporaryDirectory
-from typing import IO, Any
+from typing import Any
 
 import numpy as np
 
+from strainsight.child_reader import Message, answer, child_reader, reason
 from strainsight.errors import DeckError
 from strainsight.foreign.results.response import AGAIN, Response, check_frequency, check_motion, unsupported
-from strainsight.processes import START_LIMIT, asked_of_reader, limit_memory, python, reader
+from strainsight.processes import python
 
 TIME_LIMIT = 20.0
 """[s] for every response, and one more for every 5 MB of the file."""
@@ -25,19 +23,16 @@ MEMORY_LIMIT = 1 << 30
 """[bytes] that reading may take, and MEMORY_A_BYTE more for every one of the file."""
 MEMORY_A_BYTE = 20
 _PLAIN = [field.name for field in fields(Response) if field.name not in ("node_ids", "motion", "position")]
-"""What of a response goes into a line of JSON; its arrays follow."""
+"""What of a response is no array."""
 
 
-def responses_apart(command: Sequence[str], path: Path, library: str) -> Iterator[Response]:
-    """What `answer` in a child process reads, one at a time, from a copy: the library opens it for writing, too.
+def responses_apart(path: Path) -> Iterator[Response]:
+    """What `responses` reads in a child process, one at a time, from a copy: the library opens it for writing, too.
 
     Raises DeckError as it does, and where the process fails.
     """
     limit = TIME_LIMIT + path.stat().st_size / 5e6
-
-    def received(stream: IO[bytes]) -> Response | None:
-        return _received(stream, path, library)
-
+    failure = DeckError(f"{PACKAGE} crashed, or did not come to an end", where=str(path), remedy=AGAIN)
     with TemporaryDirectory() as folder:
         try:
             copy = copyfile(path, Path(folder) / path.name)
@@ -46,55 +41,25 @@ def responses_apart(command: Sequence[str], path: Path, library: str) -> Iterato
             raise DeckError(
                 what, where=str(path), remedy="free some space there, or set TMPDIR to another folder"
             ) from None
-        with reader(command, [str(path), str(copy)], START_LIMIT) as within:
-            while (response := within(limit, received)) is not None:
-                yield response
+        with child_reader(COMMAND, [str(path), str(copy)], failure) as receive:
+            while (message := receive(limit))[0]:
+                plain, (ids, motion) = message
+                yield Response(node_ids=ids, motion=motion, **plain)
 
 
-def _received(stream: IO[bytes], path: Path, library: str) -> Response | None:
-    """The next response; None where that was the last."""
-    line = stream.readline()
-    said = json.loads(line) if line.endswith(b"\n") else {}
-    if "what" in said:
-        raise DeckError(said["what"], where=said["where"], remedy=said["remedy"])
-    if said.get("end"):
-        return None
-    n, k = said.pop("shape", (0, 0))
-    ids, motion = stream.read(8 * n), stream.read(8 * n * k)
-    if not said or len(motion) < 8 * n * k:
-        raise DeckError(f"{library} crashed, or did not come to an end", where=str(path), remedy=AGAIN)
-    return Response(
-        node_ids=np.frombuffer(ids, np.int64), motion=np.frombuffer(motion, np.float64).reshape(n, k), **said
-    )
-
-
-def answer(read: Callable[[Path, Path], Iterator[Response]], library: str, *modules: str) -> None:
-    """In the child process: what `read` gives of a file and its copy, with the modules imported before."""
-    path, copy = map(Path, asked_of_reader(*modules, writable=lambda asked: os.path.dirname(asked[1])))
-    out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what a library prints is no answer
-    limit_memory(MEMORY_LIMIT + MEMORY_A_BYTE * path.stat().st_size)
+def messages(path: Path, copy: Path) -> Iterator[Message]:
+    """In the child process: `responses`, and an empty message behind the last one."""
     try:
-        for response in read(path, copy):
-            said = {name: getattr(response, name) for name in _PLAIN}
-            out.write(json.dumps(said | {"shape": response.motion.shape}).encode() + b"\n")
-            out.write(np.ascontiguousarray(response.node_ids, dtype=np.int64).data)
-            out.write(np.ascontiguousarray(response.motion, dtype=np.float64).data)
-            out.flush()
-        end: dict[str, object] = {"end": True}
-    except DeckError as error:
-        end = {"what": error.what, "where": error.where, "remedy": error.remedy}
+        for response in responses(path, copy):
+            yield {name: getattr(response, name) for name in _PLAIN}, [response.node_ids, response.motion]
+    except DeckError:
+        raise
     except MemoryError:
-        end = {
-            "what": f"reading it with {library} takes more memory than a file of its size may",
-            "where": str(path),
-            "remedy": AGAIN,
-        }
-    except Exception as error:  # the libraries have no classes of their own for damaged files
-        reason = " ".join(str(error).split())[:200] or type(error).__name__
-        end = {"what": f"cannot be read by {library}: {reason}", "where": str(path), "remedy": AGAIN}
-    out.write(json.dumps(end).encode() + b"\n")
-    out.flush()
+        what = f"reading it with {PACKAGE} takes more memory than a file of its size may"
+        raise DeckError(what, where=str(path), remedy=AGAIN) from None
+    except Exception as error:
+        raise DeckError(f"cannot be read by {PACKAGE}: {reason(error)}", where=str(path), remedy=AGAIN) from None
+    yield {}, []
 
 
 MODULE = "ansys.mapdl.reader"
@@ -122,7 +87,7 @@ def ansys_responses(path: Path) -> Iterator[Response]:
             where=str(path),
             remedy=f'install it: pip install "strainsight[{EXTRA}]"',
         )
-    yield from responses_apart(COMMAND, path, PACKAGE)
+    yield from responses_apart(path)
 
 
 def _installed() -> bool:
@@ -177,4 +142,9 @@ def _response(result: Any, row: int, is_mode: bool, step: int, substep: int, pat
 
 
 if __name__ == "__main__":
-    answer(responses, PACKAGE, MODULE)
+    answer(
+        lambda asked: messages(*map(Path, asked)),
+        [MODULE],
+        lambda asked: MEMORY_LIMIT + MEMORY_A_BYTE * Path(asked[0]).stat().st_size,
+        lambda asked: str(Path(asked[1]).parent),
+    )

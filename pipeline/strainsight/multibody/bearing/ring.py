@@ -407,7 +407,7 @@ def each_ball(
 
 
 def ring_law(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
-    """The bearing as a compiled force law (`compiled/law.py`); numbers: the table (40), centrifugal (2), pitch radius, ball
+    """The bearing as a compiled force law (`multibody/forces.py`); numbers: the table (40), centrifugal (2), pitch radius, ball
     diameter, balls z, cos φ and sin φ of every ball, places of the parameters among PARAMETERS."""
     z = int(carray(numbers, 45)[44])
     given = carray(numbers, 45 + 2 * z + p)

@@ -11,8 +11,7 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from strainsight.multibody.bodies import modes, moves
-from strainsight.multibody.compiled.law import InPython
-from strainsight.multibody.forces import CompiledLaw, ForceLaw
+from strainsight.multibody.forces import CompiledLaw, ForceLaw, InPython
 from strainsight.multibody.relations import Relations
 from strainsight.multibody.system import System
 
@@ -82,19 +81,38 @@ class Arrays(NamedTuple):
 
 
 class Point(NamedTuple):
-    """What a step starts from and under what: q, v (n,) at its start, h, u with p and ṗ behind the loads, K(θ), C(θ) (n, n),
+    """What a step starts from and under what: q, v (n,) at its start, h, u with p and ṗ behind the loads, θ, K(θ), C(θ) (n, n),
     w (n,) or (0,); of every element the address of its law and where its numbers begin; the numbers."""
 
     q: np.ndarray
     v: np.ndarray
     h: float
     u: np.ndarray
+    theta: np.ndarray
     K: np.ndarray
     C: np.ndarray
     w: np.ndarray
     address: np.ndarray
     begin: np.ndarray
     numbers: np.ndarray
+
+
+class Trial(NamedTuple):
+    """A state that an iteration tries: q (n,), ζ (nt,), μ, λ (m,)."""
+
+    q: np.ndarray
+    z: np.ndarray
+    mu: np.ndarray
+    lam: np.ndarray
+
+
+class Change(NamedTuple):
+    """Of a trial state: y and that of ζ (nt, k), of μ and λ (joints, k)."""
+
+    y: np.ndarray
+    z: np.ndarray
+    mu: np.ndarray
+    lam: np.ndarray
 
 
 class Terms(NamedTuple):
@@ -319,8 +337,8 @@ class Compiled:
             count += len(own)
         K, C = system.at(theta)
         return Point(
-            NONE, NONE, 1.0, NONE, np.ascontiguousarray(K), np.ascontiguousarray(C), NONE, np.array(address, dtype=np.int64),
-            np.array(begin, dtype=np.int64), np.concatenate(numbers),
+            NONE, NONE, 1.0, NONE, theta.copy(), np.ascontiguousarray(K), np.ascontiguousarray(C), NONE,
+            np.array(address, dtype=np.int64), np.array(begin, dtype=np.int64), np.concatenate(numbers),
         )  # fmt: skip
 
     def _numbers_of(self, e: int, law: ForceLaw, own: np.ndarray) -> np.ndarray:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner, joined
-from strainsight.multibody.compiled.arrays import Arrays, Moments, Point, Terms
-from strainsight.multibody.inertia import Inertia, add_inertia
+from strainsight.multibody.bodies import Inertia, add_inertia
+from strainsight.multibody.compiled.arrays import Arrays, Moments, Point, Terms, Trial
 
 
 @joined
@@ -103,15 +103,7 @@ def inertia_of(f: np.ndarray, at: int, n0: int, n: int) -> Inertia:
 
 
 @joined
-def add_bodies(
-    s: Arrays,
-    p: Point,
-    q: np.ndarray,
-    z: np.ndarray,
-    v: np.ndarray,
-    terms: Terms,
-    tangents: bool,
-) -> None:
+def add_bodies(s: Arrays, p: Point, trial: Trial, v: np.ndarray, terms: Terms, tangents: bool) -> None:
     """r₁ = TᵀD²((q' − q)/h − v'), r₂ = Tᵀ(M a + c + K q + C v + moments − w) (nt,), and the blocks of every body of
 
         X += TᵀD²T/h + ∂r₁ with the velocity at rest,    A += TᵀM T/h + ∂c/∂ζ + C,     K += ∂r₂ at the same ζ        (nt, nt)
@@ -120,7 +112,7 @@ def add_bodies(
 
         ∂(Tᵀg) = Tᵀ∂g + Σ (ε × R_β) × g_β,     ∂v = T δζ + ω × (ε × R_β)
     """
-    h, r1, r2, X, A, K = p.h, terms.r1, terms.r2, terms.X, terms.A, terms.K
+    q, z, h, r1, r2, X, A, K = trial.q, trial.z, p.h, terms.r1, terms.r2, terms.X, terms.A, terms.K
     a = np.empty(len(v))
     for i in range(len(v)):
         a[i] = (v[i] - p.v[i]) / h

@@ -7,18 +7,16 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner, joined, kept
-from strainsight.multibody.compiled.arrays import Arrays, Point, Terms
+from strainsight.multibody.compiled.arrays import Arrays, Point, Terms, Trial
 from strainsight.multibody.compiled.blocks import add_bodies, add_natural_bodies, natural_velocity
-from strainsight.multibody.compiled.law import ABORT, MOVING, NONE, call
+from strainsight.multibody.forces import ABORT, MOVING, NONE, call
 from strainsight.multibody.joints import drive_relations
-from strainsight.multibody.relations import Relations, carried_vectors, rows
+from strainsight.multibody.relations import Relations, Values, Vectors, carried_vectors, rows
 
 
 @joined
-def carried(
-    r: Relations, body: np.ndarray, q: np.ndarray, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """b (nc, 3), its rate, J (nc, 3, 6 + k) = ∂b, ∂(rate) under q alone, and R(c + Cη) (nc, 3).
+def carried(r: Relations, body: np.ndarray, q: np.ndarray, z: np.ndarray) -> Vectors:
+    """Vectors in minimal coordinates, J (nc, 3, 6 + k), its rate under q alone:
 
     b = t r + R y,  y = c + C η;     δb = t δr + ε × Ry + RC δη
     rate = t ṙ + ω × Ry + RC η̇;     δrate = ω × (ε × Ry + RC δη) + ε × RC η̇      at the same (ṙ, ω, η̇)
@@ -73,7 +71,7 @@ def carried(
             Jr[i, 0, 6 + k] = w1 * RC[2] - w2 * RC[1]
             Jr[i, 1, 6 + k] = w2 * RC[0] - w0 * RC[2]
             Jr[i, 2, 6 + k] = w0 * RC[1] - w1 * RC[0]
-    return b, rate, J, Jr, turned
+    return Vectors(b, rate, J, Jr, turned)
 
 
 @inner
@@ -89,17 +87,11 @@ def _turn(a: np.ndarray, J: np.ndarray) -> None:
 
 @inner
 def add_curvature(
-    r: Relations,
-    body: np.ndarray,
-    row: int,
-    weight: float,
-    J: np.ndarray,
-    turned: np.ndarray,
-    x: np.ndarray,
-    K: np.ndarray,
+    r: Relations, body: np.ndarray, row: int, weight: float, vectors: Vectors, x: np.ndarray, K: np.ndarray
 ) -> None:
     """K += weight ∂(∇ρᵀ) of one relation:  ∂(Jᵀf) = Jᵀ∂f + ∂Jᵀ f,  rows ε: (ε × Ry + RC δη) × f,  rows η: (ε × RC)·f;
     in natural coordinates  rows R_β: f C_β δη,  rows η: C_βᵀ f·δR_β."""
+    J, turned = vectors.J, vectors.turned
     for p in range(4):
         i = r.part[row, p]
         if i < 0 or r.on[i] < 0:
@@ -142,10 +134,8 @@ def add_curvature(
 
 
 FILES = (
-    "multibody/joints.py",
-    "multibody/inertia.py",
-    "multibody/relations.py",
-    *(f"multibody/compiled/{name}.py" for name in ("arrays", "blocks", "equations", "law", "matrix")),
+    *(f"multibody/{name}.py" for name in ("bodies", "forces", "joints", "relations")),
+    *(f"multibody/compiled/{name}.py" for name in ("arrays", "blocks", "equations", "matrix")),
 )
 """Of the compiled code in it."""
 SOLVED, NO_LOAD, BROKEN = 0, 1, 2
@@ -153,34 +143,19 @@ SOLVED, NO_LOAD, BROKEN = 0, 1, 2
 
 
 @joined
-def equations(
-    s: Arrays,
-    p: Point,
-    theta: np.ndarray,
-    memory: np.ndarray,
-    q: np.ndarray,
-    z: np.ndarray,
-    mu: np.ndarray,
-    lam: np.ndarray,
-    tangents: bool,
-) -> tuple[int, Terms]:
-    """State and terms at q, ζ, μ, λ. memory of the laws is brought up to date."""
-    nr, nt = len(s.relations.value), len(s.dt)
-    b, rate, J, Jr, turned = carried(s.relations, s.body, q, z)
-    rho, rho_dot, x = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3))
-    # an element may have rows that feel different bodies
-    g, gr = np.zeros((nr, nt)), np.zeros((nr if tangents else 0, nt))
-    rows(s.relations, s.body, b, rate, J, Jr, rho, rho_dot, g, gr, x)
-    terms = terms_of(s, p.u, len(theta), rho, rho_dot, g, gr, tangents)
-    add_bodies(s, p, q, z, natural_velocity(s.body, q, z), terms, tangents)
-    return add_forces(s, p, theta, memory, rho, rho_dot, J, turned, x, mu, lam, terms, tangents), terms
+def equations(s: Arrays, p: Point, memory: np.ndarray, trial: Trial, tangents: bool) -> tuple[int, Terms]:
+    """State and terms of a trial state. memory of the laws is brought up to date."""
+    vectors = carried(s.relations, s.body, trial.q, trial.z)
+    values = rows(s.relations, s.body, vectors, len(s.dt), tangents)
+    terms = terms_of(s, p, values, tangents)
+    add_bodies(s, p, trial, natural_velocity(s.body, trial.q, trial.z), terms, tangents)
+    return add_forces(s, p, memory, values, vectors, trial.mu, trial.lam, terms, tangents), terms
 
 
 @kept(*FILES)
 def natural_equations(
     s: Arrays,
     p: Point,
-    theta: np.ndarray,
     memory: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
@@ -191,32 +166,29 @@ def natural_equations(
 ) -> tuple[int, Terms]:
     """State and terms of (1.3) at q, v, a (n,), μ, λ (m,), over `natural` arrays, without the moments: r₁ = Bᵀμ,
     r₂ = M a + c + f − Bᵀλ, K = ∂r₂/∂q, A = ∂r₂/∂v, X = ∂r₁/∂q, the blocks of M in TᵀM."""
-    nr, n = len(s.relations.value), len(q)
-    b, rate, J, Jr = carried_vectors(s.relations, s.body, q, v)
-    rho, rho_dot, x, g, gr = np.empty(nr), np.empty(nr), np.empty((nr, 2, 3)), np.zeros((nr, n)), np.zeros((nr, n))
-    rows(s.relations, s.body, b, rate, J, Jr, rho, rho_dot, g, gr, x)
-    terms = terms_of(s, p.u, len(theta), rho, rho_dot, g, gr, tangents)
+    moving = len(q) > 0
+    vectors = carried_vectors(s.relations, s.body, q, v)
+    values = rows(s.relations, s.body, vectors, len(q), moving)
+    terms = terms_of(s, p, values, tangents)
     add_natural_bodies(s, p, q, v, a, terms, tangents)
-    return add_forces(s, p, theta, memory, rho, rho_dot, J, b, x, mu, lam, terms, tangents), terms
+    return add_forces(s, p, memory, values, vectors, mu, lam, terms, tangents), terms
 
 
 @joined
-def terms_of(
-    s: Arrays, u: np.ndarray, parameters: int, rho: np.ndarray, rho_dot: np.ndarray, g: np.ndarray, gr: np.ndarray,
-    tangents: bool,
-) -> Terms:  # fmt: skip
+def terms_of(s: Arrays, p: Point, values: Values, tangents: bool) -> Terms:
     """Constraints, driven as they are, and zeros for the rest."""
+    rho, rho_dot, g, gr, _ = values
     nt, joints = g.shape[1], s.joints
     by_drive, most = np.zeros((len(s.drive), nt + 2)), 0
-    drive_relations(s.drive, s.drive_at, s.drives, u, rho, rho_dot, g, gr, by_drive)
+    drive_relations(s.drive, s.drive_at, s.drives, p.u, rho, rho_dot, g, gr, by_drive)
     for k in range(len(s.body)):
         most = max(most, s.body[k, 3])
     # zeros of large systems take as long as what is done with them
     size = nt if tangents else 0
     return Terms(
         np.zeros(nt), np.zeros(nt), rho_dot[:joints].copy(), rho[:joints].copy(), g, gr, np.zeros((size, size)),
-        np.zeros((size, size)), np.zeros((size, size)), np.zeros((nt, 12 + most)), np.zeros((size, parameters + len(u))),
-        by_drive,
+        np.zeros((size, size)), np.zeros((size, size)), np.zeros((nt, 12 + most)),
+        np.zeros((size, len(p.theta) + len(p.u))), by_drive,
     )  # fmt: skip
 
 
@@ -224,25 +196,21 @@ def terms_of(
 def add_forces(
     s: Arrays,
     p: Point,
-    theta: np.ndarray,
     memory: np.ndarray,
-    rho: np.ndarray,
-    rho_dot: np.ndarray,
-    J: np.ndarray,
-    turned: np.ndarray,
-    x: np.ndarray,
+    values: Values,
+    vectors: Vectors,
     mu: np.ndarray,
     lam: np.ndarray,
     terms: Terms,
     tangents: bool,
 ) -> int:
     """What is conjugate to relations, Σ F ∇ρ: loads, weights, elements, multipliers. The state."""
-    nr, r1, r2, g = len(rho), terms.r1, terms.r2, terms.g
+    nr, r1, r2, g = len(values.rho), terms.r1, terms.r2, terms.g
     F, held, state = s.weights.copy(), np.zeros(nr), SOLVED
     for k in range(len(s.input_row)):
         F[s.input_row[k]] = -p.u[s.input_which[k]]
     for e in range(len(s.element)):
-        answer = add_element(s, p, e, theta, memory, rho, rho_dot, F, terms, tangents)
+        answer = add_element(s, p, e, memory, values, F, terms, tangents)
         if answer == ABORT:
             state = BROKEN
             break
@@ -267,24 +235,15 @@ def add_forces(
             F[row], held[row] = np.cos(angle) * F[row], np.cos(angle) * held[row]
     for row in range(nr if tangents else 0):
         if F[row] != 0.0:
-            add_curvature(s.relations, s.body, row, F[row], J, turned, x, terms.K)
+            add_curvature(s.relations, s.body, row, F[row], vectors, values.x, terms.K)
         if held[row] != 0.0:
-            add_curvature(s.relations, s.body, row, held[row], J, turned, x, terms.X)
+            add_curvature(s.relations, s.body, row, held[row], vectors, values.x, terms.X)
     return state
 
 
 @joined
 def add_element(
-    s: Arrays,
-    p: Point,
-    e: int,
-    theta: np.ndarray,
-    memory: np.ndarray,
-    rho: np.ndarray,
-    rho_dot: np.ndarray,
-    F: np.ndarray,
-    terms: Terms,
-    tangents: bool,
+    s: Arrays, p: Point, e: int, memory: np.ndarray, values: Values, F: np.ndarray, terms: Terms, tangents: bool
 ) -> int:
     """The law of an element: its F, K += ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ ∂ρ̇), A += ∇ρᵀ ∂F/∂ρ̇ ∇ρ, ∂r₂/∂θ. Its answer."""
     first, n, parameters = s.element[e, 0], s.element[e, 1], s.element[e, 2]
@@ -292,8 +251,8 @@ def add_element(
     by, mine = np.zeros((n, parameters)), np.empty(parameters)
     for j in range(parameters):
         which = s.element_parameter[e, j]
-        mine[j] = theta[which] if which < len(theta) else p.u[which - len(theta)]
-    here, moving = rho[first : first + n], rho_dot[first : first + n]
+        mine[j] = p.theta[which] if which < len(p.theta) else p.u[which - len(p.theta)]
+    here, moving = values.rho[first : first + n], values.rho_dot[first : first + n]
     numbers, kept_memory = p.numbers[p.begin[e] :], memory[s.element[e, 3] :]
     answer: int = call(
         p.address[e], n, parameters, numbers.ctypes.data, kept_memory.ctypes.data, here.ctypes.data, moving.ctypes.data,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Pattern, Terms
+from strainsight.multibody.compiled.arrays import Change, Pattern, Terms
 
 TINY = float(np.finfo(float).tiny)
 
@@ -240,8 +240,8 @@ def substitute(Z: np.ndarray, low: np.ndarray, pivots: np.ndarray, last: np.ndar
 @inner
 def expanded(
     s: Pattern, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, own: np.ndarray, z: np.ndarray
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """y, ζ (nt, k), μ, λ (joints, k) from the solution z (N, k) of Z."""
+) -> Change:
+    """From the solution z (N, k) of Z."""
     nt, m, k = len(s.dt), s.joints, z.shape[1]
     y, zeta, mu, lam = np.empty((nt, k)), np.empty((nt, k)), np.empty((m, k)), np.empty((m, k))
     for i in range(nt):
@@ -273,4 +273,4 @@ def expanded(
         for c in range(k):
             y[i, c] /= s.dt[i]
             zeta[i, c] /= h * s.dt[i]
-    return y, zeta, mu, lam
+    return Change(y, zeta, mu, lam)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Arrays, Pattern, Point
+from strainsight.multibody.compiled.arrays import Arrays, Change, Pattern, Point, Trial
 from strainsight.multibody.compiled.equations import BROKEN, NO_LOAD, SOLVED, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
@@ -42,15 +42,14 @@ def newton(
     s: Arrays,
     pattern: Pattern,
     p: Point,
-    theta: np.ndarray,
     memory: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
     mu: np.ndarray,
     lam: np.ndarray,
     corrections: np.ndarray,
-) -> tuple[int, int, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """How it ended, iterations, and q (n,), ζ (nt,), μ, λ (m,), from a trial q, v that is put on the rotations first.
+) -> tuple[int, int, Trial]:
+    """How it ended, iterations, and the state, from a trial q, v that is put on the rotations first, and μ, λ (m,).
 
     Undamped while the corrections shrink; a step after which they grow, or to where a law has no load, is halved. corrections
     (3,): the first two of a stage that led here, where they were last seen, and the first of the last one; or zeros. A first one
@@ -59,35 +58,35 @@ def newton(
     """
     nt, m = len(s.dt), s.joints
     q, z = on_rotations(s.body, nt, q, v)
+    trial = last = Trial(q, z, mu, lam)
+    change = Change(np.empty((nt, 1)), np.empty((nt, 1)), np.empty((m, 1)), np.empty((m, 1)))
     before, share, begun, again = np.inf, 1.0, False, False
-    y, dz, dmu, dlam = np.empty((nt, 1)), np.empty((nt, 1)), np.empty((m, 1)), np.empty((m, 1))
-    last_q, last_z, last_mu, last_lam = q, z, mu, lam
     iteration = 0
     while iteration < ITERATIONS:
         iteration += 1
-        state, terms = equations(s, p, theta, memory, q, z, mu, lam, not again)
+        state, terms = equations(s, p, memory, trial, not again)
         r1, r2, r3, r4 = terms.r1, terms.r2, terms.r3, terms.r4
         if state == BROKEN:
-            return state, iteration, q, z, mu, lam
+            return state, iteration, trial
         if state == NO_LOAD:
             share *= 0.5
             if not begun or share < LEAST:
-                return state, iteration, q, z, mu, lam
-            q, z, mu, lam = moved(s.body, s.rigid, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
+                return state, iteration, trial
+            trial = moved(s, last, change, share)
             again = False
             continue
         size, of_all, failed = np.inf, np.inf, not np.isfinite(total(r1) + total(r2) + total(r3) + total(r4))
         if not failed:
             if not again:
                 Z, J, S = scaled(pattern, p.h, terms)
-                regular, pivots, last = factorise(Z, pattern.low)
+                regular, pivots, ends = factorise(Z, pattern.low)
                 if not regular:
-                    return SINGULAR, iteration, q, z, mu, lam
+                    return SINGULAR, iteration, trial
                 old_X, old_A = terms.X, terms.A
             own, right = right_side(pattern, p.h, old_A, J, S, negative(r1), negative(r2), negative(r3), negative(r4))
-            substitute(Z, pattern.low, pivots, last, right)
-            new_y, new_dz, new_dmu, new_dlam = expanded(pattern, p.h, old_X, J, S, own, right)
-            size, of_all = correction(s.body, s.d, s.dt, p.h, q, z, new_y, new_dz)
+            substitute(Z, pattern.low, pivots, ends, right)
+            new = expanded(pattern, p.h, old_X, J, S, own, right)
+            size, of_all = correction(s, p.h, trial, new)
             failed = not np.isfinite(size)
         if again and (failed or size > FAST * before):
             # the matrix of the iteration before is no good here
@@ -97,20 +96,19 @@ def newton(
         if begun and (failed or (size > 2 * before and size > 1e-3)):
             share *= 0.5
             if share < LEAST:
-                return ENDLESS, iteration, q, z, mu, lam
-            q, z, mu, lam = moved(s.body, s.rigid, last_q, last_z, last_mu, last_lam, y, dz, dmu, dlam, share)
+                return ENDLESS, iteration, trial
+            trial = moved(s, last, change, share)
             continue
         if failed:
-            return INFINITE, iteration, q, z, mu, lam
-        y, dz, dmu, dlam, begun = new_y, new_dz, new_dmu, new_dlam, True
-        last_q, last_z, last_mu, last_lam = q, z, mu, lam
-        q, z, mu, lam = moved(s.body, s.rigid, q, z, mu, lam, y, dz, dmu, dlam, 1.0)
+            return INFINITE, iteration, trial
+        change, last, begun = new, trial, True
+        trial = moved(s, trial, change, 1.0)
         if iteration == 1:
             usual = size <= min(SMALL, corrections[0], USUAL * corrections[2])
             corrections[2] = size
             if usual and corrections[1] * (size / corrections[0]) ** 2 <= BELIEVED * CONVERGED:
                 corrections[1] *= 2
-                return SOLVED, iteration, q, z, mu, lam
+                return SOLVED, iteration, trial
         if iteration == 2 and share == 1.0:
             corrections[0], corrections[1] = before, max(size, LAST_DIGIT)
         beyond = size * (size / before) if iteration > 1 and size < 0.01 * before else np.inf
@@ -119,11 +117,11 @@ def newton(
             iteration > 2 and size > 0.3 * before and (size < ROUNDING or (of_all < DIGITS and size < OF_ITS_OWN))
         )
         if size <= CONVERGED or beyond <= enough * CONVERGED or rounding:
-            return SOLVED, iteration, q, z, mu, lam
+            return SOLVED, iteration, trial
         # so near the end the change of the matrix is one of the next order
         again = size < CLOSE
         before, share = size, 1.0
-    return ENDLESS, ITERATIONS, q, z, mu, lam
+    return ENDLESS, ITERATIONS, trial
 
 
 @inner
@@ -192,21 +190,9 @@ def cofactors(R: np.ndarray, C: np.ndarray) -> None:
 
 
 @inner
-def moved(
-    body: np.ndarray,
-    rigid: int,
-    q: np.ndarray,
-    z: np.ndarray,
-    mu: np.ndarray,
-    lam: np.ndarray,
-    y: np.ndarray,
-    dz: np.ndarray,
-    dmu: np.ndarray,
-    dlam: np.ndarray,
-    share: float,
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+def moved(s: Arrays, trial: Trial, change: Change, share: float) -> Trial:
     """The state a share of a correction further: R ← exp([ε]×) R, put back on the rotations to round-off."""
-    q = q.copy()
+    body, q, y = s.body, trial.q.copy(), change.y
     turn = np.empty(3)
     for k in range(len(body)):
         moving, n0, t0, modes = body[k, 0], body[k, 1], body[k, 2], body[k, 3]
@@ -239,34 +225,24 @@ def moved(
                     dot -= 1.0
                 for a in range(3):
                     R[3 * i + a] -= 0.5 * dot * C[3 * j + a]
-    z = z.copy()
-    for i in range(len(z)):
-        z[i] += share * dz[i, 0]
-    return q, z, further(mu, dmu, share, rigid), further(lam, dlam, share, rigid)
+    z = further(trial.z, change.z, share, 0)
+    return Trial(q, z, further(trial.mu, change.mu, share, s.rigid), further(trial.lam, change.lam, share, s.rigid))
 
 
 @inner
-def further(lam: np.ndarray, change: np.ndarray, share: float, rigid: int) -> np.ndarray:
-    """Multipliers (m,) with a share of the change (joints, 1) of the joints'."""
-    lam = lam.copy()
+def further(x: np.ndarray, change: np.ndarray, share: float, first: int) -> np.ndarray:
+    """x (m,) with a share of the change (k, 1) of those from `first` on."""
+    x = x.copy()
     for k in range(len(change)):
-        lam[rigid + k] += share * change[k, 0]
-    return lam
+        x[first + k] += share * change[k, 0]
+    return x
 
 
 @inner
-def correction(
-    body: np.ndarray,
-    d: np.ndarray,
-    dt: np.ndarray,
-    h: float,
-    q: np.ndarray,
-    z: np.ndarray,
-    y: np.ndarray,
-    dz: np.ndarray,
-) -> tuple[float, float]:
+def correction(s: Arrays, h: float, trial: Trial, change: Change) -> tuple[float, float]:
     """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them; and of all
     coordinates and velocities beside the coordinates of the whole system, [-]."""
+    body, d, dt, q, z, y, dz = s.body, s.d, s.dt, trial.q, trial.z, change.y, change.z
     count = len(body)
     squares, whole, moved_by, speed = np.zeros((count, 4)), 0.0, 0.0, 0.0
     for k in range(count):

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.compiled import inner, kept
-from strainsight.multibody.compiled.arrays import Arrays, Moments, Pattern, Point
+from strainsight.multibody.compiled.arrays import Arrays, Moments, Pattern, Point, Trial
 from strainsight.multibody.compiled.blocks import natural_velocity
 from strainsight.multibody.compiled.equations import FILES, SOLVED, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
@@ -66,7 +66,6 @@ def solve_stages(
     p: Point,
     u: np.ndarray,
     carried: float,
-    theta: np.ndarray,
     memory: np.ndarray,
     mu: np.ndarray,
     lam: np.ndarray,
@@ -103,9 +102,10 @@ def solve_stages(
             for j in range(n):
                 v[j] = v0[j] + h * (rate[1, j] + ahead[1, j])
                 q[j] = q0[j] + h * (v[j] + rate[0, j] + ahead[0, j])
-        at = Point(q0, v0, h, u[i], p.K, p.C, p.w, p.address, p.begin, p.numbers)
+        at = Point(q0, v0, h, u[i], p.theta, p.K, p.C, p.w, p.address, p.begin, p.numbers)
         memory = memory.copy()
-        ended, iterations[i], q, z, mu, lam = newton(s, pattern, at, theta, memory, q, v, mu, lam, corrections[i])
+        ended, iterations[i], trial = newton(s, pattern, at, memory, q, v, mu, lam, corrections[i])
+        q, z, mu, lam = trial
         v = natural_velocity(s.body, q, z)
         for state, kept_state in (
             (q, ends[i]), (v, ends_v[i]), (z, motions[i]), (mu, mus[i]), (lam, lams[i]), (memory, kept_memory[i]),
@@ -181,26 +181,18 @@ def noted(differences: np.ndarray, known: int, change: np.ndarray) -> int:
 
 @kept(*FILES)
 def step_slopes(
-    s: Arrays,
-    pattern: Pattern,
-    p: Point,
-    theta: np.ndarray,
-    memory: np.ndarray,
-    q: np.ndarray,
-    z: np.ndarray,
-    mu: np.ndarray,
-    lam: np.ndarray,
-    elastic: np.ndarray,
+    s: Arrays, pattern: Pattern, p: Point, memory: np.ndarray, solved: Trial, elastic: np.ndarray
 ) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Whether the matrix is regular; A (2n, 2n), B_u (2n, all of u), B_θ (2n, nθ), B_w (2n, n) at the solved step q, ζ, μ, λ;
+    """Whether the matrix is regular; A (2n, 2n), B_u (2n, all of u), B_θ (2n, nθ), B_w (2n, n) at the solved step;
     elastic (n, nθ) = ∂(Kq + Cv)/∂θ.
 
         δq = T y,   δv = T ζ + ω × (ε × R),    (y, ζ) = Z⁻¹(TᵀD²/h δq_k,  TᵀM/h δv_k − ∂r₂/∂u δu − ∂r₂/∂θ δθ + Tᵀδw)
     """
-    n, nt, m, h, nd, count = len(q), len(s.dt), s.joints, p.h, s.drives, len(theta)
+    q, z, mu, lam = solved
+    n, nt, m, h, nd, count = len(q), len(s.dt), s.joints, p.h, s.drives, len(p.theta)
     # no literal, for which numba would make all of the equations once more
     tangents = nt > 0
-    _, terms = equations(s, p, theta, memory, q, z, mu, lam, tangents)
+    _, terms = equations(s, p, memory, solved, tangents)
     by_drive, TM = terms.by_drive, terms.TM
     Z, J, S = scaled(pattern, h, terms)
     columns = 2 * nt + 2 * nd

@@ -82,14 +82,16 @@ class Linearised:
         return _out(self.T, found[:, None])[:, 0]
 
 
-def linearised(
-    system: System,
-    method: Method,
-    loads: LoadProcess,
-    inputs: np.ndarray,
-    start: Start,
-    middle: tuple[np.ndarray, np.ndarray],
-) -> Linearised:
+class Plant(NamedTuple):
+    """What steps: the system, the method of the step, how the unknown loads move, and their places (nu,) in `system.inputs`."""
+
+    system: System
+    method: Method
+    loads: LoadProcess
+    inputs: np.ndarray
+
+
+def linearised(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> Linearised:
     """Of the step of loads.h from `start`, linearised at `middle` (q, v), T its motions, M ÿ = f:
 
         f = f₀ − K y − C (ẏ − ẏ₀) + B (u(t) − u₀),   ċ = A c + w,   z = (y, ẏ),   (z, c)' = Φ (z, c) + …,   covariance Q
@@ -100,10 +102,10 @@ def linearised(
     The step takes loads for straight lines and modes for what implicit stages make of them; this is exact in both for a bench
     that is linear as long as the step lasts. ε is the path of the loads between its ends, a bridge, which no reading of c
     tells: independent of δ, and of other steps. f₀: what accelerates the bench at the start along its motions.
-    inputs (nu,): places of the unknown loads in `system.inputs`.
     """
+    system, method, loads, _ = plant
     h, n, k = loads.h, system.size, loads.size
-    flow = _flow(system, loads, inputs, start, middle)
+    flow = _flow(plant, start, middle)
     T, M, C, K, B, unknown = flow.T, flow.mass, flow.damping, flow.stiffness, flow.push, flow.unknown
     r = T.shape[1]
     G = np.zeros((len(flow.F), r))
@@ -131,17 +133,11 @@ def linearised(
     return replace(found, left=replace(left, change=found.change(system, h, start)))
 
 
-def change_at(
-    system: System,
-    method: Method,
-    loads: LoadProcess,
-    inputs: np.ndarray,
-    start: Start,
-    middle: tuple[np.ndarray, np.ndarray],
-) -> np.ndarray:
+def change_at(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     """`LeftOut.change` (2n,) alone, of `linearised` with these arguments: a fifth of its cost."""
+    system, method, loads, _ = plant
     h = loads.h
-    flow = _flow(system, loads, inputs, start, middle)
+    flow = _flow(plant, start, middle)
     T, r = flow.T, flow.T.shape[1]
     speed, constant, ramp = _driven(system, h, start, flow)
     G = np.zeros((len(flow.F), 2))
@@ -175,15 +171,14 @@ class _Flow:
     doublings: int
 
 
-def _flow(
-    system: System, loads: LoadProcess, inputs: np.ndarray, start: Start, middle: tuple[np.ndarray, np.ndarray]
-) -> _Flow:
+def _flow(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> _Flow:
+    system, _, loads, inputs = plant
     h, k, d = loads.h, loads.size, system.metric
     at = tangent_space(system, *middle, start.u, start.theta)
     T = at.T
     r = T.shape[1]
-    M, C, K = at.project(at.at.mass), at.project(at.at.damping), at.project(at.at.stiffness)
-    B = -T.T @ input_slopes(system, at.at, middle[0])
+    M, C, K = at.matrices
+    B = at.pushes(input_slopes(system, at.at, middle[0]))
     unknown = np.zeros((r, k))
     unknown[:, loads.first] = B[:, inputs]
     per = np.linalg.solve(M, np.hstack([K, C, unknown, np.eye(r)]))
@@ -275,10 +270,7 @@ class Begun:
 
 
 def begun(
-    system: System,
-    method: Method,
-    loads: LoadProcess,
-    inputs: np.ndarray,
+    plant: Plant,
     coordinates: ParameterCoordinates,
     x: np.ndarray,
     xi: np.ndarray,
@@ -294,6 +286,7 @@ def begun(
     the rates and of what is drawn. before: the step before, whose estimate of the error goes on, and its linearisation while it
     serves: then only what moves the bench at the start is found anew. When it has served, what it is off by is part of the error.
     """
+    system, _, loads, _ = plant
     n, p = 2 * system.size, len(xi)
     by_xi = np.zeros((n, p))
     if before is not None and before.k != k - 1:
@@ -307,13 +300,13 @@ def begun(
         if before is not None and old is not None and k < before.since + before.serves:
             left = replace(old.left, change=old.change(system, loads.h, start))
             return replace(before, k=k, x=x.copy(), left=left)
-        at = linearised(system, method, loads, inputs, start, middle)
+        at = linearised(plant, start, middle)
         left = at.left
         for j in range(0 if rest else p):
             moved = xi.copy()
             moved[j] += WIDTH
-            there = start._replace(theta=coordinates.theta(moved)[0])
-            by_xi[:, j] = (change_at(system, method, loads, inputs, there, middle) - left.change) / WIDTH
+            change = change_at(plant, start._replace(theta=coordinates.theta(moved)[0]), middle)
+            by_xi[:, j] = (change - left.change) / WIDTH
         serves, apart = 1, []
         if old is not None and before is not None:
             d = left.change - old.change(system, loads.h, start)
@@ -322,7 +315,7 @@ def begun(
             if before.serves > 1:
                 apart.append(d)
         if apart or k % CHECKED == 0:
-            apart.append(left.change - change_at(system, method, loads, inputs, start, (start.q, start.v)))
+            apart.append(left.change - change_at(plant, start, (start.q, start.v)))
         if apart:
             off = np.array(apart)
             new = off.T @ off

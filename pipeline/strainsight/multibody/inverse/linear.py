@@ -70,11 +70,12 @@ def linear_bench(
     T, M, C, K, B = linearised(system, q, u, theta)
     B = B[:, list(inputs)]
     if by_xi is not None and by_xi.shape[1]:
-        at = tangent_space(system, q, np.zeros(system.size), u, theta)
-        pushed = -at.T.T @ parameter_slopes(system, at.at, np.asarray(q, dtype=float), np.zeros(system.size)) @ by_xi
-        B = np.hstack([B, pushed])
-    own = in_modes(T, M, C, K, B, np.asarray(increment, float), white_force(system, 1.0), h, method)
-    return replace(own, corrected=corrected, printed=printed)
+        still = np.zeros(system.size)
+        tangent = tangent_space(system, q, still, u, theta)
+        slopes = parameter_slopes(system, tangent.at, np.asarray(q, dtype=float), still)
+        B = np.hstack([B, tangent.pushes(slopes) @ by_xi])
+    bench = in_modes(T, M, C, K, B, np.asarray(increment, float), white_force(system, 1.0), h, method)
+    return replace(bench, corrected=corrected, printed=printed)
 
 
 def in_modes(
@@ -109,10 +110,10 @@ def linearised(
 
     T orthonormal in the metric of the mass, so y is in m √kg. u holds all inputs of the system, B_u a column for each.
     """
-    found = tangent_space(system, q, np.zeros(system.size), u, theta)
-    M, C, K = (found.project(X) for X in (found.at.mass, found.at.damping, found.at.stiffness))
-    force = -found.T.T @ input_slopes(system, found.at, np.asarray(q, dtype=float))
-    return found.T, 0.5 * (M + M.T), C, 0.5 * (K + K.T), force
+    tangent = tangent_space(system, q, np.zeros(system.size), u, theta)
+    M, C, K = tangent.matrices
+    B = tangent.pushes(input_slopes(system, tangent.at, np.asarray(q, dtype=float)))
+    return tangent.T, 0.5 * (M + M.T), C, 0.5 * (K + K.T), B
 
 
 def in_time(bench: LinearBench, acceleration: float, drawn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:
@@ -208,10 +209,10 @@ def indistinct(model: AugmentedStep, x: np.ndarray, k: int, names: Sequence[str]
     r, p = T.shape[1], model.coordinates.size
     loads = _pushes(system.metric, T, input_slopes(system, at.at, x[model.q])[:, model.inputs])
     parameters = _pushes(system.metric, T, parameter_slopes(system, at.at, x[model.q], x[model.v]) @ by_xi)
-    pushed = np.column_stack([-at.project(at.at.stiffness), -at.project(at.at.damping), loads, parameters])
+    M, C, K = at.matrices
     F = np.zeros((2 * r + nu + p,) * 2)
     F[:r, r : 2 * r] = np.eye(r)
-    F[r : 2 * r] = np.linalg.solve(at.project(at.at.mass), pushed)
+    F[r : 2 * r] = np.linalg.solve(M, np.column_stack([-K, -C, loads, parameters]))
     J = model.measured_at(x, k)[1] / np.sqrt(model.R)[:, None]
     H = np.hstack([J[:, model.q] @ T, J[:, model.v] @ T, J[:, model.u], J[:, model.xi]])
     lost = undetectable_directions(F, H)

@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.errors import NumericalError, UserError
 from strainsight.multibody.accelerations import measured
 from strainsight.multibody.initial import constraints_at, nearest_state, static_equilibrium
-from strainsight.multibody.inverse.left_out import Begun, Start, begun
+from strainsight.multibody.inverse.left_out import Begun, Plant, Start, begun
 from strainsight.multibody.inverse.loads import LoadProcess
 from strainsight.multibody.inverse.parameters import ParameterCoordinates, Zero, static_response
 from strainsight.multibody.sensors import Readings
@@ -246,7 +246,7 @@ class AugmentedStep:
         """How far x (B, size) at kh is off φ(q) = 0, beside ‖Dq‖ and in unit rows: the largest constraint (B,) [-]."""
         off = np.zeros(len(x))
         for run, own in enumerate(x):
-            phi, B = constraints_at(self.system, own[self.q], self.known[k])
+            phi, B, _ = constraints_at(self.system, own[self.q], self.known[k])
             if len(phi):
                 d = self.system.metric
                 off[run] = np.max(np.abs(phi) / np.linalg.norm(B / d, axis=1)) / np.linalg.norm(d * own[self.q])
@@ -307,7 +307,7 @@ class AugmentedStep:
         if rest:
             q, v = self._at_rest(run, q, u, theta), np.zeros_like(v)
         self._begun[run] = begun(
-            self.system, self.method, self.loads, self.inputs, self.coordinates, x, x[self.xi], k,
+            Plant(self.system, self.method, self.loads, self.inputs), self.coordinates, x, x[self.xi], k,
             Start(q, v, x[self.c], u, end, theta), (taken.ahead[self.q], taken.ahead[self.v]), rest, self._begun.get(run),
         )  # fmt: skip
         return self._begun[run]

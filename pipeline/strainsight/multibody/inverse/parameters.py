@@ -220,16 +220,16 @@ def static_response(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndar
 
     Raises InfeasibleError where nothing holds a motion of the system.
     """
-    found = tangent_space(system, q, np.zeros(system.size), u, theta)
-    by_u = input_slopes(system, found.at, np.asarray(q, dtype=float))
-    by_theta = parameter_slopes(system, found.at, q, np.zeros(system.size))
-    pulls = np.concatenate([by_u, by_theta], axis=1)
-    K = found.project(found.at.stiffness)
+    still = np.zeros(system.size)
+    tangent = tangent_space(system, q, still, u, theta)
+    by_u = input_slopes(system, tangent.at, np.asarray(q, dtype=float))
+    slopes = np.concatenate([by_u, parameter_slopes(system, tangent.at, q, still)], axis=1)
+    *_, K = tangent.matrices
     if len(K) and not np.linalg.cond(K) < 1 / FREE:
         raise InfeasibleError(
             "nothing holds a motion of the system at the start", remedy="hold it with a joint or a spring"
         )
-    response = -found.T @ np.linalg.solve(K, found.T.T @ pulls)
+    response = tangent.T @ np.linalg.solve(K, tangent.pushes(slopes))
     return response[:, : by_u.shape[1]], response[:, by_u.shape[1] :]
 
 
@@ -319,11 +319,11 @@ def followed(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> R
 def _newton(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> Rest | None:
     d, n, m = system.metric, system.size, system.constrained
     q, lam = known.q + known.by_theta @ (theta - known.theta), known.lam
-    still, none, before = np.zeros(n), np.zeros(m), np.inf
+    still, before = np.zeros(n), np.inf
     right = np.zeros((n + m, 1 + len(theta)))
     for _ in range(STEPS):
         try:
-            at = balance(system, q, still, still, none, lam, u, theta)
+            at = balance(system, q, still, u, theta, lam=lam)
             K, B, s = in_the_metric(at, d)
             right[:n, 0], right[n:, 0] = -at.load / d, -s * at.phi
             right[:n, 1:] = -parameter_slopes(system, at, q, still) / d[:, None]

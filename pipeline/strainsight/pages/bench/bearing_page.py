@@ -82,25 +82,24 @@ def ball_figures(case: Loaded) -> list[Drawing]:
     return [_polar(case, *entry) for entry in shown]
 
 
+@styled()
 def _polar(case: Loaded, key: str, what: str, values: FloatArray, unit: str) -> Drawing:
     order = np.argsort(case.state.station)
     around = np.append(case.state.station[order], case.state.station[order][0] + 2 * np.pi)
-    with styled():
-        drawn, axes = figure(4.6)
-        place = axes.get_subplotspec()
-        axes.remove()
-        axes = drawn.add_subplot(place, projection="polar")
-        axes.patch.set_visible(False)
-        for contact, colour in enumerate(COLOURS):
-            column = np.append(values[order, contact], values[order[0], contact])
-            if np.nanmax(np.abs(np.append(column, 0.0))) > 0:
-                # the two contacts of one diagonal carry nearly the same: dashes leave the line below to be seen
-                axes.plot(around, column, color=colour, ls="-" if contact < 2 else (0, (4, 3)), label=CONTACTS[contact])
-        axes.set_title(f"{what} [{unit}]")
-        handles, labels = axes.get_legend_handles_labels()
-        if handles:
-            drawn.legend(handles, labels, loc="outside lower center", ncols=2)
-        image = svg(drawn)
+    drawn, axes = figure(4.6)
+    place = axes.get_subplotspec()
+    axes.remove()
+    axes = drawn.add_subplot(place, projection="polar")
+    axes.patch.set_visible(False)
+    for contact, colour in enumerate(COLOURS):
+        column = np.append(values[order, contact], values[order[0], contact])
+        if np.nanmax(np.abs(np.append(column, 0.0))) > 0:
+            # the two contacts of one diagonal carry nearly the same: dashes leave the line below to be seen
+            axes.plot(around, column, color=colour, ls="-" if contact < 2 else (0, (4, 3)), label=CONTACTS[contact])
+    axes.set_title(f"{what} [{unit}]")
+    handles, labels = axes.get_legend_handles_labels()
+    if handles:
+        drawn.legend(handles, labels, loc="outside lower center", ncols=2)
     largest = np.nanmax(np.append(values, 0.0))
     z = len(case.state.station)
     caption = (
@@ -108,24 +107,25 @@ def _polar(case: Loaded, key: str, what: str, values: FloatArray, unit: str) -> 
         f"axis, 90° the z axis. Largest: {number(float(largest), 4)} {unit}."
     )
     alt = f"Polar chart of the {what} of {z} balls, largest {number(float(largest), 4)} {unit}."
-    return Drawing(f"{key}-{case.bearing}-{case.case}", f"{case.bearing}, {case.case}: {what}", caption, alt, image)
+    return Drawing(
+        f"{key}-{case.bearing}-{case.case}", f"{case.bearing}, {case.case}: {what}", caption, alt, svg(drawn)
+    )
 
 
+@styled()
 def curve_figure(curve: Displaced) -> Drawing:
     """Load along and across one displacement."""
     a = curve.along
     unit = "mm" if a < 3 else "mrad"
     load = np.where(np.abs(curve.curve.load) > ROUNDING * np.abs(curve.curve.load).max(), curve.curve.load, 0.0)
-    with styled():
-        drawn, forces, moments = figure(4.6, (1.0, 1.0))
-        for axes, which, what in ((forces, range(3), "force [kN]"), (moments, range(3, 5), "moment [kN m]")):
-            for i in which:
-                axes.plot(1e3 * curve.curve.displacement, load[:, i] / 1e3, color=COLOURS[i % 3], label="xyzyz"[i])
-            axes.set_ylabel(what)
-            legend_above(axes)
-        moments.locator_params(axis="x", nbins=5)
-        moments.set_xlabel(f"{DISPLACEMENTS[a]} [{unit}]")
-        image = svg(drawn)
+    drawn, forces, moments = figure(4.6, (1.0, 1.0))
+    for axes, which, what in ((forces, range(3), "force [kN]"), (moments, range(3, 5), "moment [kN m]")):
+        for i in which:
+            axes.plot(1e3 * curve.curve.displacement, load[:, i] / 1e3, color=COLOURS[i % 3], label="xyzyz"[i])
+        axes.set_ylabel(what)
+        legend_above(axes)
+    moments.locator_params(axis="x", nbins=5)
+    moments.set_xlabel(f"{DISPLACEMENTS[a]} [{unit}]")
     largest = float(np.abs(curve.curve.load[:, a]).max())
     name = DISPLACEMENTS[a]
     caption = (
@@ -133,7 +133,7 @@ def curve_figure(curve: Displaced) -> Drawing:
         f"At most {number(largest, 4)} {LOAD_UNITS[a]} along it."
     )
     alt = f"Line chart of three forces and two moments over the displacement {name}."
-    return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, image)
+    return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, svg(drawn))
 
 
 def cleared(values: FloatArray) -> FloatArray:
@@ -175,46 +175,44 @@ def balls_figures(name: str, ring: RingEstimate) -> tuple[Drawing, Drawing]:
     return _around(name, ring.worst), _in_time(name, ring)
 
 
+@styled()
 def _around(name: str, then: BallsThen) -> Drawing:
     order = np.argsort(then.station)
     station = np.rad2deg(then.station[order])
     force, std = then.force[order] / 1e3, then.force_std[order] / 1e3
-    with styled():
-        drawn, axes = figure(2.6)
-        for contact in range(INNER):
-            axes.plot(station, force[:, contact], color=COLOURS[contact], label=CONTACTS[contact])
-            band(axes, station, force[:, contact], std[:, contact], COLOURS[contact])
-        axes.set_ylabel("force [kN]")
-        axes.set_xlabel("station of the ball [°]")
-        axes.set_ylim(bottom=0)
-        plain_axis(axes)
-        legend_above(axes)
-        image = svg(drawn)
+    drawn, axes = figure(2.6)
+    for contact in range(INNER):
+        axes.plot(station, force[:, contact], color=COLOURS[contact], label=CONTACTS[contact])
+        band(axes, station, force[:, contact], std[:, contact], COLOURS[contact])
+    axes.set_ylabel("force [kN]")
+    axes.set_xlabel("station of the ball [°]")
+    axes.set_ylim(bottom=0)
+    plain_axis(axes)
+    legend_above(axes)
     at = np.unravel_index(np.argmax(then.force), then.force.shape)
     caption = (
         f"Force on each of the {len(then.station)} balls of {name} by the estimate at {number(then.time, 4)} s, "
         f"when the pressure is highest: at most {_known(then.force[at], then.force_std[at], 'N')}"
     )
     title = f"{name}: what the balls carry"
-    return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", image)
+    return Drawing(f"balls-{name}", title, caption, f"Line chart: {caption}", svg(drawn))
 
 
+@styled()
 def _in_time(name: str, ring: RingEstimate) -> Drawing:
-    with styled():
-        drawn, axes = figure(2.4)
-        axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
-        band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
-        axes.set_ylabel("highest pressure [MPa]")
-        plain_axis(axes)
-        time_axis(axes)
-        image = svg(drawn)
+    drawn, axes = figure(2.4)
+    axes.plot(ring.instants, ring.pressure / 1e6, color=BLUE)
+    band(axes, ring.instants, ring.pressure / 1e6, ring.pressure_std / 1e6, BLUE)
+    axes.set_ylabel("highest pressure [MPa]")
+    plain_axis(axes)
+    time_axis(axes)
     at = int(np.argmax(ring.pressure))
     caption = (
         f"Highest contact pressure in {name} by the estimate, of all balls: at most "
         f"{_known(ring.pressure[at], ring.pressure_std[at], 'Pa')}"
     )
     title = f"{name}: highest pressure by the estimate"
-    return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", image)
+    return Drawing(f"pressure-{name}", title, caption, f"Line chart: {caption}", svg(drawn))
 
 
 def _known(value: float, std: float, unit: str) -> str:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from strainsight.pages.arrays import FloatArray, History, largest
+from strainsight.pages.arrays import FloatArray, History, largest, rms
 from strainsight.pages.bench.data import BenchEstimate, BenchSensor, BenchUnknown
 from strainsight.pages.chart.drawing import (
     BLUE,
@@ -25,8 +25,10 @@ from strainsight.pages.chart.drawing import (
     visible_instants,
 )
 from strainsight.pages.chart.panels import (
+    band,
     dots,
     drawable,
+    focus_on,
     legend_above,
     legend_of_lines,
     log_ticks,
@@ -48,6 +50,7 @@ SAME = 0.02
 """Share of the largest value within which two true histories are drawn as one: one may be sampled more coarsely."""
 
 
+@styled()
 def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, History]]) -> Drawing:
     """Estimates of one unknown beside the truth; below, errors over the largest true value on a logarithmic axis.
 
@@ -58,104 +61,91 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, H
     factor, unit = shown_unit([history for _, history in lines])
     labels = [line_label(label, len(lines)) for label, _ in lines]
     known = [(place, history) for place, (_, history) in enumerate(lines) if history.truth is not None]
-    claimed = alone and bool(np.isfinite(first.std).any())
-    with styled():
-        drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
-        _truths(axes, [history for _, history in known], factor)
-        for place, (label, (_, own)) in enumerate(zip(labels, lines, strict=True)):
-            index = visible_instants(np.column_stack([drawable(own.mean), drawable(own.std)]), 240)
-            time = own.time[index]
-            if claimed:
-                low, high = (drawable((own.mean + sign * 2 * own.std)[index] / factor) for sign in (-1, 1))
-                axes.fill_between(time, low, high, color=BLUE, alpha=0.2, lw=0, label="±2σ")
-            axes.plot(time, drawable(own.mean)[index] / factor, **line_style(place), label=label)
-        smoothed = first.smoothed if alone else None
-        if smoothed is not None:
-            index = visible_instants(drawable(smoothed)[:, None], 240)
-            axes.plot(first.time[index], drawable(smoothed)[index] / factor, color=GREEN, lw=1.2, label="smoothed")
-        if alone and kind == "input":
-            _bulk(axes, first, factor)
-        plain_axis(axes)
-        axes.set_ylabel(f"{short(first.name, 24)} [{short(unit)}]")
-        for below in more:
-            _errors(below, known, alone=alone)
-        time_axis((axes, *more)[-1])
-        legend_of_lines(axes, labels)
-        image = svg(drawn)
+    claimed, smoothed = alone and bool(np.isfinite(first.std).any()), first.smoothed if alone else None
+    drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
+    _truths(axes, [history for _, history in known], factor)
+    for place, (label, (_, history)) in enumerate(zip(labels, lines, strict=True)):
+        mean, std = drawable(history.mean) / factor, drawable(history.std) / factor
+        index = visible_instants(np.column_stack([mean, std]), 240)
+        if claimed:
+            band(axes, history.time[index], mean[index], std[index], BLUE, "±2σ")
+        axes.plot(history.time[index], mean[index], **line_style(place), label=label)
+    if smoothed is not None:
+        index = visible_instants(drawable(smoothed)[:, None], 240)
+        axes.plot(first.time[index], drawable(smoothed)[index] / factor, color=GREEN, lw=1.2, label="smoothed")
+    if alone and kind == "input":
+        _bulk(axes, first, factor)
+    plain_axis(axes)
+    axes.set_ylabel(f"{short(first.name, 24)} [{short(unit)}]")
+    for below in more:
+        _errors(below, known, alone=alone)
+    time_axis((axes, *more)[-1])
+    legend_of_lines(axes, labels)
     name = first.name
     caption = f"{name}, {'load' if kind == 'input' else kind}: estimate" + " beside the truth (dashed)" * bool(known)
-    caption += ", with ±2 claimed standard deviations" if claimed else ""
-    caption += "" if smoothed is None else ", and smoothed (green)"
-    if known:
-        caption += "; below, the size of the error over the largest true value"
-        caption += ", and the claimed σ (dotted)" if claimed else ""
+    caption += ", with ±2 claimed standard deviations" * claimed + ", and smoothed (green)" * (smoothed is not None)
+    caption += "; below, the size of the error over the largest true value" * bool(known)
+    caption += ", and the claimed σ (dotted)" * (bool(known) and claimed)
     text = "; ".join(f"{label or name}: {_ending(history)}" for label, history in lines)
-    return Drawing(key, title, f"{caption}.", f"Line chart of {name} as estimated. {text}.", image)
+    return Drawing(key, title, f"{caption}.", f"Line chart of {name} as estimated. {text}.", svg(drawn))
 
 
+@styled()
 def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
     """A load over the one on the bench that was measured: both above, their quotient below where the other is large."""
-    own = lines[0][1]
+    name = lines[0][1].name
     factor, unit = shown_unit([unknown.history for _, unknown in lines])
-    with styled():
-        labels = [line_label(label, len(lines)) for label, _ in lines]
-        drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
-        text = []
-        for place, (label, (run, unknown)) in enumerate(zip(labels, lines, strict=True)):
-            there, history, style = unknown.there, unknown.history, line_style(place)
-            assert there is not None
-            large = np.abs(there) > LARGE * largest(there)
-            large[0] = False  # there stands the first guess
-            quotient = np.full(len(there), np.nan)
-            quotient[large] = history.mean[large] / there[large]
-            index = visible_instants(np.column_stack([history.mean, drawable(quotient)]), 240)
-            axes.plot(history.time[index], history.mean[index] / factor, **style, label=label)
-            below.plot(history.time[index], drawable(quotient)[index], **style)
-            if (known := quotient[np.isfinite(quotient)]).size:
-                text.append(f"{run or own.name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
-        axes.set_ylabel(f"{short(own.name, 24)} [{short(unit)}]")
-        plain_axis(axes)
-        plain_axis(below)
-        below.set_ylabel("over the load on\nthe other bench [–]")
-        time_axis(below)
-        legend_of_lines(axes, labels)
-        image = svg(drawn)
+    labels = [line_label(label, len(lines)) for label, _ in lines]
+    drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
+    text = []
+    for place, (label, (run, unknown)) in enumerate(zip(labels, lines, strict=True)):
+        measured, history, style = unknown.there, unknown.history, line_style(place)
+        assert measured is not None
+        large = np.abs(measured) > LARGE * largest(measured)
+        large[0] = False  # the first guess
+        quotient = np.full(len(measured), np.nan)
+        quotient[large] = history.mean[large] / measured[large]
+        index = visible_instants(np.column_stack([history.mean, drawable(quotient)]), 240)
+        axes.plot(history.time[index], history.mean[index] / factor, **style, label=label)
+        below.plot(history.time[index], drawable(quotient)[index], **style)
+        if (known := quotient[np.isfinite(quotient)]).size:
+            text.append(f"{run or name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
+    axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
+    plain_axis(axes)
+    plain_axis(below)
+    below.set_ylabel("over the load on\nthe other bench [–]")
+    time_axis(below)
+    legend_of_lines(axes, labels)
     caption = (
-        f"{own.name} on this bench, and over the one on the bench that was measured where that is above {number(LARGE)} of its "
+        f"{name} on this bench, and over the one on the bench that was measured where that is above {number(LARGE)} of its "
         f"maximum: {'; '.join(text) or 'nowhere'}."
     )
-    return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", image)
+    return Drawing(key, title, caption, f"Line chart of a ratio of loads. {caption}", svg(drawn))
 
 
+@styled()
 def runs_figure(unknown: BenchUnknown) -> Drawing:
     """A parameter's error in every run over seeds and starts on bars of the claimed σ, relative, on a logarithmic axis."""
     assert unknown.errors is not None
-    truth = unknown.history.truth
-    scale = float(np.nanmax(np.abs(truth))) if truth is not None else 1.0
+    scale = 1.0 if unknown.history.truth is None else largest(unknown.history.truth)
     errors = np.abs(unknown.errors) / scale
-    with styled():
-        drawn, axes = figure(3.0)
-        at = np.arange(1, len(errors) + 1)
-        if unknown.stds is not None:
-            axes.bar(at, unknown.stds / scale, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
-        axes.plot(at, np.maximum(errors, ROUNDING), "o", color=BLUE, ms=5, label="error")
-        axes.set_yscale("log")
-        log_ticks(axes)
-        axes.locator_params(axis="x", integer=True)
-        axes.set_xlabel("run over seeds and starts")
-        axes.set_ylabel("relative error [–]")
-        legend_above(axes)
-        image = svg(drawn)
+    drawn, axes = figure(3.0)
+    at = np.arange(1, len(errors) + 1)
+    if unknown.stds is not None:
+        axes.bar(at, unknown.stds / scale, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
+    axes.plot(at, np.maximum(errors, ROUNDING), "o", color=BLUE, ms=5, label="error")
+    axes.set_yscale("log")
+    log_ticks(axes)
+    axes.locator_params(axis="x", integer=True)
+    axes.set_xlabel("run over seeds and starts")
+    axes.set_ylabel("relative error [–]")
+    legend_above(axes)
     finite = errors[np.isfinite(errors)]
-    text = (
-        f"RMS {number(float(np.sqrt(np.mean(finite**2))), 2)}, largest {number(float(finite.max()), 2)}"
-        if len(finite)
-        else "none"
-    )
-    lost = f"; {len(errors) - len(finite)} lost" if len(finite) < len(errors) else ""
+    text = f"RMS {number(rms(errors), 2)}, largest {number(float(finite.max()), 2)}" if len(finite) else "none"
+    text += f"; {len(errors) - len(finite)} lost" * (len(finite) < len(errors))
     what = "at the end" if unknown.kind == "parameter" else "over the second half"
-    caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {text}{lost}."
-    return Drawing(f"runs-{unknown.name}", f"{unknown.name}: other seeds and starts", caption, caption, image)
+    caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {text}."
+    return Drawing(f"runs-{unknown.name}", f"{unknown.name}: other seeds and starts", caption, caption, svg(drawn))
 
 
 def shown_unit(histories: Sequence[History]) -> tuple[float, str]:
@@ -189,29 +179,27 @@ def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
         assert truth is not None
         if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * largest(u)) for t, u in shown):
             continue
-        index = visible_instants(truth[:, None], 240)
-        stroke: dict[str, Any] = {"color": INK, "lw": 1, "ls": (0, (4, 2)), "zorder": 3}
-        axes.plot(time[index], truth[index] / factor, **stroke, label=None if shown else "truth")
+        index, label = visible_instants(truth[:, None], 240), None if shown else "truth"
+        axes.plot(time[index], truth[index] / factor, color=INK, lw=1, ls=(0, (4, 2)), zorder=3, label=label)
         shown.append((time, truth))
 
 
 def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool) -> None:
-    for place, own in histories:
-        assert own.truth is not None
-        scale = largest(own.truth) or 1.0
-        style = line_style(place)
-        shown = [(own.mean, {**style, "lw": 1.1 if alone else style["lw"]})]
-        if alone and own.smoothed is not None:
-            shown.append((own.smoothed, {"color": GREEN, "lw": 1.0}))
-        for values, how in shown:
-            error = np.abs(drawable(values - own.truth)) / scale
+    for place, history in histories:
+        assert history.truth is not None
+        scale = largest(history.truth) or 1.0
+        curves = [(history.mean, line_style(place) | ({"lw": 1.1} if alone else {}))]
+        if alone and history.smoothed is not None:
+            curves.append((history.smoothed, {"color": GREEN, "lw": 1.0}))
+        for values, style in curves:
+            error = np.abs(drawable(values - history.truth)) / scale
             error = np.where(error > ROUNDING, error, np.nan)
             index = visible_instants(np.log(error)[:, None], 240)
-            axes.plot(own.time[index], error[index], **how)
+            axes.plot(history.time[index], error[index], **style)
         if alone:
-            index = visible_instants(drawable(own.std)[:, None], 240)
-            std = np.where(own.std[index] > 0, own.std[index] / scale, np.nan)
-            axes.plot(own.time[index], std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
+            index = visible_instants(drawable(history.std)[:, None], 240)
+            std = np.where(history.std[index] > 0, history.std[index] / scale, np.nan)
+            axes.plot(history.time[index], std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
     axes.set_yscale("log")
     log_ticks(axes)
     axes.set_ylabel("|error| over\nlargest truth")
@@ -219,13 +207,10 @@ def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool
 
 def _bulk(axes: Axes, history: History, factor: float) -> None:
     """The y axis on the estimate and the truth: the band of the first instants may be a hundred times as wide."""
-    parts = [history.mean, *([] if history.truth is None else [history.truth])]
-    late = history.std[len(history.std) // 10 :]
-    values = np.concatenate([*parts, history.mean[-len(late) :] + 2 * late, history.mean[-len(late) :] - 2 * late])
-    values = values[np.isfinite(values)] / factor
-    if len(values):
-        margin = 0.06 * float(np.ptp(values)) or 0.01 * float(np.abs(values).max()) or 1.0
-        axes.set_ylim(values.min() - margin, values.max() + margin)
+    late = slice(len(history.std) // 10, None)
+    mean, reach = history.mean[late], 2 * history.std[late]
+    parts = [history.mean, mean + reach, mean - reach, *([] if history.truth is None else [history.truth])]
+    focus_on(axes, np.concatenate(parts) / factor, share=0.0)
 
 
 def _ending(history: History) -> str:
@@ -243,112 +228,107 @@ SILENT = 1e-12
 """Share of the largest component of a simulated sensor, below which one is none: a scale of its own would show noise."""
 
 
+@styled()
 def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[str, BenchSensor]]) -> Drawing:
     """One component of a sensor as measured and as the estimates say it; below, the difference."""
     first = lines[0][1]
     columns = [(label, sensor, drawable(sensor.measured[:, component])) for label, sensor in lines]
     factor, unit = sensor_unit(largest(*(values for *_, values in columns)), first.units[component])
-    with styled():
-        labels = [line_label(label, len(lines)) for label, _ in lines]
-        drawn, axes, below = figure(4.4 + legend_height(labels), (1.5, 1.0))
-        shown: list[FloatArray] = []
-        for place, (label, (_, sensor, values)) in enumerate(zip(labels, columns, strict=True)):
-            index = visible_instants(values[:, None], 240)
-            if not any(np.array_equal(values, other, equal_nan=True) for other in shown):
-                dots(axes, sensor.time[index], values[index] / factor, "" if shown else "measured")
-                shown.append(values)
-            if sensor.expected is None:
-                continue
-            expected, style = drawable(sensor.expected[:, component]), line_style(place)
-            axes.plot(sensor.time[index], expected[index] / factor, **style, label=label)
-            difference = (values - expected) / factor
-            index = visible_instants(difference[:, None], 240)
-            below.plot(sensor.time[index], difference[index], **{**style, "lw": 0.7 * style["lw"]})
-        plain_axis(axes)
-        axes.set_ylabel(f"{short(first.components[component], 20)} [{short(unit)}]")
-        below.set_ylabel(f"measured −\nestimated [{short(unit)}]")
-        time_axis(below)
-        legend_of_lines(axes, labels)
-        image = svg(drawn)
+    labels = [line_label(label, len(lines)) for label, _ in lines]
+    drawn, axes, below = figure(4.4 + legend_height(labels), (1.5, 1.0))
+    shown: list[FloatArray] = []
+    for place, (label, (_, sensor, values)) in enumerate(zip(labels, columns, strict=True)):
+        index = visible_instants(values[:, None], 240)
+        if not any(np.array_equal(values, other, equal_nan=True) for other in shown):
+            dots(axes, sensor.time[index], values[index] / factor, "" if shown else "measured")
+            shown.append(values)
+        if sensor.expected is None:
+            continue
+        expected, style = drawable(sensor.expected[:, component]), line_style(place)
+        axes.plot(sensor.time[index], expected[index] / factor, **style, label=label)
+        difference = (values - expected) / factor
+        index = visible_instants(difference[:, None], 240)
+        below.plot(sensor.time[index], difference[index], **{**style, "lw": 0.7 * style["lw"]})
+    plain_axis(axes)
+    axes.set_ylabel(f"{short(first.components[component], 20)} [{short(unit)}]")
+    below.set_ylabel(f"measured −\nestimated [{short(unit)}]")
+    time_axis(below)
+    legend_of_lines(axes, labels)
     what = f"{first.name}, {first.components[component]}"
-    given = "" if first.used else "; the filter was not given it"
-    caption = f"{what}: measured, and as the estimate says it should read; below, the difference{given}."
-    parts = [
-        f"{label or first.name} {ratio(mismatch(sensor, component))}"
-        for label, sensor in lines
-        if sensor.expected is not None
-    ]
-    alt = f"Line chart of {what} measured and estimated; RMS of the difference over that of the reading: {', '.join(parts)}."
-    return Drawing(key, title, caption, alt, image)
+    caption = f"{what}: measured, and as the estimate says it should read; below, the difference{_unused(first)}."
+    estimated = [(label, sensor) for label, sensor in lines if sensor.expected is not None]
+    parts = ", ".join(f"{label or first.name} {ratio(mismatch(sensor, component))}" for label, sensor in estimated)
+    alt = f"Line chart of {what} measured and estimated; RMS of the difference over that of the reading: {parts}."
+    return Drawing(key, title, caption, alt, svg(drawn))
 
 
+def _unused(sensor: BenchSensor) -> str:
+    return "" if sensor.used else "; the filter was not given it"
+
+
+@styled()
 def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
     """All components of one sensor, the largest eight where there are more, measured and estimated, one over the other."""
     size = np.nanmax(np.abs(drawable(sensor.measured)), axis=0, initial=0.0)
     kept = sorted(np.argsort(-size, kind="stable")[:PANELS].tolist())
-    with styled():
-        drawn, *panels = figure(1.0 + 0.95 * len(kept), (1.0,) * len(kept))
-        for axes, i in zip(panels, kept, strict=True):
-            measured = drawable(sensor.measured[:, i])
-            if sensor.expected is None and size[i] <= SILENT * size.max():
-                measured = np.zeros_like(measured)
-            factor, unit = sensor_unit(largest(measured), sensor.units[i])
-            index = visible_instants(measured[:, None], 240)
-            if sensor.expected is None:
-                axes.plot(sensor.time[index], measured[index] / factor, color=BLUE)
-            else:
-                dots(axes, sensor.time[index], measured[index] / factor, "measured" * (i == kept[0]))
-                expected = drawable(sensor.expected[:, i])[index] / factor
-                axes.plot(sensor.time[index], expected, color=BLUE, label="estimated" if i == kept[0] else None)
-            plain_axis(axes)
-            axes.locator_params(axis="y", nbins=3)
-            axes.set_ylabel(f"{short(sensor.components[i], 9)}\n[{short(unit)}]")
-        time_axis(panels[-1])
-        if sensor.expected is not None:
-            legend_above(panels[0])
-        image = svg(drawn)
+    drawn, *panels = figure(1.0 + 0.95 * len(kept), (1.0,) * len(kept))
+    for axes, i in zip(panels, kept, strict=True):
+        measured = drawable(sensor.measured[:, i])
+        if sensor.expected is None and size[i] <= SILENT * size.max():
+            measured = np.zeros_like(measured)
+        factor, unit = sensor_unit(largest(measured), sensor.units[i])
+        index = visible_instants(measured[:, None], 240)
+        if sensor.expected is None:
+            axes.plot(sensor.time[index], measured[index] / factor, color=BLUE)
+        else:
+            dots(axes, sensor.time[index], measured[index] / factor, "measured" * (i == kept[0]))
+            expected = drawable(sensor.expected[:, i])[index] / factor
+            axes.plot(sensor.time[index], expected, color=BLUE, label="estimated" if i == kept[0] else None)
+        plain_axis(axes)
+        axes.locator_params(axis="y", nbins=3)
+        axes.set_ylabel(f"{short(sensor.components[i], 9)}\n[{short(unit)}]")
+    time_axis(panels[-1])
     many = "" if len(kept) == len(sensor.components) else f" (the largest {len(kept)} of {len(sensor.components)})"
     caption = f"Components of {sensor.name}{many} in time"
     if sensor.expected is not None:
+        legend_above(panels[0])
         text = ", ".join(f"{sensor.components[i]} {ratio(mismatch(sensor, i))}" for i in kept)
         caption += f"; RMS of measured − estimated over RMS of measured: {text}"
-    if not sensor.used:
-        caption += "; the filter was not given it"
-    return Drawing(key, title, f"{caption}.", f"Line charts of {len(kept)} components of {sensor.name} in time.", image)
+    alt = f"Line charts of {len(kept)} components of {sensor.name} in time."
+    return Drawing(key, title, f"{caption}{_unused(sensor)}.", alt, svg(drawn))
 
 
+@styled()
 def consistency_figure(estimate: BenchEstimate, expected: float | None) -> Drawing:
     """NIS over the number of channels at every step, and the violation of the constraints after every correction; expected: NIS,
     where it is known."""
-    with styled():
-        drawn, axes, below = figure(4.2, (1.4, 1.0))
-        index = visible_instants(estimate.nis[:, None], 240)
-        dots(axes, estimate.time[1:][index], estimate.nis[index], "NIS over channels")
-        mean = float(np.mean(estimate.nis[np.isfinite(estimate.nis)])) if np.isfinite(estimate.nis).any() else np.nan
-        axes.axhline(mean, color=BLUE, label="mean")
-        if expected is not None:
-            axes.axhline(expected, color=INK, lw=1, ls=(0, (4, 2)), label="expected")
-        axes.set_ylabel("NIS / channels [–]")
-        axes.set_ylim(bottom=0)
-        plain_axis(axes)
-        index = visible_instants(estimate.violation[:, None], 240)
-        violation = drawable(estimate.violation[index])
-        if (violation > NONE).any():
-            violation = np.where(violation > NONE, violation, np.nan)
-            below.set_yscale("log")
-        dots(below, estimate.time[index], violation, "")
-        log_ticks(below)
-        below.set_ylabel("constraints\nviolated by")
-        time_axis(below)
-        legend_above(axes)
-        image = svg(drawn)
+    drawn, axes, below = figure(4.2, (1.4, 1.0))
+    index = visible_instants(estimate.nis[:, None], 240)
+    dots(axes, estimate.time[1:][index], estimate.nis[index], "NIS over channels")
+    mean = float(np.mean(estimate.nis[np.isfinite(estimate.nis)])) if np.isfinite(estimate.nis).any() else np.nan
+    axes.axhline(mean, color=BLUE, label="mean")
+    if expected is not None:
+        axes.axhline(expected, color=INK, lw=1, ls=(0, (4, 2)), label="expected")
+    axes.set_ylabel("NIS / channels [–]")
+    axes.set_ylim(bottom=0)
+    plain_axis(axes)
+    index = visible_instants(estimate.violation[:, None], 240)
+    violation = drawable(estimate.violation[index])
+    if (violation > NONE).any():
+        violation = np.where(violation > NONE, violation, np.nan)
+        below.set_yscale("log")
+    dots(below, estimate.time[index], violation, "")
+    log_ticks(below)
+    below.set_ylabel("constraints\nviolated by")
+    time_axis(below)
+    legend_above(axes)
     worst = number(float(np.nanmax(estimate.violation, initial=0.0)), 2)
     caption = (
         f"Above, normalised innovation squared over the number of channels: mean {number(mean, 3)}"
         + (f", expected {number(expected, 3)}" if expected is not None else "")
         + f". Below, how far the constraints are violated after every correction: at most {worst}."
     )
-    return Drawing("consistency", "Does the filter believe its sensors?", caption, caption, image)
+    return Drawing("consistency", "Does the filter believe its sensors?", caption, caption, svg(drawn))
 
 
 def mismatch(sensor: BenchSensor, component: int) -> float:

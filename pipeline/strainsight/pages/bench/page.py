@@ -89,22 +89,21 @@ def drive_figure(time: FloatArray, name: str, turns: bool, drive: DriveMotion) -
     )
 
 
+@styled()
 def stress_figure(stress: BenchStress) -> Drawing:
     """The largest von Mises stress of every picture in time, beside the allowable where one is stated."""
     largest = stress.largest / 1e6
-    with styled():
-        drawn, axes = figure(2.4)
-        axes.plot(stress.time, largest, **line_style(0), label="largest")
-        if stress.allowable is not None:
-            axes.axhline(stress.allowable / 1e6, color=VERMILION, ls="--", lw=1.4, label="allowable")
-        axes.set_ylim(bottom=0.0)
-        plain_axis(axes)
-        axes.set_ylabel("von Mises stress [MPa]")
-        legend_above(axes)
-        time_axis(axes)
-        image = svg(drawn)
+    drawn, axes = figure(2.4)
+    axes.plot(stress.time, largest, **line_style(0), label="largest")
+    if stress.allowable is not None:
+        axes.axhline(stress.allowable / 1e6, color=VERMILION, ls="--", lw=1.4, label="allowable")
+    axes.set_ylim(bottom=0.0)
+    plain_axis(axes)
+    axes.set_ylabel("von Mises stress [MPa]")
+    legend_above(axes)
+    time_axis(axes)
     caption = f"Largest von Mises stress anywhere on {stress.body}, at {len(stress.time)} instants: {stress_in_words(stress)}."
-    return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", image)
+    return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", svg(drawn))
 
 
 def stress_in_words(stress: BenchStress) -> str:
@@ -115,34 +114,34 @@ def stress_in_words(stress: BenchStress) -> str:
     return f"{text}, {percent(stress.share)} of the allowable {quantity(stress.allowable, 'Pa')}"
 
 
+@styled()
 def random_figure(placed: BenchPlaced) -> Drawing:
     """Expected standard deviation of every load with the layout and with random ones, over the layout's."""
     expected = placed.placed.std
     known = np.flatnonzero(expected > 0)
     names = [placed.inputs[i] for i in known]
-    with styled():
-        drawn, axes = figure(1.3 + 0.4 * len(names))
-        for y, i in enumerate(known):
-            others = placed.random_std[:, i] / expected[i]
-            others = others[np.isfinite(others)]
-            axes.plot(
-                others, np.full(len(others), y), "|", color=MUTED, ms=10, mew=1.4, label=None if y else "random layouts"
-            )
-            axes.plot(1.0, y, "o", color=BLUE, ms=7, label=None if y else "placed")
-        axes.set_xscale("log")
-        plain_ticks(axes, "x")
-        axes.set_yticks(range(len(names)), [short(name, 16) for name in names])
-        axes.set_ylim(len(names) - 0.5, -0.5)
-        axes.grid(visible=False, axis="y")
-        axes.set_xlabel("expected σ over that of the placed layout [–]")
-        legend_above(axes)
-        image = svg(drawn)
+    drawn, axes = figure(1.3 + 0.4 * len(names))
+    for y, i in enumerate(known):
+        others = placed.random_std[:, i] / expected[i]
+        others = others[np.isfinite(others)]
+        axes.plot(
+            others, np.full(len(others), y), "|", color=MUTED, ms=10, mew=1.4, label=None if y else "random layouts"
+        )
+        axes.plot(1.0, y, "o", color=BLUE, ms=7, label=None if y else "placed")
+    axes.set_xscale("log")
+    plain_ticks(axes, "x")
+    axes.set_yticks(range(len(names)), [short(name, 16) for name in names])
+    axes.set_ylim(len(names) - 0.5, -0.5)
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel("expected σ over that of the placed layout [–]")
+    legend_above(axes)
     caption = (
         "Expected standard deviation of every load with as many gauges drawn at random, over that of the placed layout."
     )
-    return Drawing("random", "Placed against random layouts", caption, caption, image)
+    return Drawing("random", "Placed against random layouts", caption, caption, svg(drawn))
 
 
+@styled()
 def _stacked(
     key: str,
     title: str,
@@ -152,21 +151,19 @@ def _stacked(
     height: float = 1.5,
 ) -> Drawing:
     """Panels one above the other, each with its label, the columns of an array and their names; height of one [inch]."""
-    with styled():
-        drawn, *all_axes = figure(1.3 + height * len(panels), (1.0,) * len(panels))
-        for axes, (label, columns, names) in zip(all_axes, panels, strict=True):
-            index = visible_instants(columns, 240)
-            for place, (column, name) in enumerate(zip(columns.T, names, strict=True)):
-                axes.plot(time[index], drawable(column)[index], **line_style(place), label=name)
-            plain_axis(axes)
-            axes.set_ylabel(label)
-            legend_above(axes)
-        time_axis(all_axes[-1])
-        image = svg(drawn)
+    drawn, *all_axes = figure(1.3 + height * len(panels), (1.0,) * len(panels))
+    for axes, (label, columns, names) in zip(all_axes, panels, strict=True):
+        index = visible_instants(columns, 240)
+        for place, (column, name) in enumerate(zip(columns.T, names, strict=True)):
+            axes.plot(time[index], drawable(column)[index], **line_style(place), label=name)
+        plain_axis(axes)
+        axes.set_ylabel(label)
+        legend_above(axes)
+    time_axis(all_axes[-1])
     parts = ", ".join(
         f"{label} up to {number(float(np.nanmax(np.abs(values), initial=0.0)), 3)}" for label, values, _ in panels
     )
-    return Drawing(key, title, caption, f"Line charts: {parts}.", image)
+    return Drawing(key, title, caption, f"Line charts: {parts}.", svg(drawn))
 
 
 STYLE = "bench/bench.css"

@@ -50,11 +50,9 @@ def legend_above(axes: Axes, columns: int = 4) -> None:
     )
 
 
-def band(
-    axes: Axes, x: FloatArray, mean: FloatArray, std: FloatArray, colour: str, alpha: float = 0.25, label: str = ""
-) -> None:
+def band(axes: Axes, x: FloatArray, mean: FloatArray, std: FloatArray, colour: str, label: str = "") -> None:
     """mean ± 2σ over x."""
-    axes.fill_between(x, mean - 2 * std, mean + 2 * std, color=colour, alpha=alpha, lw=0, label=label)
+    axes.fill_between(x, mean - 2 * std, mean + 2 * std, color=colour, alpha=0.25, lw=0, label=label)
 
 
 def time_axis(axes: Axes) -> None:
@@ -163,20 +161,41 @@ def last_periods(values: FloatArray, periods: float = 4.0, least: float = 0.02) 
     return slice(max(min(start, steps - max(round(least * steps), 2)), 0), None)
 
 
-def about(values: FloatArray, at: int, periods: float = 5.0, least: int = 60, share: float = 0.6) -> slice:
-    """A few periods of an oscillation (T,) about sample `at`, of at least so many samples; all of it where that would be more
-    than `share` of it.
+def about(values: FloatArray, near: FloatArray, periods: float = 5.0, least: int = 60, share: float = 0.6) -> slice:
+    """A few periods of an oscillation (T,) about the largest finite sample of `near` (T,), of at least so many samples; all of it
+    where that would be more than `share` of it.
 
     A period is twice the mean distance of crossings of its mean, counted where there are samples.
     """
-    finite = values[np.isfinite(values)]
-    steps = len(values)
+    finite, steps = values[np.isfinite(values)], len(values)
     crossings = int(np.count_nonzero(np.diff(np.signbit(finite - finite.mean())))) if len(finite) else 0
     width = max(least, round(2 * periods * len(finite) / crossings) if crossings else steps)
     if width > share * steps:
         return slice(0, steps)
+    at = int(np.argmax(np.where(np.isfinite(near), np.abs(near), -1.0)))
     start = min(max(at - width // 2, 0), steps - width)
     return slice(start, start + width)
+
+
+def overlay(
+    axes: Axes,
+    time: FloatArray,
+    mean: FloatArray,
+    std: FloatArray,
+    colour: str,
+    words: str,
+    measured: FloatArray | None = None,
+) -> None:
+    """A curve in its ±2σ band where it has one, over what was measured as dots; thinned to what can be seen."""
+    banded = bool(np.isfinite(std).any())
+    columns = [mean, *([mean - 2 * std, mean + 2 * std] if banded else [])]
+    columns += [] if measured is None else [measured]
+    index = visible_instants(np.column_stack(columns), 180)
+    if measured is not None:
+        dots(axes, time[index], measured[index], "measured")
+    if banded:
+        band(axes, time[index], mean[index], std[index], colour)
+    axes.plot(time[index], mean[index], color=colour, lw=1.2, label=f"{words} ±2σ" if banded else words)
 
 
 def estimate_figure(history: History, start: int = 0) -> Drawing:
@@ -199,6 +218,7 @@ def closing_figure(history: History, kind: str) -> Drawing:
     return Drawing(f"closing-{history.name}", f"{history.name}: {span}", caption, _history_alt(history), image)
 
 
+@styled()
 def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     factor, unit = shown_unit(history)
     time = history.time[window]
@@ -208,24 +228,23 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     smoothed = None if history.smoothed is None else drawable(history.smoothed[window]) / factor
     columns += [values for values in (truth, smoothed) if values is not None]
     index = visible_instants(np.column_stack(columns))
-    with styled():
-        drawn, axes = figure()
-        if np.isfinite(std).any():
-            band(axes, time[index], mean[index], std[index], BLUE, 0.2, "±2σ")
-        axes.plot(time[index], mean[index], color=BLUE, label="estimate")
-        if smoothed is not None:
-            claimed = history.smoothed_std is not None and np.isfinite(history.smoothed_std).any()
-            if history.smoothed_std is not None and claimed:
-                band(axes, time[index], smoothed[index], drawable(history.smoothed_std[window])[index] / factor, GREEN)
-            axes.plot(time[index], smoothed[index], color=GREEN, label="smoothed ±2σ" if claimed else "smoothed")
-        if truth is not None:
-            axes.plot(time[index], truth[index], color=INK, lw=1.2, ls=(0, (5, 3)), label="truth")
-        if focus:
-            focus_on(axes, np.concatenate([values[np.isfinite(values)] for values in columns]), share=0.0)
-        time_axis(axes)
-        axes.set_ylabel(f"{short(history.name)} [{unit}]")
-        legend_above(axes)
-        return svg(drawn)
+    drawn, axes = figure()
+    if np.isfinite(std).any():
+        band(axes, time[index], mean[index], std[index], BLUE, "±2σ")
+    axes.plot(time[index], mean[index], color=BLUE, label="estimate")
+    if smoothed is not None:
+        claimed = history.smoothed_std is not None and np.isfinite(history.smoothed_std).any()
+        if history.smoothed_std is not None and claimed:
+            band(axes, time[index], smoothed[index], drawable(history.smoothed_std[window])[index] / factor, GREEN)
+        axes.plot(time[index], smoothed[index], color=GREEN, label="smoothed ±2σ" if claimed else "smoothed")
+    if truth is not None:
+        axes.plot(time[index], truth[index], color=INK, lw=1.2, ls=(0, (5, 3)), label="truth")
+    if focus:
+        focus_on(axes, np.concatenate([values[np.isfinite(values)] for values in columns]), share=0.0)
+    time_axis(axes)
+    axes.set_ylabel(f"{short(history.name)} [{unit}]")
+    legend_above(axes)
+    return svg(drawn)
 
 
 def _history_alt(history: History) -> str:
@@ -236,26 +255,25 @@ def _history_alt(history: History) -> str:
     return f"Line chart of {history.name}: at the end {end}{sigma}{truth}."
 
 
+@styled()
 def posterior_figure(name: str, unit: str, own: Posterior, truth: float | None = None) -> Drawing:
     """Density of a parameter before and after the measurements, and its true value where that is known."""
     factor, shown = prefix(float(own.value.max()), unit)
     value = own.value / factor
-    with styled():
-        drawn, axes = figure()
-        axes.fill_between(value, own.density, color=BLUE, alpha=0.25, lw=0, label="after the measurements")
-        axes.plot(value, own.density, color=BLUE, lw=1.6, label="_")
-        axes.plot(value, own.prior, color=ORANGE, lw=1.4, label="before them")
-        if truth is not None:
-            axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
-        axes.set_xlabel(f"{name} [{shown}]")
-        axes.set_ylabel(f"density of ln {name} [–]")
-        axes.set_ylim(bottom=0)
-        legend_above(axes, columns=3)
-        image = svg(drawn)
+    drawn, axes = figure()
+    axes.fill_between(value, own.density, color=BLUE, alpha=0.25, lw=0, label="after the measurements")
+    axes.plot(value, own.density, color=BLUE, lw=1.6, label="_")
+    axes.plot(value, own.prior, color=ORANGE, lw=1.4, label="before them")
+    if truth is not None:
+        axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
+    axes.set_xlabel(f"{name} [{shown}]")
+    axes.set_ylabel(f"density of ln {name} [–]")
+    axes.set_ylim(bottom=0)
+    legend_above(axes, columns=3)
     top = quantity(float(own.value[np.argmax(own.density)]), unit)
     caption = (
         f"What is known of {name} after the measurements of the test, beside what was known before: the narrower of the two "
         "curves, the more they say; one with several peaks allows several values."
     )
     alt = f"Density of {name} before and after the measurements, largest at {top}."
-    return Drawing(f"posterior-{name}", f"{name}: what the measurements leave", caption, alt, image)
+    return Drawing(f"posterior-{name}", f"{name}: what the measurements leave", caption, alt, svg(drawn))

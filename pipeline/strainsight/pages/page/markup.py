@@ -203,6 +203,11 @@ def folded(cards: Sequence[str], grid: str, unfolded: int = 12) -> str:
     return figures(cards[:unfolded], grid=grid) + (f"<details>{more}</details>" if more else "")
 
 
+def unfolding(summary: str, content: str) -> str:
+    """A card that shows its content on demand."""
+    return f'<details class="card below"><summary>{summary}</summary>{content}</details>'
+
+
 def picture(png: bytes, alt: str, width: int, height: int) -> str:
     """A picture of the page itself, in pixels of the page."""
     source = f"data:image/png;base64,{base64.b64encode(png).decode()}"

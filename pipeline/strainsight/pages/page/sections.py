@@ -84,10 +84,12 @@ FILTERS = (
 DAMAGE = "Of the hottest spots of the surface, none near another, and of virtual gauges."
 
 
-def section(heading: str, content: str, name: str = "", kind: str = "card") -> str:
-    """A heading and, below it in a card, HTML; name: what links lead to."""
+def section(heading: str, content: str, name: str = "", kind: str = "card", lead: str = "", more: str = "") -> str:
+    """A heading and, below it, HTML in a box of this kind; "" where there is none. name: what links lead to; lead: a sentence
+    between them; more: HTML below the box."""
     target = f' id="{name}"' if name else ""
-    return f'<h2{target}>{heading}</h2><div class="{kind}">{content}</div>' if content else ""
+    lead = f'<p class="lead">{lead}</p>' * bool(lead)
+    return f'<h2{target}>{heading}</h2>{lead}<div class="{kind}">{content}</div>{more}' if content else ""
 
 
 def panel(heading: str, content: str) -> str:

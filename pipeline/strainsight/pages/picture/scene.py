@@ -154,12 +154,7 @@ def look(layout: Layout) -> str:
 
 def drawn(layouts: Sequence[Layout]) -> list[bytes]:
     """In the child process: a picture of every layout of `render_all`."""
-
     return [draw(layout, WIDTH, HEIGHT) for layout in layouts]
-
-
-if __name__ == "__main__":
-    answer(drawn)
 
 
 STEEL, LINES, CREASES = "#c3ccd6", "#8693a3", "#3f4b59"
@@ -401,3 +396,7 @@ def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tu
         axes.text(
             *(base + arrow * (1 + 9 / max(reach, 6.0))), name, color=CAPTION, fontsize=FONT, ha="center", va="center"
         )
+
+
+if __name__ == "__main__":
+    answer(drawn)

@@ -6,6 +6,7 @@ of a parameter to its true value, of an input to its own RMS, or to its amplitud
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Literal
@@ -26,6 +27,16 @@ class Repeats:
     error: FloatArray
     claimed_std: FloatArray
     identified: bool
+
+    @property
+    def lost(self) -> int:
+        """How many diverged."""
+        return int(np.count_nonzero(~np.isfinite(self.error)))
+
+    @property
+    def worst(self) -> float:
+        """The largest error, ∞ where one diverged."""
+        return math.inf if self.lost else float(np.max(np.abs(self.error)))
 
 
 @dataclass(frozen=True)

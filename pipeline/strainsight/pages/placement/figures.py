@@ -83,43 +83,42 @@ def elbow(count: IntArray, value: FloatArray) -> int | None:
     return int(count[best]) if below[best] > 0.1 else None
 
 
+@styled()
 def trend_figure(trend: Trend) -> Drawing:
     """The metric against the number of gauges left, the certified bound and the elbow."""
     shown = np.isfinite(trend.value)
     count, value = trend.count[shown], trend.value[shown]
     bend = elbow(count, value)
-    with styled():
-        drawn, axes = figure()
-        if len(trend.blocks) > 1:
-            for (name, block), colour in zip(trend.blocks.items(), (GREEN, PURPLE, ORANGE, SKY), strict=False):
-                axes.plot(
-                    trend.count,
-                    np.where(np.isfinite(block), block, np.nan),
-                    color=colour,
-                    lw=1.2,
-                    label=f"variance of {short(name)}",
-                )
-        axes.plot(count, value, color=BLUE, lw=2, label=trend.metric.symbol)
-        keep = int(trend.count[-1])
-        axes.plot([keep], [trend.final], "o", color=BLUE, ms=7, label=f"chosen set: {number(trend.final)}")
-        if trend.lower_bound is not None and np.isfinite(trend.lower_bound):
-            label = f"no set of {keep} below {number(trend.lower_bound)}"
-            axes.axhline(trend.lower_bound, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label=label)
-        if bend is not None:
-            at = value[count == bend][0]
-            axes.plot([bend], [at], "D", mfc="none", mec=INK, ms=7, label=f"elbow: {bend} gauges")
-        # An axis without a point to show has no logarithm.
-        if len(count):
-            axes.set_xscale("log")
-        positive = value[value > 0]
-        if len(positive) == len(value) and len(value) and positive.max() > 5 * positive.min():
-            axes.set_yscale("log")
-        plain_ticks(axes, "x")
-        plain_ticks(axes, "y")
-        axes.set_xlabel("gauges left [–]")
-        axes.set_ylabel(f"metric {trend.metric.symbol} [–]")
-        legend_above(axes, columns=2)
-        image = svg(drawn)
+    drawn, axes = figure()
+    if len(trend.blocks) > 1:
+        for (name, block), colour in zip(trend.blocks.items(), (GREEN, PURPLE, ORANGE, SKY), strict=False):
+            axes.plot(
+                trend.count,
+                np.where(np.isfinite(block), block, np.nan),
+                color=colour,
+                lw=1.2,
+                label=f"variance of {short(name)}",
+            )
+    axes.plot(count, value, color=BLUE, lw=2, label=trend.metric.symbol)
+    keep = int(trend.count[-1])
+    axes.plot([keep], [trend.final], "o", color=BLUE, ms=7, label=f"chosen set: {number(trend.final)}")
+    if trend.lower_bound is not None and np.isfinite(trend.lower_bound):
+        label = f"no set of {keep} below {number(trend.lower_bound)}"
+        axes.axhline(trend.lower_bound, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label=label)
+    if bend is not None:
+        at = value[count == bend][0]
+        axes.plot([bend], [at], "D", mfc="none", mec=INK, ms=7, label=f"elbow: {bend} gauges")
+    # An axis without a point to show has no logarithm.
+    if len(count):
+        axes.set_xscale("log")
+    positive = value[value > 0]
+    if len(positive) == len(value) and len(value) and positive.max() > 5 * positive.min():
+        axes.set_yscale("log")
+    plain_ticks(axes, "x")
+    plain_ticks(axes, "y")
+    axes.set_xlabel("gauges left [–]")
+    axes.set_ylabel(f"metric {trend.metric.symbol} [–]")
+    legend_above(axes, columns=2)
     all_gauges = int(trend.count[0])
     ratio = trend.final / value[0] if len(value) and value[0] > 0 else np.nan
     caption = (
@@ -132,9 +131,10 @@ def trend_figure(trend: Trend) -> Drawing:
         caption += f" The elbow, {bend} gauges, is where the trend bends most: further gauges mostly average noise."
     start, end = number(trend.value[0]), number(trend.final)
     alt = f"Line chart of the metric from {start} with {all_gauges} gauges to {end} with {keep}."
-    return Drawing("trend", "What every gauge is worth", caption, alt, image)
+    return Drawing("trend", "What every gauge is worth", caption, alt, svg(drawn))
 
 
+@styled()
 def signal_figure(signal: Reading) -> Drawing:
     """Measured and estimated reading of one channel over the last periods, in µm/m, m/s² or millimetres."""
     window, colour = last_periods(signal.estimated), gauge_colour(signal.gauge)
@@ -144,20 +144,18 @@ def signal_figure(signal: Reading) -> Drawing:
     whole = [drawable(values) / factor for values in (signal.measured, signal.estimated, signal.std)]
     measured, estimated, std = (values[window] for values in whole)
     index = visible_instants(np.column_stack([measured, estimated]))
-    with styled():
-        drawn, axes, below = figure(4.1, (2.2, 1.0))
-        dots(axes, time[index], measured[index], "measured")
-        if signal.truth is not None:
-            truth = drawable(signal.truth)[window][index] / factor
-            axes.plot(time[index], truth, color=INK, lw=1, ls=(0, (4, 2)), label="without noise")
-        axes.plot(time[index], estimated[index], color=colour, label="estimated")
-        below.fill_between(time[index], -2 * std[index], 2 * std[index], color=colour, alpha=0.35, lw=0)
-        dots(below, time[index], (measured - estimated)[index], "")
-        axes.set_ylabel(f"{what} [{short(unit)}]")
-        below.set_ylabel(f"measured −\nestimated [{short(unit)}]")
-        time_axis(below)
-        legend_above(axes)
-        image = svg(drawn)
+    drawn, axes, below = figure(4.1, (2.2, 1.0))
+    dots(axes, time[index], measured[index], "measured")
+    if signal.truth is not None:
+        truth = drawable(signal.truth)[window][index] / factor
+        axes.plot(time[index], truth, color=INK, lw=1, ls=(0, (4, 2)), label="without noise")
+    axes.plot(time[index], estimated[index], color=colour, label="estimated")
+    below.fill_between(time[index], -2 * std[index], 2 * std[index], color=colour, alpha=0.35, lw=0)
+    dots(below, time[index], (measured - estimated)[index], "")
+    axes.set_ylabel(f"{what} [{short(unit)}]")
+    below.set_ylabel(f"measured −\nestimated [{short(unit)}]")
+    time_axis(below)
+    legend_above(axes)
     residual = float(np.sqrt(np.mean((whole[0] - whole[1]) ** 2)))
     caption = (
         f"{what.capitalize()} at gauge {signal.label}, last periods. Below, what the filter leaves unexplained "
@@ -165,36 +163,35 @@ def signal_figure(signal: Reading) -> Drawing:
     )
     peak = number(largest(estimated), 3)
     alt = f"Line chart of measured and estimated {what} at gauge {signal.label}, peak {peak} {unit}."
-    return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, image)
+    return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, svg(drawn))
 
 
+@styled()
 def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
     """Errors of random sets as dots, one row a pool, and the chosen set's as a line."""
     name, chosen = sets[0].name, sets[0].chosen_error
-    with styled():
-        drawn, axes = figure(1.5 + 0.6 * len(sets))
-        for row, (entry, colour) in enumerate(zip(sets, (ORANGE, PURPLE), strict=False)):
-            error = 100 * entry.finite
-            # A fixed fan keeps equal errors apart without a random jitter.
-            fan = 0.16 * np.resize([0.0, 1.0, -1.0, 0.5, -0.5], len(error))
-            axes.plot(error, row + fan, "o", color=colour, ms=6, mec="white", mew=0.6, alpha=0.9)
-            if len(error):
-                axes.plot([np.median(error)] * 2, [row - 0.3, row + 0.3], color=INK, lw=1.6)
-        axes.axvline(100 * chosen, color=BLUE, lw=2)
-        axes.set_yticks(range(len(sets)), [f"random,\n{entry.pool_label}" for entry in sets])
-        axes.set_ylim(len(sets) - 0.5, -0.9)
-        finite = np.concatenate([[100 * chosen], *[100 * entry.finite for entry in sets]])
-        if finite.min() > 0 and finite.max() > 8 * finite.min():
-            axes.set_xscale("log")
-        plain_ticks(axes, "x")
-        right = axes.transAxes.inverted().transform(axes.transData.transform((100 * chosen, 0)))[0] > 0.6
-        axes.annotate(
-            f"chosen set {percent(chosen)}", (100 * chosen, -0.62), (-7 if right else 7, 0), textcoords="offset points",
-            color=BLUE, va="center", ha="right" if right else "left",
-        )  # fmt: skip
-        axes.grid(visible=False, axis="y")
-        axes.set_xlabel(f"relative error of {short(name)} [%]")
-        image = svg(drawn)
+    drawn, axes = figure(1.5 + 0.6 * len(sets))
+    for row, (entry, colour) in enumerate(zip(sets, (ORANGE, PURPLE), strict=False)):
+        error = 100 * entry.finite
+        # A fixed fan keeps equal errors apart without a random jitter.
+        fan = 0.16 * np.resize([0.0, 1.0, -1.0, 0.5, -0.5], len(error))
+        axes.plot(error, row + fan, "o", color=colour, ms=6, mec="white", mew=0.6, alpha=0.9)
+        if len(error):
+            axes.plot([np.median(error)] * 2, [row - 0.3, row + 0.3], color=INK, lw=1.6)
+    axes.axvline(100 * chosen, color=BLUE, lw=2)
+    axes.set_yticks(range(len(sets)), [f"random,\n{entry.pool_label}" for entry in sets])
+    axes.set_ylim(len(sets) - 0.5, -0.9)
+    finite = np.concatenate([[100 * chosen], *[100 * entry.finite for entry in sets]])
+    if finite.min() > 0 and finite.max() > 8 * finite.min():
+        axes.set_xscale("log")
+    plain_ticks(axes, "x")
+    right = axes.transAxes.inverted().transform(axes.transData.transform((100 * chosen, 0)))[0] > 0.6
+    axes.annotate(
+        f"chosen set {percent(chosen)}", (100 * chosen, -0.62), (-7 if right else 7, 0), textcoords="offset points",
+        color=BLUE, va="center", ha="right" if right else "left",
+    )  # fmt: skip
+    axes.grid(visible=False, axis="y")
+    axes.set_xlabel(f"relative error of {short(name)} [%]")
     caption, parts = f"Error of {name} from random sets of the same size; dots are sets, the bar is their median.", []
     for entry in sets:
         good = entry.finite
@@ -206,76 +203,73 @@ def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
     alt = f"Dot plot of errors of {name}: chosen set {percent(chosen)}; " + "; ".join(
         f"random from {e.pool_label} median {percent(float(np.median(e.finite)))}" for e in sets if len(e.finite)
     )
-    return Drawing(f"random-errors-{name}", f"{name}: errors of random sets", caption, alt, image)
+    return Drawing(f"random-errors-{name}", f"{name}: errors of random sets", caption, alt, svg(drawn))
 
 
+@styled()
 def random_histories_figure(sets: tuple[RandomSets, ...], chosen: History) -> Drawing:
     """The estimate over time from the chosen set against those from random ones."""
     factor, unit = shown_unit(chosen)
     drawable = [
         (entry, colour) for entry, colour in zip(sets, (ORANGE, PURPLE), strict=False) if entry.history is not None
     ]
-    with styled():
-        drawn, axes = figure()
-        values = []
-        for entry, colour in drawable:
-            assert entry.history is not None
-            for i, curve in enumerate(entry.history / factor):
-                index = visible_instants(curve[:, None], buckets=90)
-                label = entry.pool_label if i == 0 else None
-                axes.plot(chosen.time[index], curve[index], color=colour, lw=0.9, alpha=0.75, label=label)
-                values.append(curve[len(curve) // 4 :])
-        index = visible_instants(chosen.mean[:, None], buckets=180)
-        axes.plot(chosen.time[index], chosen.mean[index] / factor, color=BLUE, lw=2, label="chosen set")
-        if chosen.truth is not None:
-            index = visible_instants(chosen.truth[:, None], buckets=180)
-            axes.plot(
-                chosen.time[index], chosen.truth[index] / factor, color=INK, lw=1.1, ls=(0, (5, 3)), label="truth"
-            )
-            values.append(chosen.truth / factor)
-        values.append(chosen.mean[len(chosen.mean) // 4 :] / factor)
-        focus_on(axes, np.concatenate(values))
-        time_axis(axes)
-        axes.set_ylabel(f"{short(chosen.name)} [{unit}]")
-        legend_above(axes)
-        image = svg(drawn)
+    drawn, axes = figure()
+    values = []
+    for entry, colour in drawable:
+        assert entry.history is not None
+        for i, curve in enumerate(entry.history / factor):
+            index = visible_instants(curve[:, None], buckets=90)
+            label = entry.pool_label if i == 0 else None
+            axes.plot(chosen.time[index], curve[index], color=colour, lw=0.9, alpha=0.75, label=label)
+            values.append(curve[len(curve) // 4 :])
+    index = visible_instants(chosen.mean[:, None], buckets=180)
+    axes.plot(chosen.time[index], chosen.mean[index] / factor, color=BLUE, lw=2, label="chosen set")
+    if chosen.truth is not None:
+        index = visible_instants(chosen.truth[:, None], buckets=180)
+        axes.plot(chosen.time[index], chosen.truth[index] / factor, color=INK, lw=1.1, ls=(0, (5, 3)), label="truth")
+        values.append(chosen.truth / factor)
+    values.append(chosen.mean[len(chosen.mean) // 4 :] / factor)
+    focus_on(axes, np.concatenate(values))
+    time_axis(axes)
+    axes.set_ylabel(f"{short(chosen.name)} [{unit}]")
+    legend_above(axes)
     caption = (
         f"Estimates of {chosen.name} from random sets, by the pool they were drawn from, beside the chosen one; "
         "the scale shows what happens after the first quarter."
     )
     count = sum(len(entry.error) for entry, _ in drawable)
     alt = f"Line chart of estimates of {chosen.name} from {count} random sets and the chosen set."
-    return Drawing(f"random-histories-{chosen.name}", f"{chosen.name}: random sets over time", caption, alt, image)
+    return Drawing(f"random-histories-{chosen.name}", f"{chosen.name}: random sets over time", caption, alt, svg(drawn))
 
 
+@styled()
 def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
     """Error and claimed standard deviation against the gauge noise, one colour an unknown."""
     level = 100 * noise.level
-    with styled():
-        drawn, axes = figure()
-        for name, colour in zip(names, map(str, np.resize(SERIES, len(names))), strict=True):
-            axes.plot(level, 100 * noise.std[name], "-", color=colour, lw=1.4, label=f"claimed σ({short(name)})")
-            axes.plot(level, 100 * noise.error[name], "o", color=colour, ms=7, label=f"real error of {short(name)}")
-        if np.all(level > 0):
-            axes.set_xscale("log")
-            axes.set_xticks(np.unique(level), [number(value, 3) for value in np.unique(level)])
-            axes.minorticks_off()
-        if any(line.get_ydata().max(initial=0.0) > 0 for line in axes.get_lines()):
-            axes.set_yscale("log")
-            plain_ticks(axes, "y")
-        axes.set_xlabel("gauge noise [% of the strongest candidate's RMS]")
-        axes.set_ylabel("relative error [%]")
-        legend_above(axes, columns=2)
-        image = svg(drawn)
+    drawn, axes = figure()
+    for name, colour in zip(names, map(str, np.resize(SERIES, len(names))), strict=True):
+        axes.plot(level, 100 * noise.std[name], "-", color=colour, lw=1.4, label=f"claimed σ({short(name)})")
+        axes.plot(level, 100 * noise.error[name], "o", color=colour, ms=7, label=f"real error of {short(name)}")
+    if np.all(level > 0):
+        axes.set_xscale("log")
+        axes.set_xticks(np.unique(level), [number(value, 3) for value in np.unique(level)])
+        axes.minorticks_off()
+    if any(line.get_ydata().max(initial=0.0) > 0 for line in axes.get_lines()):
+        axes.set_yscale("log")
+        plain_ticks(axes, "y")
+    axes.set_xlabel("gauge noise [% of the strongest candidate's RMS]")
+    axes.set_ylabel("relative error [%]")
+    legend_above(axes, columns=2)
     caption = "Dots are what the filter got wrong, lines what it claims as one standard deviation."
     alt = "; ".join(
         f"at {percent(level)} noise "
         + ", ".join(f"{name} {percent(values[i])}" for name, values in noise.error.items())
         for i, level in enumerate(noise.level)
     )
-    return Drawing("noise", "More noise, less noise", caption, f"Chart of error against noise: {alt}.", image)
+    return Drawing("noise", "More noise, less noise", caption, f"Chart of error against noise: {alt}.", svg(drawn))
 
 
+@styled()
 def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Drawing:
     """Real error beside the claimed standard deviation, over seeds and starts, smallest error first; claims: on the unknown."""
     claim = next((own for own in claims if own.of == "repeats"), None)
@@ -283,28 +277,26 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
     order = np.argsort(np.abs(repeats.error))
     error, std = 100 * np.abs(repeats.error[order]), 100 * repeats.claimed_std[order]
     place = np.arange(1, len(error) + 1)
-    with styled():
-        drawn, axes = figure()
-        wrong = claim is not None and claim.overconfident
-        axes.bar(place, std, width=0.72, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
-        axes.plot(place, error, "X" if wrong else "o", color=VERMILION if wrong else BLUE, ms=6, label="error")
-        finite = np.concatenate([error, std])
-        finite = finite[np.isfinite(finite) & (finite > 0)]
-        if len(finite) and finite.max() > 30 * np.median(std):
-            axes.set_yscale("log")
-            plain_ticks(axes, "y")
-        axes.xaxis.get_major_locator().set_params(integer=True)
-        axes.set_xlabel("run, smallest error first [–]")
-        axes.set_ylabel(f"relative error of {short(name)} [%]")
-        legend_above(axes)
-        image = svg(drawn)
+    drawn, axes = figure()
+    wrong = claim is not None and claim.overconfident
+    axes.bar(place, std, width=0.72, color=BLUE, alpha=0.22, lw=0, label="claimed σ")
+    axes.plot(place, error, "X" if wrong else "o", color=VERMILION if wrong else BLUE, ms=6, label="error")
+    finite = np.concatenate([error, std])
+    finite = finite[np.isfinite(finite) & (finite > 0)]
+    if len(finite) and finite.max() > 30 * np.median(std):
+        axes.set_yscale("log")
+        plain_ticks(axes, "y")
+    axes.xaxis.get_major_locator().set_params(integer=True)
+    axes.set_xlabel("run, smallest error first [–]")
+    axes.set_ylabel(f"relative error of {short(name)} [%]")
+    legend_above(axes)
     caption = (
         f"{len(error)} runs with other noise and other starting values, the truth the same. "
         f"{_agreement(verdict, claim)}"
     )
     ending = f"{claim.verdict}, {verdict}" if claim is not None else verdict
     alt = f"Chart of {len(error)} repeated runs for {name}, {ending}."
-    return Drawing(f"repeats-{name}", f"{name}: other seeds, other starts", caption, alt, image)
+    return Drawing(f"repeats-{name}", f"{name}: other seeds, other starts", caption, alt, svg(drawn))
 
 
 def _agreement(verdict: str, claim: Claim | None) -> str:

@@ -281,21 +281,20 @@ def measured(statement: Statement, shown: Shown = number) -> str:
     """The numbers in words: one by one where they are few, else from which to which; of several seeds the median, and from where
     to where nine tenths of them but the lowest lie."""
     values = [value for _, _, value in statement.found]
-    seeds = list(statement.seeds.values())
-    if most(statement) > 1:
-        return _spread(seeds, shown, f" {statement.unit}" if statement.unit else "")
     unit = f" {statement.unit}" if statement.unit else ""
+    if most(statement) > 1:
+        return _spread(list(statement.seeds.values()), shown, unit)
     if statement.equals is not None:
         yes = sum(bool(value) for value in values)
         return ("yes" if yes else "no") if len(values) == 1 else f"{shown(yes)} of {shown(len(values))} yes"
     if len(values) <= FEW:
         return ", ".join(shown(value) for value in values) + unit
     finite = [value for value in values if value == value]
-    lost = len(values) - len(finite)
-    text = f"{shown(min(finite))} to {shown(max(finite))}{unit} ({shown(len(values))} numbers)" if finite else "–"
-    if finite and min(finite) == max(finite):
-        text = f"{shown(finite[0])}{unit} ({shown(len(values))} numbers)"
-    return text + (f", {shown(lost)} without a number" if lost and finite else "")
+    if not finite:
+        return "–"
+    low, high, lost = min(finite), max(finite), len(values) - len(finite)
+    span = shown(low) if low == high else f"{shown(low)} to {shown(high)}"
+    return f"{span}{unit} ({shown(len(values))} numbers)" + f", {shown(lost)} without a number" * bool(lost)
 
 
 def most(statement: Statement) -> int:
@@ -305,20 +304,13 @@ def most(statement: Statement) -> int:
 
 def _spread(seeds: Sequence[Sequence[float]], shown: Shown, unit: str) -> str:
     """Of every number, or of all where they are many: the median of its seeds, with their 10 and 90 %."""
-    with np.errstate(invalid="ignore"):
-        low, middle, high = (np.array([_share(values, q) for values in seeds]) for q in (0.1, 0.5, 0.9))
+    finite = [np.array(values)[np.isfinite(values)] for values in seeds]
+    shares = [np.quantile(values, [0.1, 0.5, 0.9]) if len(values) else np.full(3, np.nan) for values in finite]
     if len(seeds) <= FEW:
-        listed = zip(low, middle, high, strict=True)
-        return ", ".join(f"{shown(b)} ({shown(a)} to {shown(c)})" for a, b, c in listed) + unit
-    medians = f"{shown(float(np.nanmin(middle)))} to {shown(float(np.nanmax(middle)))}"
-    around = f"{shown(float(np.nanmin(low)))} to {shown(float(np.nanmax(high)))}"
+        return ", ".join(f"{shown(b)} ({shown(a)} to {shown(c)})" for a, b, c in np.array(shares).tolist()) + unit
+    low, high = np.nanmin(shares, axis=0).tolist(), np.nanmax(shares, axis=0).tolist()
+    medians, around = (f"{shown(a)} to {shown(b)}" for a, b in ((low[1], high[1]), (low[0], high[2])))
     return f"{medians} ({around}){unit}, {shown(len(seeds))} numbers"
-
-
-def _share(values: Sequence[float], q: float) -> float:
-    """The value that this share of the finite ones does not exceed; NaN of none."""
-    finite = np.array(values)[np.isfinite(values)]
-    return float(np.quantile(finite, q)) if len(finite) else float("nan")
 
 
 def side(own: Statement | None, shown: Shown = number) -> str:

@@ -11,11 +11,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from strainsight.pages.arrays import FloatArray, History, IntArray
+from strainsight.pages.arrays import FloatArray, History
 from strainsight.pages.bench.data import BenchRun, BenchSensor
 from strainsight.pages.bench.figures import STROKES, line_style, ratio_figure, sensor_figure, unknown_figure
 from strainsight.pages.chart.drawing import MUTED, SERIES, Drawing, figure, styled, svg
-from strainsight.pages.chart.panels import estimate_figure, legend_above, log_ticks, plain_ticks
+from strainsight.pages.chart.panels import drawable, estimate_figure, legend_above, log_ticks, plain_ticks
 from strainsight.pages.placement.data import Trend
 from strainsight.pages.suite.data import PlacementRun, Study, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.pages.suite.summary import SINGULAR, Result, Series, groups_of, numbered, results_of, series_of
@@ -34,11 +34,9 @@ def study_figures(suite: Suite, study: Study) -> tuple[Drawing, ...]:
     """First what the study varies, then every unknown and every sensor of its benches."""
     place = suite.studies.index(study)
     runs = [suite.runs[i] for i in study.runs]
-    drawings = []
-    if study.over is not None:
-        drawings += _sweeps(f"study-{place}", study, runs)
-    for i, (about, part) in enumerate(_parts([run for run in runs if isinstance(run, BenchRun) and run.estimate])):
-        drawings += _pair(f"study-{place}-{i}", about, part)
+    drawings = [] if study.over is None else _sweeps(f"study-{place}", study, runs)
+    for i, (group, part) in enumerate(_parts([run for run in runs if isinstance(run, BenchRun) and run.estimate])):
+        drawings += _pair(f"study-{place}-{i}", group, part)
     return tuple(drawings)
 
 
@@ -46,35 +44,28 @@ def _parts(runs: Sequence[BenchRun]) -> list[tuple[str, Sequence[BenchRun]]]:
     """The runs in handfuls that one figure can hold: by group where there are too many, then in their order."""
     if len(runs) <= TOGETHER:
         return [("", runs)] * bool(runs)
-    found: list[tuple[str, Sequence[BenchRun]]] = []
-    for group in dict.fromkeys(run.group for run in runs):
-        own = [run for run in runs if run.group == group]
-        for start in range(0, len(own), TOGETHER):
-            found.append((group, own[start : start + TOGETHER]))
-    return found
+    groups = {name: [run for run in runs if run.group == name] for name in dict.fromkeys(run.group for run in runs)}
+    return [
+        (name, members[start : start + TOGETHER])
+        for name, members in groups.items()
+        for start in range(0, len(members), TOGETHER)
+    ]
 
 
-def _pair(key: str, about: str, runs: Sequence[BenchRun]) -> list[Drawing]:
+def _pair(key: str, group: str, runs: Sequence[BenchRun]) -> list[Drawing]:
     """Estimates of every unknown, then every sensor as measured and as estimated."""
     drawings = []
-    behind = f" ({about})" if about else ""
+    behind = f" ({group})" if group else ""
     kinds = {unknown.name: unknown.kind for run in runs for unknown in run.unknowns}
     for i, (name, kind) in enumerate(kinds.items()):
-        own = [(run.label, unknown) for run in runs for unknown in run.unknowns if unknown.name == name]
-        lines = [(label, unknown.history) for label, unknown in own]
-        drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", kind, lines))
-        elsewhere = [(label, unknown) for label, unknown in own if unknown.there is not None]
-        if elsewhere:
+        lines = [(run.label, unknown) for run in runs for unknown in run.unknowns if unknown.name == name]
+        histories = [(label, unknown.history) for label, unknown in lines]
+        drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", kind, histories))
+        if elsewhere := [(label, unknown) for label, unknown in lines if unknown.there is not None]:
             drawings.append(ratio_figure(f"{key}-ratio-{i}", f"{name}: ratio of the loads{behind}", elsewhere))
-    names = dict.fromkeys(sensor.name for run in runs for sensor in run.sensors)
-    for i, name in enumerate(names):
-        shown = [
-            (run.label, sensor)
-            for run in runs
-            for sensor in run.sensors
-            if sensor.name == name and sensor.expected is not None
-        ]
-        if shown:
+    sensors = [(run.label, sensor) for run in runs for sensor in run.sensors]
+    for i, name in enumerate(dict.fromkeys(sensor.name for _, sensor in sensors)):
+        if shown := [entry for entry in sensors if entry[1].name == name and entry[1].expected is not None]:
             title = f"{name}: measured against estimated{behind}"
             drawings.append(sensor_figure(f"{key}-sensor-{i}", title, _largest(shown[0][1]), shown))
     return drawings
@@ -93,66 +84,59 @@ def _sweeps(key: str, study: Study, runs: Sequence[SuiteRun]) -> list[Drawing]:
     kinds = {unknown.name: unknown.kind for run in runs for unknown in run.unknowns}
     drawings = []
     for kind, what in (("input", "loads"), ("parameter", "parameters")):
-        wanted: list[tuple[str, str | None, str]] = [
-            (f"error.{name}", f"std.{name}", f"error of {name}") for name, own in kinds.items() if own == kind
+        numbers: list[tuple[str, str | None, str]] = [
+            (f"error.{name}", f"std.{name}", f"error of {name}")
+            for name in kinds
+            if kinds[name] == kind and any(run.number(f"error.{name}") is not None for run in runs)
         ]
-        wanted = [entry for entry in wanted if any(run.number(entry[0]) is not None for run in runs)]
-        if wanted:
-            drawings.append(_sweep(f"{key}-sweep-{kind}", study, runs, wanted, what))
+        if numbers:
+            drawings.append(_sweep(f"{key}-sweep-{kind}", study, runs, numbers, what))
     return drawings
 
 
+@styled()
 def _sweep(
     key: str,
     study: Study,
     runs: Sequence[SuiteRun],
-    wanted: Sequence[tuple[str, str | None, str]],
+    numbers: Sequence[tuple[str, str | None, str]],
     what: str = "numbers",
 ) -> Drawing:
     """One panel a number over the varied key, one line a group; dotted: the claimed standard deviation."""
     groups = list(dict.fromkeys(run.group for run in runs))
     at = np.array([np.nan if run.at is None else run.at for run in runs])
     place, zero = _places(at)
-    with styled():
-        drawn, *panels = figure(1.2 + 1.5 * len(wanted) + 0.1 * len(groups), (1.0,) * len(wanted))
-        for axes, (name, claimed, label) in zip(panels, wanted, strict=True):
-            drawn_values: list[FloatArray] = []
-            for g, group in enumerate(groups):
-                own = np.array(
-                    [i for i, run in enumerate(runs) if run.group == group and not np.isnan(at[i])], dtype=int
-                )
-                own = own[np.argsort(at[own], kind="stable")]
-                values = _values(runs, own, name)
-                style = line_style(g)
-                axes.plot(place[own], values, marker="o", ms=4.5, **style, label=short(group, 30) if group else None)
-                drawn_values.append(values)
-                if claimed is not None:
-                    axes.plot(place[own], _values(runs, own, claimed), color=style["color"], lw=1.1, ls=(0, (1, 1.5)))
-            _scale(axes, np.concatenate(drawn_values))
-            axes.set_ylabel(f"{short(label, 22)}\n[{'–' if claimed else 'SI'}]")
-        _over(panels[-1], place, at, zero)
-        panels[-1].set_xlabel(short(study.over or "", 48))
-        if any(groups):
-            legend_above(panels[0], 2)
-        image = svg(drawn)
+    drawn, *panels = figure(1.2 + 1.5 * len(numbers) + 0.1 * len(groups), (1.0,) * len(numbers))
+    for axes, (name, claimed, label) in zip(panels, numbers, strict=True):
+        values = _values(runs, name)
+        for g, group in enumerate(groups):
+            members = [i for i, run in enumerate(runs) if run.group == group and not np.isnan(at[i])]
+            index = np.array(sorted(members, key=lambda i: at[i]), dtype=int)
+            style, title = line_style(g), short(group, 30) if group else None
+            axes.plot(place[index], values[index], marker="o", ms=4.5, **style, label=title)
+            if claimed is not None:
+                std = _values(runs, claimed)[index]
+                axes.plot(place[index], std, color=style["color"], lw=1.1, ls=(0, (1, 1.5)))
+        _scale(axes, values[~np.isnan(at)])
+        axes.set_ylabel(f"{short(label, 22)}\n[{'–' if claimed else 'SI'}]")
+    _over(panels[-1], place, zero)
+    panels[-1].set_xlabel(short(study.over or "", 48))
+    if any(groups):
+        legend_above(panels[0], 2)
     caption = f"{what.capitalize()} over {study.over}, one line a group of runs."
-    if any(claimed for _, claimed, _ in wanted):
+    if any(claimed for _, claimed, _ in numbers):
         caption = f"Error of the {what} over {study.over}; dotted: the standard deviation that the filter claims."
+    pairs = [(label, zip(at, _values(runs, name), strict=True)) for name, _, label in numbers]
     text = "; ".join(
-        f"{label}: "
-        + ", ".join(
-            f"{number(x, 3)} {number(v, 2)}" for x, v in zip(at, _values(runs, np.arange(len(runs)), name), strict=True)
-        )
-        for name, _, label in wanted
+        f"{label}: " + ", ".join(f"{number(x, 3)} {number(v, 2)}" for x, v in pair) for label, pair in pairs
     )
-    return Drawing(
-        key, f"{study.name}: {what} over {study.over}", caption, f"Line chart over {study.over}. {text}.", image
-    )
+    title = f"{study.name}: {what} over {study.over}"
+    return Drawing(key, title, caption, f"Line chart over {study.over}. {text}.", svg(drawn))
 
 
-def _values(runs: Sequence[SuiteRun], places: IntArray, name: str) -> FloatArray:
-    found = [runs[int(i)].number(name) for i in places]
-    return np.array([np.nan if value is None or not np.isfinite(value) else value for value in found], dtype=float)
+def _values(runs: Sequence[SuiteRun], name: str) -> FloatArray:
+    values = np.array([np.nan if (value := run.number(name)) is None else value for run in runs], dtype=float)
+    return np.where(np.isfinite(values), values, np.nan)
 
 
 def _places(at: FloatArray) -> tuple[FloatArray, float | None]:
@@ -164,7 +148,7 @@ def _places(at: FloatArray) -> tuple[FloatArray, float | None]:
     return np.where(at == 0, zero, at), zero
 
 
-def _over(axes: Axes, place: FloatArray, at: FloatArray, zero: float | None) -> None:
+def _over(axes: Axes, place: FloatArray, zero: float | None) -> None:
     """A logarithmic axis where the values span more than a factor of three, ticks at the values where these are few."""
     from matplotlib.ticker import FixedLocator, FuncFormatter, NullFormatter, NullLocator
 
@@ -194,10 +178,8 @@ def _scale(axes: Axes, values: FloatArray) -> None:
         axes.yaxis.set_major_formatter(FuncFormatter(lambda value, _: number(round(value, 15), 4)))
 
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-
 COLOURS = (*SERIES, MUTED)
+WRONG = "wrong or not identified"
 
 
 def suite_figures(report: Suite) -> tuple[Drawing, ...]:
@@ -218,6 +200,7 @@ def suite_figures(report: Suite) -> tuple[Drawing, ...]:
     return tuple(drawings)
 
 
+@styled()
 def pbh_figure(series: tuple[Series, ...]) -> Drawing:
     """Condition of the scaled PBH matrix at λ = 0: a group a set of unknowns, a colour an excitation."""
     groups = groups_of(series)
@@ -227,117 +210,108 @@ def pbh_figure(series: tuple[Series, ...]) -> Drawing:
     known = values[np.isfinite(values) & (values > 0)]
     end = 10 ** (np.log10(known.max(initial=10.0)) * 1.22 + 0.3)
     low = min(1.0, float(known.min(initial=1.0)))
-    with styled():
-        drawn, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
-        axes.set_xscale("log")
-        axes.set_xlim(low, end)
-        step = 0.84 / len(series)
-        for j, entry in enumerate(series):
-            at = np.arange(len(groups)) + (j - (len(series) - 1) / 2) * step
-            width = np.where(np.isnan(values[:, j]), low, np.minimum(values[:, j], end))
-            axes.barh(
-                at, np.maximum(width - low, 0.0), left=low, height=0.86 * step, color=COLOURS[j % len(COLOURS)], lw=0,
-                alpha=1.0 if j < len(COLOURS) else 0.5, label=_series_label(entry),
-            )  # fmt: skip
-            for y, value, reach in zip(at, values[:, j], width, strict=True):
-                if not np.isnan(value):
-                    axes.annotate(
-                        _rounded(value), (reach, y), (-3 if reach >= end else 3, 0), textcoords="offset points",
-                        va="center", ha="right" if reach >= end else "left", fontsize=7.5,
-                    )  # fmt: skip
-        axes.set_yticks(range(len(groups)), [short(group, 26) for group in groups])
-        axes.set_ylim(len(groups) - 0.45, -0.55)
-        axes.grid(visible=False, axis="y")
-        axes.xaxis.set_major_formatter(lambda value, _: _power(value))
-        axes.minorticks_off()
-        axes.set_xlabel("condition of the scaled PBH matrix at λ = 0 [–]")
-        legend_above(axes, columns=1)
-        image = svg(drawn)
+    drawn, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
+    axes.set_xscale("log")
+    axes.set_xlim(low, end)
+    step = 0.84 / len(series)
+    for j, entry in enumerate(series):
+        at = np.arange(len(groups)) + (j - (len(series) - 1) / 2) * step
+        width = np.where(np.isnan(values[:, j]), low, np.minimum(values[:, j], end))
+        style = {"color": COLOURS[j % len(COLOURS)], "lw": 0, "alpha": 1.0 if j < len(COLOURS) else 0.5}
+        label = f"{short(entry.heading, 40)}: {short(entry.label, 40)}"
+        axes.barh(at, np.maximum(width - low, 0.0), left=low, height=0.86 * step, label=label, **style)
+        for y, value, reach in zip(at, values[:, j], width, strict=True):
+            if not np.isnan(value):
+                off, align = (-3, "right") if reach >= end else (3, "left")
+                words = {"textcoords": "offset points", "va": "center", "ha": align, "fontsize": 7.5}
+                axes.annotate(_rounded(value), (reach, y), (off, 0), **words)
+    axes.set_yticks(range(len(groups)), [short(group, 26) for group in groups])
+    axes.set_ylim(len(groups) - 0.45, -0.55)
+    axes.grid(visible=False, axis="y")
+    axes.xaxis.set_major_formatter(lambda value, _: _power(value))
+    axes.minorticks_off()
+    axes.set_xlabel("condition of the scaled PBH matrix at λ = 0 [–]")
+    legend_above(axes, columns=1)
     caption = (
         "The longer the bar, the harder the unknowns are to distinguish from each other and from the motion; a colour is "
         "one excitation, the number at its end the condition. Compare bars of one colour. “input” is all unknown loads."
     )
     if len(known) and known.max() > SINGULAR:
         caption += " Beyond 10¹³ the matrix is singular: no gauge can distinguish these."
-    parts = [
-        f"{group} " + ", ".join(_rounded(value) for value in row if not np.isnan(value))
-        for group, row in zip(groups, values, strict=True)
-    ]
-    alt = f"Bar chart of condition numbers at {len(series)} excitations: {'; '.join(parts)}."
-    return Drawing("pbh", "Condition of every set of unknowns", caption, alt, image)
+    rows = [", ".join(_rounded(value) for value in row if not np.isnan(value)) for row in values]
+    text = "; ".join(f"{group} {row}" for group, row in zip(groups, rows, strict=True))
+    alt = f"Bar chart of condition numbers at {len(series)} excitations: {text}."
+    return Drawing("pbh", "Condition of every set of unknowns", caption, alt, svg(drawn))
 
 
+@styled()
 def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     """The error of every unknown of every run on a bar up to where that of a σ that holds ends, the repeats as small dots."""
-    with styled():
-        drawn, axes = figure(1.0 + 0.3 * len(rows))
-        smallest = min(max(result.error or 0.0, 1e-6) for _, result in rows)
-        smallest = min([smallest, *[result.std for _, result in rows if _reach(result) and result.std]])
-        low = 100 * smallest / 3
-        axes.set_xscale("log")
-        for y, (_, result) in enumerate(rows):
-            assert result.error is not None
-            if reach := _reach(result):
-                axes.barh(y, max(100 * reach - low, 0.0), left=low, height=0.66, color=SERIES[0], alpha=0.22, lw=0)
-            if (repeats := result.unknown.repeats) is not None:
-                off = 100 * np.abs(repeats.error[np.isfinite(repeats.error)])
-                axes.plot(np.maximum(off, low), np.full(len(off), y), "|", color=MUTED, ms=7, mew=1.0)
-            axes.plot(
-                max(100 * result.error, low), y, "X" if result.verdicts else "o",
-                color=SERIES[1 if result.verdicts else 0], ms=7, mec="white", mew=0.6,
-            )  # fmt: skip
-        _error_key(axes)
-        axes.set_yticks(range(len(rows)), [f"{i} {short(result.unknown.name, 16)}" for i, result in rows])
-        axes.set_ylim(len(rows) - 0.4, -0.6)
-        axes.set_xlim(left=low)
-        axes.grid(visible=False, axis="y")
-        plain_ticks(axes, "x")
-        axes.set_xlabel("relative error [%]")
-        axes.set_ylabel("run and unknown")
-        legend_above(axes, columns=2)
-        image = svg(drawn)
+    drawn, axes = figure(1.0 + 0.3 * len(rows))
+    smallest = min(max(result.error or 0.0, 1e-6) for _, result in rows)
+    smallest = min([smallest, *[result.std for _, result in rows if _reach(result) and result.std]])
+    low = 100 * smallest / 3
+    axes.set_xscale("log")
+    for y, (_, result) in enumerate(rows):
+        assert result.error is not None
+        if reach := _reach(result):
+            axes.barh(y, max(100 * reach - low, 0.0), left=low, height=0.66, color=SERIES[0], alpha=0.22, lw=0)
+        if (repeats := result.unknown.repeats) is not None:
+            off = 100 * np.abs(repeats.error[np.isfinite(repeats.error)])
+            axes.plot(np.maximum(off, low), np.full(len(off), y), "|", color=MUTED, ms=7, mew=1.0)
+        axes.plot(
+            max(100 * result.error, low), y, "X" if result.verdicts else "o",
+            color=SERIES[1 if result.verdicts else 0], ms=7, mec="white", mew=0.6,
+        )  # fmt: skip
+    axes.fill_between([], [], [], color=SERIES[0], alpha=0.22, lw=0, label="consistent")
+    for marker, colour, label in (("o", SERIES[0], "error"), ("|", MUTED, "repeats"), ("X", SERIES[1], WRONG)):
+        axes.plot([], [], marker, color=colour, ms=7, mew=1.0, label=label)
+    axes.set_yticks(range(len(rows)), [f"{i} {short(result.unknown.name, 16)}" for i, result in rows])
+    axes.set_ylim(len(rows) - 0.4, -0.6)
+    axes.set_xlim(left=low)
+    axes.grid(visible=False, axis="y")
+    plain_ticks(axes, "x")
+    axes.set_xlabel("relative error [%]")
+    axes.set_ylabel("run and unknown")
+    legend_above(axes, columns=2)
     caption = (
         "The bar ends where the error may if the claimed σ holds: one beyond it is no bad luck. Loads are smoothed; strokes "
         "are the repeats with other noise and other starts, which are filtered, also those of loads. Crosses are overconfident "
         "or not identified."
     )
     text = "; ".join(f"run {i} {result.unknown.name} {percent(result.error or 0.0)}" for i, result in rows)
-    return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {text}.", image)
+    return Drawing("errors", "What came out", caption, f"Chart of errors on their claimed σ: {text}.", svg(drawn))
 
 
+@styled()
 def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
     """The metric over its value with the whole pool against the gauges left, a line a run; equal lines are drawn once."""
     shared: list[tuple[list[int], PlacementRun, Trend]] = []
     for index, run, trend in lines:
-        for numbers, _, other in shared:
-            alike = trend.metric == other.metric and np.array_equal(trend.count, other.count)
-            if alike and np.allclose(trend.value, other.value, rtol=1e-9):
-                numbers.append(index)
-                break
-        else:
+        same = next((numbers for numbers, _, other in shared if _alike(trend, other)), None)
+        if same is None:
             shared.append(([index], run, trend))
+        else:
+            same.append(index)
     metrics = metrics_of(run for _, run, _ in lines)
-    with styled():
-        drawn, axes = figure(3.1 + 0.18 * len(shared))
-        top = 1.0
-        for place, (numbers, run, trend) in enumerate(shared):
-            scale = trend.value[0]
-            colour, stroke = COLOURS[place % len(COLOURS)], STROKES[place // len(COLOURS) % len(STROKES)]
-            curve = np.where(np.isfinite(trend.value), trend.value, np.nan) / scale
-            label = f"{', '.join(map(str, numbers))}  {short(run.label, 40)}"
-            axes.plot(trend.count, curve, color=colour, ls=stroke, lw=1.7, label=label)
-            axes.plot([trend.count[-1]], [trend.final / scale], "o", color=colour, ms=6)
-            top = max(top, float(np.nanmax(curve)))
-        axes.set_xscale("log")
-        axes.set_yscale("log")
-        if top < 1.05:
-            axes.set_ylim(0.97, 1.1)
-        plain_ticks(axes, "x")
-        plain_ticks(axes, "y")
-        axes.set_xlabel("gauges left [–]")
-        axes.set_ylabel(f"{metric_name(metrics)} over all gauges' [–]")
-        legend_above(axes, columns=1)
-        image = svg(drawn)
+    drawn, axes = figure(3.1 + 0.18 * len(shared))
+    top = 1.0
+    for place, (numbers, run, trend) in enumerate(shared):
+        colour, stroke = COLOURS[place % len(COLOURS)], STROKES[place // len(COLOURS) % len(STROKES)]
+        curve = drawable(trend.value) / trend.value[0]
+        label = f"{', '.join(map(str, numbers))}  {short(run.label, 40)}"
+        axes.plot(trend.count, curve, color=colour, ls=stroke, lw=1.7, label=label)
+        axes.plot([trend.count[-1]], [trend.final / trend.value[0]], "o", color=colour, ms=6)
+        top = max(top, float(np.nanmax(curve)))
+    axes.set_xscale("log")
+    axes.set_yscale("log")
+    if top < 1.05:
+        axes.set_ylim(0.97, 1.1)
+    plain_ticks(axes, "x")
+    plain_ticks(axes, "y")
+    axes.set_xlabel("gauges left [–]")
+    axes.set_ylabel(f"{metric_name(metrics)} over all gauges' [–]")
+    legend_above(axes, columns=1)
     caption = (
         f"{metric_words(metrics)}, while gauges are taken away, read from right to left, over its value with the whole "
         "pool; dots are the chosen sets after exchange. A flat line: a few gauges already know all that can be known."
@@ -346,7 +320,13 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         f"{numbered(tuple(numbers))} {number(trend.final / trend.value[0], 3)} times with {int(trend.count[-1])} gauges"
         for numbers, _, trend in shared
     )
-    return Drawing("trends", "What every gauge is worth", caption, f"Line chart of the metric's growth: {ends}.", image)
+    alt = f"Line chart of the metric's growth: {ends}."
+    return Drawing("trends", "What every gauge is worth", caption, alt, svg(drawn))
+
+
+def _alike(one: Trend, other: Trend) -> bool:
+    same = one.metric == other.metric and np.array_equal(one.count, other.count)
+    return same and np.allclose(one.value, other.value, rtol=1e-9)
 
 
 def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
@@ -362,10 +342,6 @@ def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
         caption=f"Run {index}: {history.name} {span}; bands are ±2 claimed standard deviations.",
         alt=f"Run {index}. {drawing.alt}",
     )
-
-
-def _series_label(entry: Series) -> str:
-    return f"{short(entry.heading, 40)}: {short(entry.label, 40)}"
 
 
 def _rounded(value: float) -> str:
@@ -394,10 +370,3 @@ def _start(trend: Trend) -> float | None:
     """The metric of the whole pool, if there is a number to divide by."""
     first = float(trend.value[0]) if len(trend.value) else np.nan
     return first if np.isfinite(first) and first > 0 else None
-
-
-def _error_key(axes: Axes) -> None:
-    axes.fill_between([], [], [], color=SERIES[0], alpha=0.22, lw=0, label="consistent")
-    axes.plot([], [], "o", color=SERIES[0], ms=7, label="error")
-    axes.plot([], [], "|", color=MUTED, ms=7, mew=1.0, label="repeats")
-    axes.plot([], [], "X", color=SERIES[1], ms=7, label="wrong or not identified")

@@ -29,6 +29,7 @@ from strainsight.pages.page.markup import (
     plain,
     scene,
     table,
+    unfolding,
 )
 from strainsight.pages.page.sections import document
 from strainsight.pages.picture.layout import Layout
@@ -78,42 +79,37 @@ def suite_page(suite: Suite, drawings: Sequence[Drawing], scenes: Mapping[str, b
 
 def _studies(suite: Suite, cards: Cards) -> list[str]:
     """Where to find which study, every one with its runs and figures, and the benches that belong to none."""
-    parts = []
-    if len(suite.studies) > 1:
-        items = "".join(
-            f'<li><a href="#study-{i}">{escape(study.name)}</a> '
-            f"<small>({len(study.runs)} run{'s' * (len(study.runs) != 1)})</small></li>"
-            for i, study in enumerate(suite.studies, start=1)
-        )
-        parts.append(f'<nav class="card" aria-label="studies"><h2>Studies</h2><ol class="contents">{items}</ol></nav>')
-    for place, study in enumerate(suite.studies):
-        shown = figures(card for key, card in cards.items() if key.startswith(f"study-{place}-"))
+    parts, items = [], ""
+    for place, study in enumerate(suite.studies, start=1):
+        shown = figures(card for key, card in cards.items() if key.startswith(f"study-{place - 1}-"))
         note = f'<p class="lead">{escape(study.note)}</p>' if study.note else ""
-        runs = _benches(suite, study.runs, f"runs of study {place + 1}", shown)
-        heading = f"<h2>{place + 1}. {escape(study.name)}</h2>"
-        parts.append(f'<section id="study-{place + 1}">{heading}{note}{runs}</section>')
+        runs = _benches(suite, study.runs, f"runs of study {place}", shown)
+        name, many = escape(study.name), f"{len(study.runs)} run{'s' * (len(study.runs) != 1)}"
+        items += f'<li><a href="#study-{place}">{name}</a> <small>({many})</small></li>'
+        parts.append(f'<section id="study-{place}"><h2>{place}. {name}</h2>{note}{runs}</section>')
+    if len(suite.studies) > 1:
+        contents = f'<h2>Studies</h2><ol class="contents">{items}</ol>'
+        parts.insert(0, f'<nav class="card" aria-label="studies">{contents}</nav>')
     if alone := [i for i, run in enumerate(suite.runs) if isinstance(run, BenchRun) and not run.study]:
         heading = "Other runs" if suite.studies else "Runs"
         parts.append(f"<h2>{heading}</h2>{_benches(suite, alone, 'other runs')}")
     if suite.benches:
-        meanings = bullets(MEANINGS.values())
-        parts.append(f'<details class="card below"><summary>What the columns mean</summary>{meanings}</details>')
+        parts.append(unfolding("What the columns mean", bullets(MEANINGS.values())))
     return parts
 
 
 def _benches(suite: Suite, places: Sequence[int], name: str, drawn: str = "") -> str:
     """The numbers of the benches among the runs at these places, the figures, and what the filter says of each in words."""
-    entries = [(number, run) for number, run in suite.benches if number - 1 in places]
-    if not entries:
+    rows, items = [], ""
+    for i, run in suite.benches:
+        if i - 1 in places:
+            label = f"{i}. {escape(run.label)}"
+            rows.append((f'<span id="run-{i}">{label}</span>{summary.link(run, around=summary.ASIDE)}', run))
+            if text := " ".join(filter(None, (run_answer(run), _remarks(run)))):
+                items += f"<li><strong>{label}</strong>: {text}</li>"
+    if not rows:
         return drawn
-    headings = [f'<span id="run-{i}">{i}. {escape(run.label)}</span>' for i, run in entries]
-    rows = [
-        (heading + summary.link(run, around=summary.ASIDE), run)
-        for heading, (_, run) in zip(headings, entries, strict=True)
-    ]
-    remarks = [(i, run, " ".join(filter(None, (run_answer(run), _remarks(run))))) for i, run in entries]
-    items = "".join(f"<li><strong>{i}. {escape(run.label)}</strong>: {text}</li>" for i, run, text in remarks if text)
-    words = f'<details class="card below"><summary>Run by run</summary><ul>{items}</ul></details>' if items else ""
+    words = unfolding("Run by run", f"<ul>{items}</ul>") if items else ""
     return f'<div class="card">{benches_table(name, rows, explained=False)}</div>{drawn}{words}'
 
 
@@ -127,39 +123,37 @@ def _remarks(run: SuiteRun) -> str:
 
 def _placements(suite: Suite, cards: Cards) -> str:
     """A section a placement: its answer, its note and warnings, and its estimates side by side."""
-    if not suite.placements:
-        return ""
-    text = '<h2>Run by run</h2><p class="lead">Estimate (blue), smoothed (green), truth (dashed).</p>'
+    text = ""
     for index, run in suite.placements:
-        shown = "".join(card for key, card in cards.items() if key.startswith(f"estimate-{index}-"))
+        shown = [card for key, card in cards.items() if key.startswith(f"estimate-{index}-")]
         # Three in a row, or two where three would leave a hole.
-        grid = "multiples" if (1 + shown.count("<figure")) % 3 == 0 else "figures"
-        words = f"<p>{summary.run_answer(run)}</p>"
-        words += (
+        grid = "multiples" if (1 + len(shown)) % 3 == 0 else "figures"
+        truth = (
             f'<p class="note">Truth: {unbroken(escape(run.truth_description))}.</p>' if run.truth_description else ""
         )
-        words += _remarks(run)
+        words = f'<div class="card"><p>{summary.run_answer(run)}</p>{truth}{_remarks(run)}</div>'
         text += (
             f'<section id="run-{index}"><h3 class="run">{index}. {escape(run.label)} '
             f"<small>{escape(run.name)}{summary.link(run, 'its own page', ' · {}')}</small></h3>"
-            f'<div class="{grid}"><div class="card">{words}</div>{shown}</div></section>'
+            f"{figures([words, *shown], grid=grid)}</section>"
         )
-    return text
+    lead = '<p class="lead">Estimate (blue), smoothed (green), truth (dashed).</p>'
+    return f"<h2>Run by run</h2>{lead}{text}" if text else ""
 
 
 def _facts(suite: Suite) -> str:
     """Configs, how far they went, and the numbers of their models."""
-    tables = []
+    tables, names = "", iter(("models", "benches"))
     if suite.placements:
         rows = [[*_named(i, run), _modes(run)] for i, run in suite.placements]
-        tables.append(table("models", ("config", "reached", "first modes"), rows))
+        tables += table(next(names), ("config", "reached", "first modes"), rows)
     if suite.benches:
         head = ("config", "reached", "coordinates", "constraints", "first frequency [Hz]", "correction")
-        benches = [[*_named(i, run), *_of_bench(run)] for i, run in suite.benches]
-        tables.append(table("benches" if suite.placements else "models", head, benches, numeric=(2, 3, 4)))
+        rows = [[*_named(i, run), *_of_bench(run)] for i, run in suite.benches]
+        tables += table(next(names), head, rows, numeric=(2, 3, 4))
     provenance = pairs("provenance", suite.provenance.items())
     return (
-        f'<h2>What it rests on</h2><section class="card"><h3>Models</h3>{"".join(tables)}</section>'
+        f'<h2>What it rests on</h2><section class="card"><h3>Models</h3>{tables}</section>'
         f'<details class="card"><summary>Provenance</summary>{provenance}</details>'
     )
 
@@ -173,9 +167,8 @@ def _modes(run: PlacementRun) -> str:
 
 
 def _of_bench(run: BenchRun) -> list[str]:
-    numbers = run.numbers.get("simulate", {})
+    numbers, method = run.numbers.get("simulate", {}), run.summary.get("method")
     cells = [numbers.get(key) for key in ("coordinates", "constraints", "first_frequency")]
-    method = run.summary.get("method")
     shown = ["–" if not isinstance(value, int | float) else plain(float(value), 4) for value in cells]
     return [*shown, escape(str(method)) if method else "–"]
 
@@ -202,68 +195,50 @@ def gauges_section(report: Suite, scenes: Mapping[str, bytes]) -> str:
     for index, run in report.placements:
         if run.name in scenes:
             shared.setdefault(scenes[run.name], []).append(index)
-    shown = figures(_picture(report, png, numbers) for png, numbers in shared.items())
-    placed = [(index, run) for index, run in report.placements if run.layout is not None]
-    if not placed:
-        return f"<h2>Where the gauges go</h2>{shown}" if shown else ""
-    bodies = [_gauge_rows(index, run) for index, run in placed]
-    caption = "Gauges that stand together are redundant: they average noise, and one can replace the other."
-    head = ("run", "gauge", "element", *AXES, "nearest", "distance")
-    numbers = grouped_table("gauges", head, bodies, caption=caption, numeric=(2, 3, 4, 5, 7))
-    return (
-        f'<h2>Where the gauges go</h2>{shown}<details class="card below"><summary>All gauges of all runs, '
-        f"and how near they stand to each other</summary>{numbers}</details>"
-    )
+    shown, more = figures(_picture(report, png, numbers) for png, numbers in shared.items()), ""
+    if bodies := [_gauge_rows(index, run, run.layout) for index, run in report.placements if run.layout is not None]:
+        caption = "Gauges that stand together are redundant: they average noise, and one can replace the other."
+        head = ("run", "gauge", "element", *AXES, "nearest", "distance")
+        numbers = grouped_table("gauges", head, bodies, caption=caption, numeric=(2, 3, 4, 5, 7))
+        more = unfolding("All gauges of all runs, and how near they stand to each other", numbers)
+    return f"<h2>Where the gauges go</h2>{shown}{more}" if shown or more else ""
 
 
 def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
     """One layout with the runs that have it, and how near its gauges stand to each other."""
-    run = dict(report.placements)[numbers[0]]
+    run, runs = dict(report.placements)[numbers[0]], numbered(tuple(numbers))
     title = "<br>".join(f"{index}. {escape(report.runs[index - 1].label)}" for index in numbers)
-    near = "; ".join(f"{one} – {other} {number(1000 * size, 3)}\u00a0mm" for one, other, size in _distances(run))
+    closest: dict[frozenset[str], tuple[float, str]] = {}
+    for one, (other, size) in _nearest(run.layout).items():
+        closest.setdefault(frozenset((one, other)), (size, f"{one} – {other} {number(1000 * size, 3)}\u00a0mm"))
+    near = "; ".join(words for _, words in sorted(closest.values(), key=lambda pair: pair[0]))
     many = f"{run.gauges} gauges of a pool of {run.pool}" if run.gauges is not None else "the gauges"
-    alt = f"The structure with {many} of {numbered(tuple(numbers))}" + (
-        f"; nearest to each other: {near}." if near else "."
-    )
+    alt = f"The structure with {many} of {runs}{f'; nearest to each other: {near}' * bool(near)}."
     nearest = f"Nearest to each other: {near}." if near else ""
-    shown = scene(png, alt, f"picture of the gauges of {numbered(tuple(numbers))}")
+    shown = scene(png, alt, f"picture of the gauges of {runs}")
     return f'<figure class="card"><h3>{title}</h3>{shown}<figcaption>{escape(nearest)}</figcaption></figure>'
 
 
-def _nearest(layout: Layout) -> tuple[tuple[str, str, float], ...]:
-    """Every gauge with its nearest other one and the distance between them [m]."""
-    found = []
-    for gauge in layout.gauges:
-        others = [
-            (float(np.linalg.norm(gauge.position - other.position)), other.label)
-            for other in layout.gauges
-            if other is not gauge
-        ]
+def _nearest(layout: Layout | None) -> dict[str, tuple[str, float]]:
+    """Gauge → its nearest other one and the distance between them [m]."""
+    gauges, nearest = () if layout is None else layout.gauges, {}
+    for gauge in gauges:
+        others = [(float(np.linalg.norm(gauge.position - g.position)), g.label) for g in gauges if g is not gauge]
         if others:
             distance, label = min(others)
-            found.append((gauge.label, label, distance))
-    return tuple(found)
+            nearest[gauge.label] = (label, distance)
+    return nearest
 
 
-def _distances(run: PlacementRun) -> list[tuple[str, str, float]]:
-    """Every pair of nearest gauges once, the closest first."""
-    found: dict[frozenset[str], tuple[str, str, float]] = {}
-    for one, other, size in _nearest(run.layout) if run.layout is not None else ():
-        found.setdefault(frozenset((one, other)), (one, other, size))
-    return sorted(found.values(), key=lambda pair: pair[2])
-
-
-def _gauge_rows(index: int, run: PlacementRun) -> str:
-    assert run.layout is not None
-    places = decimals(run.layout.points)
-    nearest = {one: (other, size) for one, other, size in _nearest(run.layout)}
+def _gauge_rows(index: int, run: PlacementRun, layout: Layout) -> str:
+    places, nearest = decimals(layout.points), _nearest(layout)
     rows = []
-    for i, gauge in enumerate(run.layout.gauges):
-        other, size = nearest.get(gauge.label, ("", None))
-        row = [cell(badge(gauge.label, i, hollow=gauge.bonded)), cell(str(gauge.element), right=True)]
-        row += [cell(text, right=True) for text in axes(gauge.position, places)]
+    for i, gauge in enumerate(layout.gauges):
+        other, size = nearest.get(gauge.label, ("–", None))
+        numbers = [str(gauge.element), *axes(gauge.position, places)]
         distance = "–" if size is None else measure(1000 * size, "mm", 3)
-        rows.append([*row, cell(escape(other) or "–"), cell(distance, right=True)])
+        row = [cell(badge(gauge.label, i, hollow=gauge.bonded)), *(cell(text, right=True) for text in numbers)]
+        rows.append([*row, cell(escape(other)), cell(distance, right=True)])
     return block(f"{index}. {escape(run.label)}", rows)
 
 

@@ -8,14 +8,24 @@ from dataclasses import dataclass, replace
 from html import escape
 from urllib.parse import quote
 
-import numpy as np
-
 from strainsight.estimation.decision import CONSISTENT, DIVERGED, FAULTS, LOST, OVERCONFIDENT, TOO_CAUTIOUS, Claim
 from strainsight.pages.arrays import rms
 from strainsight.pages.bench.data import BenchRun
-from strainsight.pages.page.markup import block, cell, count, grouped_table, links, plain, share, table, verdict_mark
+from strainsight.pages.page.markup import (
+    block,
+    cell,
+    count,
+    grouped_table,
+    links,
+    plain,
+    share,
+    table,
+    unfolding,
+    verdict_mark,
+)
+from strainsight.pages.page.sections import section
 from strainsight.pages.placement.data import Case, Unknown
-from strainsight.pages.placement.first import faults, no_benefit, why
+from strainsight.pages.placement.first import accused, faults, no_benefit, why
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.pages.text import listed
 
@@ -73,29 +83,23 @@ def observability_section(report: Suite, cards: Mapping[str, str]) -> str:
     series = series_of(report)
     if not series:
         return ""
-    groups = groups_of(series)
     motions = [[escape(entry.heading), escape(entry.label)] for entry in series]
-    lost = {
-        group: list(dict.fromkeys(entry.cases[group].lost for entry in series if group in entry.cases))
-        for group in groups
-    }
     listed = table("excitations", ("excitation of", "label of the first"), motions)
-    missing = [[escape(group), "<br>".join(escape(text) for text in texts if text)] for group, texts in lost.items()]
-    if missing := [row for row in missing if row[1]]:
+    missing, rows = [], []
+    for group in groups_of(series):
+        cases = [entry.cases.get(group) for entry in series]
+        if lost := dict.fromkeys(escape(case.lost) for case in cases if case is not None and case.lost):
+            missing.append([escape(group), "<br>".join(lost)])
+        rows.append([escape(group), *("–" if case is None else plain(case.condition, 3) for case in cases)])
+    if missing:
         listed += '<h3 class="run">Weakly observable at one of them at least</h3>'
         listed += table("weakly observable", ("unknown together", "what"), missing)
-    rows = [
-        [escape(group)]
-        + ["–" if group not in entry.cases else plain(entry.cases[group].condition, 3) for entry in series]
-        for group in groups
-    ]
     head = ["unknown together", *(escape(entry.heading) for entry in series)]
     caption = "Condition number of the scaled Popov-Belevitch-Hautus matrix at λ = 0: whole pool, median over instants."
     numbers = table("conditions", head, rows, caption=caption, numeric=range(1, len(head)))
-    return (
-        f'<h2>What can be distinguished</h2><div class="figures">{cards.get("pbh", "")}<div class="card">{listed}</div></div>'
-        f'<details class="card below"><summary>The same in numbers</summary>{numbers}</details>'
-    )
+    shown = f'{cards.get("pbh", "")}<div class="card">{listed}</div>'
+    more = unfolding("The same in numbers", numbers)
+    return section("What can be distinguished", shown, kind="figures", more=more)
 
 
 def _loads(report: Suite) -> frozenset[str]:
@@ -130,22 +134,16 @@ WORDS = (*FAULTS, CONSISTENT, TOO_CAUTIOUS, UNKNOWN, NOT_ESTIMATED)
 
 @dataclass(frozen=True)
 class Result:
-    """One unknown of one run, all relative.
+    """One unknown of one run.
 
-    error, std: of the filtered parameter, of the smoothed load (`smoothed`; the filtered one where no smoothed is there);
-    rms, worst: error over the repeats, which are filtered: RMS of those that ended, worst of all, ∞ where one was lost;
-    repeats: how many, lost: how many of them diverged; verdicts: what is wrong with it, empty where nothing is. None is
-    what was not computed.
+    error, std: relative, of the filtered parameter, of the smoothed load (`smoothed`; the filtered one where no smoothed is
+    known), None where it was not estimated; verdicts: what is wrong with it, empty where nothing is.
     """
 
     unknown: Unknown
     smoothed: bool
     error: float | None
     std: float | None
-    rms: float | None
-    worst: float | None
-    repeats: int
-    lost: int
     verdicts: tuple[str, ...]
 
     @property
@@ -168,7 +166,13 @@ class Result:
 
 def results_of(run: PlacementRun) -> tuple[Result, ...]:
     """Every unknown of the run, in its order."""
-    return tuple(map(_result, run.unknowns))
+    results = []
+    for unknown in run.unknowns:
+        smoothed = unknown.kind == "input" and unknown.smoothed_error is not None
+        error, std = (unknown.smoothed_error, unknown.smoothed_std) if smoothed else (unknown.error, unknown.std)
+        diverged = (unknown.repeats is not None and unknown.repeats.lost > 0) or not math.isfinite(error or 0.0)
+        results.append(Result(unknown, smoothed, error, std, faults(unknown, diverged)))
+    return tuple(results)
 
 
 def counts(report: Suite) -> dict[str, list[int]]:
@@ -200,21 +204,6 @@ def _words(run: SuiteRun) -> tuple[str, ...]:
         wrong = tuple(dict.fromkeys(verdict for result in results for verdict in result.verdicts))
         held = {result.claim.verdict for result in results if result.claim is not None}
     return wrong or (next((word for word in (TOO_CAUTIOUS, CONSISTENT) if word in held), UNKNOWN),)
-
-
-def _result(unknown: Unknown) -> Result:
-    repeats = unknown.repeats
-    smoothed = unknown.kind == "input" and unknown.smoothed_error is not None
-    error, std = (unknown.smoothed_error, unknown.smoothed_std) if smoothed else (unknown.error, unknown.std)
-    typical = worst = None
-    many = lost = 0
-    if repeats is not None and len(repeats.error):
-        size = np.abs(repeats.error)
-        many, lost = len(size), int(np.count_nonzero(~np.isfinite(size)))
-        typical, worst = rms(size), math.inf if lost else float(np.max(size))
-    diverged = bool(lost) or (error is not None and not math.isfinite(error))
-    verdicts = faults(unknown, diverged)
-    return Result(unknown, smoothed, error, std, typical, worst, many, lost, verdicts)
 
 
 METRIC = "metric"
@@ -271,22 +260,21 @@ def runs_table(report: Suite) -> str:
 
 def run_answer(run: PlacementRun) -> str:
     """What does not hold, then how many gauges tell what."""
-    names = [escape(unknown.name) for unknown in run.unknowns]
     if not run.is_estimated:
-        what = " and ".join(names) or "nothing"
+        what = " and ".join(escape(unknown.name) for unknown in run.unknowns) or "nothing"
         return f"<strong>Not estimated</strong>: {what}; the run ends after {escape(run.reached)}."
-    gauges = f"{run.gauges} gauge{'s' * (run.gauges != 1)} of {run.pool}" if run.gauges is not None else "The gauges"
+    gauges, results = "The gauges", results_of(run)
+    if run.gauges is not None:
+        gauges = f"{run.gauges} gauge{'s' * (run.gauges != 1)} of {run.pool}"
     parts = [
         f"<strong>{escape(result.unknown.name)}</strong> to {share(result.error)}"
         + (f" at a claimed σ of {share(result.std)}" if result.std is not None else "")
-        for result in results_of(run)
+        for result in results
     ]
-    text = ""
-    for result in results_of(run):
-        if result.verdicts:
-            said = ", ".join(_why(verdict, result) for verdict in result.verdicts)
-            text += f'<strong class="bad">{escape(result.unknown.name)}: {said}.</strong> '
-    return f"{text}{no_benefit(run.unknowns)}{gauges} tell {', '.join(parts)}."
+    wrong = "".join(
+        accused(result.unknown.name, [_why(verdict, result) for verdict in result.verdicts]) for result in results
+    )
+    return f"{wrong}{no_benefit(run.unknowns)}{gauges} tell {', '.join(parts)}."
 
 
 def link(run: SuiteRun, text: str = "its page", around: str = "{}") -> str:
@@ -315,9 +303,13 @@ def _block(index: int, run: PlacementRun, mixed: bool) -> str:
 
 def _absent(run: PlacementRun) -> str:
     """Why there is no estimate, and what placement expects where it went so far."""
-    known = [own for own in run.unknowns if own.expected_std is not None]
-    expected = ", ".join(f"{escape(own.name)} ± {share(own.expected_std)}" for own in known)
-    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' + escape(run.note) if run.note else ''}"
+    note = f": {escape(run.note)}" if run.note else ""
+    expected = ", ".join(
+        f"{escape(unknown.name)} ± {share(unknown.expected_std)}"
+        for unknown in run.unknowns
+        if unknown.expected_std is not None
+    )
+    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){note}"
     return text + (f"<br>expected when placed: {expected}" if expected else "")
 
 
@@ -340,8 +332,9 @@ def _unknown(result: Result) -> str:
 
 
 def _numbers(result: Result) -> list[str]:
-    sigmas = "–" if result.sigmas is None else plain(result.sigmas, 2)
-    shown = [*map(share, (result.error, result.std)), sigmas, *map(share, (result.rms, result.worst))]
+    sigmas, repeats = "–" if result.sigmas is None else plain(result.sigmas, 2), result.unknown.repeats
+    spread = (None, None) if repeats is None else (rms(repeats.error), repeats.worst)
+    shown = [share(result.error), share(result.std), sigmas, *map(share, spread)]
     return [*(cell(text, right=True) for text in shown), cell(_verdict(result))]
 
 
@@ -349,21 +342,21 @@ def _verdict(result: Result) -> str:
     if result.error is None:
         return "not estimated"
     if not result.verdicts:
-        if result.verdict == TOO_CAUTIOUS:
-            return f'<strong class="good">✓ {TOO_CAUTIOUS}</strong> <small>{_measured(result)}</small>'
-        return f'<strong class="good">✓ {CONSISTENT}</strong>' if result.verdict == CONSISTENT else result.verdict
+        if result.verdict not in (TOO_CAUTIOUS, CONSISTENT):
+            return result.verdict
+        small = f" <small>{_measured(result)}</small>" * (result.verdict == TOO_CAUTIOUS)
+        return f'<strong class="good">✓ {result.verdict}</strong>{small}'
     lines = []
     for verdict in result.verdicts:
-        over = f" <small>{_measured(result)}</small>" if verdict == OVERCONFIDENT else ""
-        over = f" <small>({_lost(result)})</small>" if verdict == DIVERGED and result.lost else over
-        lines.append(f"{verdict_mark(verdict, False)}{over}")
+        text = _measured(result) if verdict == OVERCONFIDENT else _lost(result) if verdict == DIVERGED else ""
+        lines.append(verdict_mark(verdict, False) + (f" <small>{text}</small>" if text else ""))
     return "<br>".join(lines)
 
 
 def _why(verdict: str, result: Result) -> str:
     """The verdict and the number it stands on."""
-    if verdict == DIVERGED and result.lost:
-        return f"{DIVERGED} ({_lost(result)})"
+    if verdict == DIVERGED:
+        return " ".join(filter(None, (DIVERGED, _lost(result))))
     return why(verdict, result.unknown)
 
 
@@ -374,4 +367,6 @@ def _measured(result: Result) -> str:
 
 
 def _lost(result: Result) -> str:
-    return f"{count(result.lost)} of {count(result.repeats)} repeats"
+    """How many repeats diverged, in brackets; empty where none did."""
+    repeats = result.unknown.repeats
+    return f"({count(repeats.lost)} of {count(len(repeats.error))} repeats)" if repeats and repeats.lost else ""

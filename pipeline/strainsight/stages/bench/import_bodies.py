@@ -12,7 +12,7 @@ from strainsight.experiment.structure.mesh import checked, mesh_of, model_warnin
 from strainsight.experiment.structure.mesh_tables import found_tables
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import size_of
-from strainsight.mesh.scaling import scaled
+from strainsight.mesh.units import scaled
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table

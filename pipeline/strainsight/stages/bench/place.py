@@ -6,7 +6,7 @@ from dataclasses import replace
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import FlexibleBody
-from strainsight.experiment.bench.layout.placement import output_of, placement_of
+from strainsight.experiment.bench.layout.placement import placement_of, placement_output
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench.inputs import HISTORIES, bodies, meshes
@@ -14,12 +14,12 @@ from strainsight.stages.bench.inputs import HISTORIES, bodies, meshes
 
 def run(context: Context[BenchConfig]) -> Output:
     """The placement, with the pool as points of a grid."""
-    config, own = context.config, meshes(context)
-    found = placement_of(config, own, bodies(context), context)
+    config, mesh_of = context.config, meshes(context)
+    placement = placement_of(config, mesh_of, bodies(context), context)
     assert config.place is not None
     body = config.bodies[config.place.body]
     assert isinstance(body, FlexibleBody)
-    return output_of(found, own[config.place.body], body.mesh.length_unit)
+    return placement_output(placement, mesh_of[config.place.body], body.mesh.length_unit)
 
 
 PLACE = Stage(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from strainsight.experiment.structure.mesh import model_warnings
 from strainsight.experiment.structure.mesh_tables import ASSUMES
 from strainsight.experiment.structure.references import on_one_node
 from strainsight.mesh.model import Mesh
-from strainsight.pages.arrays import History, Reading
+from strainsight.pages.arrays import History, Reading, rms
 from strainsight.pages.placement.data import (
     Case,
     Check,
@@ -45,7 +45,6 @@ from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.stage import Context
-from strainsight.sensors.candidates import STRAIN
 from strainsight.stages.pages.page_layout import layout_of_page, listed_gauges, measured, placed_scale, placed_size
 
 STAGES = ("import", "rom", "train", "screen", "place", "validate")
@@ -56,14 +55,15 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
     """The page's content, from the artefacts; mesh of import.h5; shop: the layout as measured (`workshop_of_run`)."""
     up, config = context.upstream, context.config
     names = [str(name) for name in config.place.estimate]
-    kinds = {name: "input" if name in config.loads else "parameter" for name in names}
     validate, place = up["validate"], read(Placed, up["place"])
     validated = read(Validated, validate)
     budget = validated.budget or place.budget
+    word = "sensor" if set(listed_gauges(up).unit) - {"strain"} else "gauge"
+    count = len(place.final.gauge)
     return PlacementReport(
-        name=context.config.name,
-        title=f"{context.config.name}: {_number_of_gauges(up)} for {listed(names)}",
-        unknowns=tuple(unknown_of(name, kinds[name], up) for name in names),
+        name=config.name,
+        title=f"{config.name}: {count} {word}{'s' * (count != 1)} for {listed(names)}",
+        unknowns=tuple(unknown_of(name, "input" if name in config.loads else "parameter", up) for name in names),
         layout=measured(layout_of_page(mesh, up, config.loads), shop, config.gauges),
         trend=trend_of(up["place"]),
         histories=tuple(history_of(name, validate) for name in names),
@@ -86,9 +86,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
         not_tested=_not_tested(up["train"], config, place),
         test=up["estimate"].message if "estimate" in up else "",
         facts=messages(up, STAGES),
-        seconds={
-            stage: artefact.header.seconds for stage, artefact in up.items() if artefact.header.seconds is not None
-        },
+        seconds={stage: time for stage, artefact in up.items() if (time := artefact.header.seconds) is not None},
         provenance=provenance(context),
         assumes=tuple(row for table in up["import"].tables if table.title == ASSUMES for row in table.rows),
     )
@@ -118,25 +116,24 @@ def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads:
 
 
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
-    summary, own = validate.summary, read(Validated, validate)
-    units = {name: unit_of(own, "estimate", name) for name in names}
+    summary, validated = validate.summary, read(Validated, validate)
+    units = {name: unit_of(validated, "estimate", name) for name in names}
     beyond = str(summary.get("out_of_range", ""))
-    notes = [f"{capital(text)}." for text in (*filter(None, (beyond,)), *posterior_doubts(own.posterior, units))]
+    notes = [capital(text) for text in (beyond, *posterior_doubts(validated.posterior, units)) if text]
     for name in names if not beyond else ():
-        std = float(summary[f"std.{name}"])
+        std, random = float(summary[f"std.{name}"]), validated.all.std[name]
         claims = claims_of(name, summary, repeated(name, validate))
         if claims and claims[0].overconfident:
-            notes.append(f"{name} is {claims[0].words(number)}.")
-        random = own.all.std[name]
+            notes.append(f"{name} is {claims[0].words(number)}")
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(
                 f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
-                f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all."
+                f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all"
             )
-    notes += [f"{capital(text)}." for text in disagreements_in_words(own.compared)]
+    notes += map(capital, disagreements_in_words(validated.compared))
     if lost := int(summary["lost_runs"]):
-        notes.append(f"{lost} runs of the studies diverged and are left out of the medians.")
-    return notes
+        notes.append(f"{lost} runs of the studies diverged and are left out of the medians")
+    return [f"{note}." for note in notes]
 
 
 def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tuple[str, ...]:
@@ -149,42 +146,36 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
         notes.append("Damping, gauges and loads are exact in this truth; choose truth model rich to test them.")
     elif read(Training, train).given is not None:
         notes.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
-    own = tolerances_of(config.tolerances)
-    outside = "temperature" * (own.temperature == 0), "drift" * (own.drift == 0), "supports that give"
+    errors = tolerances_of(config.tolerances)
+    outside = "temperature" * (errors.temperature == 0), "drift" * (errors.drift == 0), "supports that give"
     notes.append(f"{', '.join(filter(None, outside)).capitalize()} and the bond are outside this model.")
     return tuple(notes)
 
 
-def _number_of_gauges(up: Mapping[str, Artefact]) -> str:
-    """As "4 gauges", or "1 sensor" where some of the layout are no gauges."""
-    final = read(Placed, up["place"]).final
-    count, quantity = len(final.gauge), read(Training, up["train"]).candidates.quantity
-    word = "gauge" if np.all(quantity[final.channel[:, 0]] == STRAIN) else "sensor"
-    return f"{count} {word}{'s' * (count != 1)}"
-
-
 def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
     validate, place = up["validate"], up["place"]
-    own, summary, placed = read(Validated, validate), validate.summary, read(Placed, place)
-    truth, beyond, repeats = own.truth[name], "out_of_range" in summary, repeated(name, validate)
+    validated, placed, summary = read(Validated, validate), read(Placed, place), validate.summary
+    truth, beyond, repeats = validated.truth[name], "out_of_range" in summary, repeated(name, validate)
+    number = {key: float(summary[f"{key}.{name}"]) for key in ("estimate", "error", "smoothed", "std", "smoothed_std")}
+    identified = summary.get(f"identified.{name}") is not False
     return Unknown(
         name=name,
-        unit=unit_of(own, "estimate", name),
+        unit=unit_of(validated, "estimate", name),
         kind=kind,
         guess=placed_scale(name, place),
-        truth=float(truth[-1]) if kind == "parameter" else float(np.sqrt(np.mean(truth**2))),
-        estimate=float(summary[f"estimate.{name}"]),
-        error=float(summary[f"error.{name}"]),
-        std=None if beyond else float(summary[f"std.{name}"]),
-        smoothed_error=float(summary[f"smoothed.{name}"]),
+        truth=float(truth[-1]) if kind == "parameter" else rms(truth),
+        estimate=number["estimate"],
+        error=number["error"],
+        std=None if beyond else number["std"],
+        smoothed_error=number["smoothed"],
         expected_std=placed.expected_std[name] / placed_size(name, up),
         worst_case="" if placed.by_case is None else placed.by_case.worst[name],
         zero=bool(summary.get(f"zero.{name}", False)),
-        smoothed_std=None if beyond else float(summary[f"smoothed_std.{name}"]),
+        smoothed_std=None if beyond else number["smoothed_std"],
         claims=() if beyond else claims_of(name, summary, repeats),
         withheld=beyond,
-        benefit=benefit_of(float(summary[f"error.{name}"]), own.all.error[name]),
-        repeats=Repeats(*repeats, summary.get(f"identified.{name}") is not False) if len(repeats[0]) > 1 else None,
+        benefit=benefit_of(number["error"], validated.all.error[name]),
+        repeats=Repeats(*repeats, identified) if len(repeats[0]) > 1 else None,
     )
 
 
@@ -195,59 +186,46 @@ def repeated(name: str, validate: Artefact) -> tuple[np.ndarray, np.ndarray]:
 
 
 def trend_of(place: Artefact) -> Trend:
-    summary, own = place.summary, read(PlacedLayout, place).elimination
+    summary, removals = place.summary, read(PlacedLayout, place).elimination
     criterion = criterion_of(str(summary["criterion"]))
-    key = metric_key(criterion.name)
-    value: np.ndarray = getattr(own, key)
-    certified = "lower_bound" in summary
+    key, pool = metric_key(criterion.name), int(summary["pool"])
+    value: np.ndarray = getattr(removals, key)
+    bound, gap = (float(summary[name]) if name in summary else None for name in ("lower_bound", "gap"))
     return Trend(
-        count=np.arange(int(summary["pool"]), int(summary["pool"]) - len(value), -1),
+        count=np.arange(pool, pool - len(value), -1),
         value=value,
-        blocks={name: own.blocks[:, i] for i, name in enumerate(own.unknowns)},
+        blocks=dict(zip(removals.unknowns, removals.blocks.T, strict=True)),
         final=float(summary[f"{key}_final"]),
         metric=_metric(criterion, place),
-        lower_bound=float(summary["lower_bound"]) if certified else None,
-        gap=float(summary["gap"]) if certified else None,
+        lower_bound=bound,
+        gap=gap,
     )
 
 
 def history_of(name: str, validate: Artefact) -> History:
-    own = read(Validated, validate)
-    values = (by[name] for by in (own.truth, own.estimate, own.std, own.smoothed, own.smoothed_std))
-    return History(name, unit_of(own, "estimate", name), own.time, *values)
-
-
-POOLS: tuple[tuple[str, Literal["all candidates", "screened"]], ...] = (
-    ("all", "all candidates"),
-    ("screened", "screened"),
-)
+    record = read(Validated, validate)
+    columns = (record.truth, record.estimate, record.std, record.smoothed, record.smoothed_std)
+    return History(name, unit_of(record, "estimate", name), record.time, *(column[name] for column in columns))
 
 
 def random_sets_of(names: list[str], validate: Artefact) -> tuple[RandomSets, ...]:
-    own = read(Validated, validate)
+    validated, summary = read(Validated, validate), validate.summary
+    pools = ("all candidates", validated.all), ("screened", validated.screened)
     return tuple(
-        RandomSets(name, label, sets.error[name], sets.estimate[name].T, float(validate.summary[f"error.{name}"]))
+        RandomSets(name, label, sets.error[name], sets.estimate[name].T, float(summary[f"error.{name}"]))
         for name in names
-        for sets, label in ((getattr(own, key), label) for key, label in POOLS)
+        for label, sets in pools
         if len(sets.error[name])
     )
 
 
 def signals_of(up: Mapping[str, Artefact]) -> tuple[Reading, ...]:
-    own, listed = read(Validated, up["validate"]).gauge, listed_gauges(up)
-    gauges = [gauge for gauge, angles in enumerate(listed.angles) for _ in angles]
+    channels, layout = read(Validated, up["validate"]).gauge, listed_gauges(up)
+    gauges = [gauge for gauge, angles in enumerate(layout.angles) for _ in angles]
+    columns = (channels.measured.T, channels.estimated.T, channels.std.T, gauges, channels.true.T)
     return tuple(
-        Reading(
-            label,
-            listed.unit[gauges[i]],
-            own.time,
-            own.measured[:, i],
-            own.estimated[:, i],
-            own.std[:, i],
-            gauges[i],
-            own.true[:, i],
-        )
-        for i, label in enumerate(channel_labels(listed))
+        Reading(label, layout.unit[signal[3]], channels.time, *signal)
+        for label, *signal in zip(channel_labels(layout), *columns, strict=True)
     )
 
 
@@ -258,37 +236,32 @@ def metrics_of(place: Artefact) -> tuple[Metric, ...]:
 
 def _metric(criterion: Criterion, place: Artefact) -> Metric:
     """In words, with the unknowns that it covers where these are not all."""
-    own = read(PlacedLayout, place)
-    over = own.elimination.unknowns
-    of = f", of {' and '.join(over)} alone" * (len(over) < len(own.criteria.std))
+    layout = read(PlacedLayout, place)
+    names = layout.elimination.unknowns
+    of = f", of {' and '.join(names)} alone" * (len(names) < len(layout.criteria.std))
     return Metric(criterion.symbol, criterion.meaning + of)
 
 
 def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
     """This layout, then the others by their metric; of the random sets the one in the middle."""
-    own = read(PlacedLayout, place).criteria
-    drawn = sorted((i for i, rule in enumerate(own.rule) if rule not in RULES), key=lambda i: own.value[i, 0])
-    shown = {i: RULES[rule] for i, rule in enumerate(own.rule) if rule in RULES}
-    if drawn:
-        shown[drawn[(len(drawn) - 1) // 2]] = f"random, median of {len(drawn)}"
+    rules = read(PlacedLayout, place).criteria
+    random = sorted((i for i, rule in enumerate(rules.rule) if rule not in RULES), key=lambda i: rules.value[i, 0])
+    shown = {i: RULES[rule] for i, rule in enumerate(rules.rule) if rule in RULES}
+    if random:
+        shown[random[(len(random) - 1) // 2]] = f"random, median of {len(random)}"
     return tuple(
-        Criteria(words, tuple(own.value[i].tolist()), {n: float(own.std[n][i]) for n in names})
+        Criteria(words, tuple(rules.value[i].tolist()), {name: float(rules.std[name][i]) for name in names})
         for i, words in shown.items()
     )
 
 
 def cases_of(observe: Artefact) -> tuple[Case, ...]:
-    own = read(Observed, observe)
+    observed = read(Observed, observe)
+    numbers = (observed.condition, observed.condition_raw)
     return tuple(
-        Case(
-            tuple(unknowns.split(", ")),
-            excitation,
-            float(own.condition[i, j]),
-            float(own.condition_raw[i, j]),
-            str(own.lost[i, j]),
-        )
-        for j, unknowns in enumerate(own.unknowns)
-        for i, excitation in enumerate(own.excitation)
+        Case(tuple(unknowns.split(", ")), excitation, *(float(of[i, j]) for of in numbers), str(observed.lost[i, j]))
+        for j, unknowns in enumerate(observed.unknowns)
+        for i, excitation in enumerate(observed.excitation)
     )
 
 
@@ -299,8 +272,8 @@ def noise_of(names: list[str], up: Mapping[str, Artefact]) -> Noise:
     factor = np.append(1.0, study.factor)
     order = np.argsort(factor, kind="stable")
     error, std = (
-        {n: np.append(float(summary.get(f"{key}.{n}", np.nan)), getattr(study, key)[n])[order] for n in names}
-        for key in ("error", "std")
+        {name: np.append(float(summary.get(f"{key}.{name}", np.nan)), values[name])[order] for name in names}
+        for key, values in (("error", study.error), ("std", study.std))
     )
     return Noise(level * factor[order], error, std)
 
@@ -308,12 +281,11 @@ def noise_of(names: list[str], up: Mapping[str, Artefact]) -> Noise:
 def checks_of(validate: Artefact) -> tuple[Check, ...]:
     """NEES and NIS of the filter."""
     names = {"nees": "NEES of the run; band of one instant", "nis": "NIS of the gauges"}
-    bands = ((float(low), float(high)) for low, high in read(Validated, validate).consistency.band)
-    values = (float(validate.summary[key]) for key in names)
-    return tuple(
-        Check(name, value, band, word_of(value, band))
-        for name, value, band in zip(names.values(), values, bands, strict=True)
-    )
+    checks = []
+    for key, (low, high) in zip(names, read(Validated, validate).consistency.band.tolist(), strict=True):
+        value = float(validate.summary[key])
+        checks.append(Check(names[key], value, (low, high), word_of(value, (low, high))))
+    return tuple(checks)
 
 
 def messages(up: Mapping[str, Artefact], stages: Sequence[str]) -> dict[str, str]:
@@ -323,5 +295,5 @@ def messages(up: Mapping[str, Artefact], stages: Sequence[str]) -> dict[str, str
 
 def provenance(context: Context[Any]) -> dict[str, str]:
     """Version, seed, and what tells the artefacts from others."""
-    own = {"strainsight": __version__, "seed": str(context.config.seed)}
-    return own | {f"{stage} artefact": artefact.key[:16] for stage, artefact in context.upstream.items()}
+    keys = {f"{stage} artefact": artefact.key[:16] for stage, artefact in context.upstream.items()}
+    return {"strainsight": __version__, "seed": str(context.config.seed)} | keys

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -26,36 +26,31 @@ from strainsight.runner.artefact import Artefact
 
 
 def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:
-    place, own = up["place"], read(Placed, up["place"])
-    candidates = read(Training, up["train"]).candidates
+    place, placed = up["place"], read(Placed, up["place"])
+    candidates, layout = read(Training, up["train"]).candidates, listed_gauges(up)
     # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
-    without = {name: values * placed_scale(name, place) / placed_size(name, up) for name, values in own.without.items()}
-    listed = listed_gauges(up)
-    notes = notes_at_gauges(own.at_gauges, len(listed.labels))
-    row = own.final.gauge
-    mirror = [next((listed.labels[j] for j in np.flatnonzero(row == row[i]) if j != i), "") for i in range(len(row))]
-    nodes = candidates.nodes[candidates.first[own.final.number]]
+    without = {
+        name: values * placed_scale(name, place) / placed_size(name, up) for name, values in placed.without.items()
+    }
+    notes, row = notes_at_gauges(placed.at_gauges, len(layout.labels)), placed.final.gauge
+    nodes = candidates.nodes[candidates.first[placed.final.number]]
     gauges = tuple(
         replace(
-            _marked(listed, i),
+            gauge,
             without={name: float(values[i]) for name, values in without.items()},
             nodes=tuple(int(mesh.node_ids[n]) for n in nodes[i] if n >= 0),
-            peak=float(listed.peak[i]),
-            most=float(listed.most[i]) if listed.arms[i] is not None else None,
-            range=None if np.isnan(listed.range[i]) else float(listed.range[i]),
-            mirror=mirror[i],
+            peak=float(layout.peak[i]),
+            most=float(layout.most[i]) if gauge.arms else None,
+            range=None if np.isnan(layout.range[i]) else float(layout.range[i]),
+            mirror=next((layout.labels[j] for j in np.flatnonzero(row == row[i]) if j != i), ""),
             notes=notes[i],
-            **_tested(own.hot_spots, i),
+            **_hot_spot(placed.hot_spots, i),
         )
-        for i in range(len(listed.labels))
+        for i, gauge in enumerate(_marked(layout))
     )
-    pool = own.pool.gauges
-    return replace(
-        bare(mesh, loads),
-        pool=candidates.position[candidates.first[pool[pool >= 0]]],
-        gauges=gauges,
-        loose=_known_to_matrices(mesh, up),
-    )
+    pool = placed.pool.gauges
+    at = candidates.position[candidates.first[pool[pool >= 0]]]
+    return replace(bare(mesh, loads), pool=at, gauges=gauges, loose=_known_to_matrices(mesh, up))
 
 
 def measured(layout: Layout, shop: Workshop, gauges: Typed) -> Layout:
@@ -64,35 +59,33 @@ def measured(layout: Layout, shop: Workshop, gauges: Typed) -> Layout:
     gauges: the section of the config, which may name a type.
     """
     pairs = np.stack([shop.edges.distance, shop.edges.angle], axis=2)
-    found = []
+    marks = []
     for i, gauge in enumerate(layout.gauges):
         lines = shop.lines_of(i)
-        own = pairs[lines][: max(len(gauge.arms), 1)]
+        edges = pairs[lines][: max(len(gauge.arms), 1)]
         if gauge.unit == "strain" and gauge.facet:
             foil = foil_at(gauges, shop, lines[0])
             gauge = replace(gauge, foil=(foil.length, foil.width))
-        found.append(replace(gauge, edges=own) if np.isfinite(own).any() else gauge)
-    return replace(layout, gauges=tuple(found), frame=shop.frame)
+        marks.append(replace(gauge, edges=edges) if np.isfinite(edges).any() else gauge)
+    return replace(layout, gauges=tuple(marks), frame=shop.frame)
 
 
 def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
     """The structure with its loads and clamped nodes, no gauge."""
     faces = exterior_facets(mesh).nodes if mesh.has_surface else np.full((0, 8), -1)
-    fixed = mesh.position[mesh.held]
-    arrows = [(name, _point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items()]
-    loose = np.empty((0, 3)) if mesh.has_surface else loose_nodes(mesh)
-    bars = [b.nodes[(b.on_sides < 0).all(axis=(1, 2))] if len(b.on_sides) else b.nodes for b in mesh.beams]
+    arrows = [(name, *_point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items()]
+    nodes = [b.nodes[(b.on_sides < 0).all(axis=(1, 2))] if len(b.on_sides) else b.nodes for b in mesh.beams]
+    bars = [ends[:, piece] for ends in nodes for piece in _pieces(ends)]
+    nothing = np.empty((0, 3))
     return Layout(
         mesh.position,
         faces,
-        np.empty((0, 3)),
+        nothing,
         (),
-        tuple(Load(name, *drawn, known) for name, drawn, known in arrows if drawn[1].any()),
-        fixed,
-        loose,
-        np.concatenate(
-            [np.zeros((0, 2), dtype=np.int64), *(nodes[:, ends] for nodes in bars for ends in _pieces(nodes))]
-        ),
+        tuple(Load(*arrow) for arrow in arrows if arrow[2].any()),
+        mesh.position[mesh.held],
+        nothing if mesh.has_surface else loose_nodes(mesh),
+        np.concatenate([np.zeros((0, 2), dtype=np.int64), *bars]),
     )
 
 
@@ -111,15 +104,13 @@ def layout_of_test(
     """
     training, screened = read(Training, up["train"]), read(Screened, up["screen"])
     owner = training.candidates.gauge[channels]
-    numbers, first = np.unique(owner, return_index=True)
-    numbers = numbers[np.argsort(first)]
-    marks = tuple(int(np.flatnonzero(numbers == number)[0]) for number in owner)
-    listed = gauges_of(numbers, training, screened)
+    numbers = list(dict.fromkeys(owner.tolist()))
+    marks = tuple(map(numbers.index, owner.tolist()))
     gauges = []
-    for i in range(len(numbers)):
+    for i, gauge in enumerate(_marked(gauges_of(np.array(numbers, dtype=np.int64), training, screened))):
         label = min((label for label, mark in zip(labels, marks, strict=True) if mark == i), key=len)
-        several = len(listed.angles[i]) > 1
-        gauges.append(replace(_marked(listed, i), label=re.sub(r"\.\d+$", "", label) if several else label))
+        several = len(gauge.directions) > 1
+        gauges.append(replace(gauge, label=re.sub(r"\.\d+$", "", label) if several else label))
     return replace(bare(mesh, loads), gauges=tuple(gauges), loose=_known_to_matrices(mesh, up)), marks
 
 
@@ -128,40 +119,35 @@ def _known_to_matrices(mesh: Mesh, up: Mapping[str, Artefact]) -> np.ndarray:
     return np.empty((0, 3)) if read(Reduced, up["rom"]).matrices is None else loose_nodes(mesh)
 
 
-def _marked(listed: GaugeList, i: int) -> Gauge:
-    """Where gauge i of a list sits, and what it is."""
-    return Gauge(
-        label=listed.labels[i],
-        element=int(listed.element[i]),
-        facet=int(listed.facet[i]),
-        position=listed.position[i],
-        direction=listed.directions[i][0],
-        normal=listed.normal[i],
-        angle=float(listed.angles[i][0]),
-        kind=listed.kind[i],
-        directions=listed.directions[i],
-        bonded=bool(listed.bonded[i]),
-        unit=listed.unit[i],
-        arms=_arms(listed, i),
-    )
+def _marked(layout: GaugeList) -> Iterator[Gauge]:
+    """Where the gauges of a list sit, and what they are."""
+    for i, arms in enumerate(layout.arms):
+        grids = () if arms is None else zip(arms.sign, *(getattr(arms.grid, name) for name in GRID), strict=True)
+        yield Gauge(
+            label=layout.labels[i],
+            element=int(layout.element[i]),
+            facet=int(layout.facet[i]),
+            position=layout.position[i],
+            direction=layout.directions[i][0],
+            normal=layout.normal[i],
+            angle=float(layout.angles[i][0]),
+            kind=layout.kind[i],
+            directions=layout.directions[i],
+            bonded=bool(layout.bonded[i]),
+            unit=layout.unit[i],
+            arms=tuple(Arm(*place, int(sign), int(e), int(f)) for sign, *place, e, f in grids),
+        )
 
 
-def _arms(listed: GaugeList, i: int) -> tuple[Arm, ...]:
-    arms = listed.arms[i]
-    if arms is None:
-        return ()
-    g = arms.grid
-    return tuple(
-        Arm(g.position[k], g.direction[k], g.normal[k], int(sign), int(g.element[k]), int(g.facet[k]))
-        for k, sign in enumerate(arms.sign)
-    )
+GRID = ("position", "direction", "normal", "element", "facet")
+"""Of the arms of a bridge."""
 
 
-def _tested(found: HotSpots | None, i: int) -> dict[str, Any]:
+def _hot_spot(spots: HotSpots | None, i: int) -> dict[str, Any]:
     """Of gauge i the test for hot spots, as far as it was made."""
-    if found is None or np.isnan(found.refined[i]):
+    if spots is None or np.isnan(spots.refined[i]):
         return {}
-    return {"refined": float(found.refined[i]), "spread": float(found.spread[i]), "hot": bool(found.hot[i])}
+    return {"refined": float(spots.refined[i]), "spread": float(spots.spread[i]), "hot": bool(spots.hot[i])}
 
 
 def listed_gauges(up: Mapping[str, Artefact]) -> GaugeList:
@@ -181,24 +167,22 @@ def loose_nodes(mesh: Mesh) -> np.ndarray:
 def _point_and_direction(mesh: Mesh, entry: Any) -> tuple[np.ndarray, np.ndarray]:
     """Where a load is drawn and along what, a moment along its axis, a rotation and what balances itself along nothing: one of
     the deck at the mean of its nodes, weighted by their forces."""
-    if entry.deck_load is not None:
-        forces = mesh.loads[entry.deck_load]
-        size, total = np.linalg.norm(forces.force, axis=1), forces.force.sum(axis=0)
-        if np.linalg.norm(total) <= 1e-9 * size.sum():
-            return mesh.position[forces.nodes].mean(axis=0), np.zeros(3)
-        return size @ mesh.position[forces.nodes] / size.sum(), total
     if entry.gravity is not None or entry.rotation is not None:
         return mesh.position.mean(axis=0), np.array(entry.gravity or np.zeros(3), float)
-    if entry.pressure:
-        own = pressure(mesh, entry.set)
-        total = own.force.sum(axis=0)
-        balanced = np.linalg.norm(total) < 1e-6 * np.abs(own.force).sum()
-        return mesh.position[own.nodes].mean(axis=0), np.zeros(3) if balanced else total
+    if entry.deck_load is not None or entry.pressure:
+        forces = mesh.loads[entry.deck_load] if entry.deck_load is not None else pressure(mesh, entry.set)
+        position, size, total = (
+            mesh.position[forces.nodes],
+            np.linalg.norm(forces.force, axis=1),
+            forces.force.sum(axis=0),
+        )
+        if np.linalg.norm(total) <= 1e-6 * size.sum():
+            return position.mean(axis=0), np.zeros(3)
+        return position.mean(axis=0) if entry.pressure else size @ position / size.sum(), total
     direction = np.array(entry.direction or entry.moment or entry.bearing, float)
     if entry.node is not None:
         return mesh.position[mesh.node_index(int(entry.node))], direction
-    members = mesh.node_sets[entry.set]
-    return mesh.position[np.isin(mesh.node_ids, members)].mean(axis=0), direction
+    return mesh.position[np.isin(mesh.node_ids, mesh.node_sets[entry.set])].mean(axis=0), direction
 
 
 def placed_scale(name: str, place: Artefact) -> float:

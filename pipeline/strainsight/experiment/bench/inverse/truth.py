@@ -21,8 +21,7 @@ from strainsight.experiment.bench.sensors import MOTION_UNITS, instants_of, read
 from strainsight.experiment.recorded import signals_of
 from strainsight.experiment.resources import Resources
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.radau import simulate_radau
-from strainsight.multibody.simulate import simulate
+from strainsight.multibody.simulate import simulate, simulate_radau
 from strainsight.records import record
 from strainsight.records.bench import BenchTruths, Simulated
 

@@ -1,10 +1,9 @@
-"""Gauges that a bench's flexible body could carry, and those worth an exact ranking."""
+"""A body of a bench at rest, the gauges that it could carry, and those worth an exact ranking."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 
@@ -19,35 +18,112 @@ from strainsight.config.bench.bench import (
     RelativeSensor,
     StrainSensor,
 )
-from strainsight.errors import InfeasibleError, blame
-from strainsight.experiment.bench.bench import Bench
-from strainsight.experiment.bench.inverse.problem import BenchUnknowns, asked
+from strainsight.errors import InfeasibleError, NumericalError, blame
+from strainsight.experiment.bench.bench import Bench, start_of
+from strainsight.experiment.bench.inverse.problem import BenchUnknowns, asked, corrects_in_a_test, parameter_units
 from strainsight.experiment.bench.layout.strained import Known
-from strainsight.experiment.bench.loads import loads_of
+from strainsight.experiment.bench.loads import load_units, loads_of
 from strainsight.experiment.bench.sensors import motion_sensor, tolerances_of_gauges
-from strainsight.experiment.layout.gauge_list import zone_of
+from strainsight.experiment.layout.gauge_list import strain_candidates
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import at_rest, measured
-from strainsight.multibody.inverse.linear import LinearBench
+from strainsight.multibody.initial import static_equilibrium
+from strainsight.multibody.inverse.linear import LinearBench, linear_bench
 from strainsight.multibody.inverse.parameters import static_response
 from strainsight.multibody.sensors import axis_sensor, position_sensor, readings
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import (
     ACCELERATION,
     DISPLACEMENT,
-    ROSETTE,
     Candidates,
-    candidates,
     concatenate,
-    principal_angles,
 )
 from strainsight.sensors.installation import SECOND, sensitivity_rows
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.screening import screen, strongest_first
 
+Pose = tuple[np.ndarray, np.ndarray]
+"""Coordinates q and inputs u of the system at rest."""
 UNFELT = 1e-12
 """Share of the strongest input's strain below which that of another is rounding."""
+
+
+@dataclass(frozen=True)
+class PlacedBody:
+    """The bench of a body that gauges are placed on, at the guess of its parameters.
+
+    files of the config; unknowns of the filter and its step h [s]; mesh of the body and basis (3 nodes, r) displacement per
+    coordinate.
+    """
+
+    config: BenchConfig
+    place: BenchPlace
+    files: Mapping[str, Path]
+    bench: Bench
+    unknowns: BenchUnknowns
+    h: float
+    mesh: Mesh
+    basis: np.ndarray
+
+    @property
+    def loads(self) -> tuple[str, ...]:
+        """The unknown loads in the order of the system."""
+        return tuple(name for name in self.bench.system.inputs if name in asked(self.config).inputs)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """All unknowns, loads before parameters."""
+        return (*self.loads, *self.unknowns.free)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of `inputs`: Pa of a modulus, m of what a bearing has."""
+        of_parameters = parameter_units(self.config, self.unknowns.free)
+        return (*load_units(self.config, self.loads).values(), *of_parameters.values())
+
+    @property
+    def duration(self) -> float:
+        """Of the run of the filter [s]."""
+        return float(asked(self.config).duration or self.config.simulate.duration)
+
+    @property
+    def modal(self) -> slice:
+        """Coordinates of the body among those of the system."""
+        return self.bench.system.modal(self.place.body)
+
+    @property
+    def columns(self) -> tuple[list[int], np.ndarray]:
+        """Places of the loads in the system's inputs, and ∂θ/∂ξ (nθ, p)."""
+        coordinates, inputs = self.unknowns.coordinates, self.bench.system.inputs
+        by_xi = coordinates.theta(coordinates.xi(self.bench.theta))[1]
+        return [inputs.index(name) for name in self.loads], by_xi
+
+    def linear(self, pose: Pose, increment: np.ndarray) -> LinearBench:
+        """The bench about a pose; increment (unknowns,) of each in a step."""
+        config, (places, by_xi) = self.config, self.columns
+        corrected, method = corrects_in_a_test(config), config.simulate.method
+        printed, (q, u) = asked(config).method.noise == "as_printed", pose
+        theta, h = self.bench.theta, self.h
+        return linear_bench(self.bench.system, q, u, theta, places, increment, h, method, corrected, printed, by_xi)
+
+
+def poses_of(body: PlacedBody, instants: Sequence[float]) -> list[Pose]:
+    """The static equilibrium at each instant [s], whatever the simulation starts from, with its loads and drives at rest; each is
+    sought from the one before."""
+    bench = body.bench
+    u = loads_of(bench, body.files)(np.array(instants))
+    u[:, bench.system.drives.rates] = 0.0
+    with blame("simulate"):
+        q = start_of(bench.simulated(start="equilibrium"), u[0])[0]
+    poses = [(q, u[0])]
+    for instant, held in zip(instants[1:], u[1:], strict=True):
+        try:
+            q = static_equilibrium(bench.system, q, held, bench.theta)[0]
+        except (InfeasibleError, NumericalError) as error:
+            raise type(error)(f"at {instant:.4g} s {error.what}", key="place.poses", remedy=error.remedy) from error
+        poses.append((q, held))
+    return poses
 
 
 @dataclass(frozen=True)
@@ -64,37 +140,33 @@ class GaugePool:
     price: np.ndarray
 
 
-def gauge_pool(
-    mesh: Mesh, basis: np.ndarray, static: np.ndarray, inputs: Sequence[str], place: BenchPlace
-) -> GaugePool:
+def gauge_pool(body: PlacedBody, static: np.ndarray) -> GaugePool:
     """Every candidate that `place` of a bench allows, and the strongest under each input in each pose in turn, so far apart as
     it says.
 
-    basis (3 nodes, r) displacement per coordinate; static (poses, r, nu) coordinates per unit of every unknown input, at rest;
-    inputs: their names.
+    static (poses, r, nu) coordinates per unit of every unknown, at rest.
     One measure of strength for all inputs would keep what sees the strongest, and none for a load along the blade.
     Raises InfeasibleError where no facet is left, or an input strains none of them.
     """
-    facets, key = exterior_facets(mesh), "place"
-    include, exclude = ([zone_of(entry) for entry in zones] for zones in (place.include, place.exclude))
-    axis, turn = place.direction.axis if place.direction.type == "axis" else None, None
-    zoned = partial(candidates, exclude=exclude, surface=place.surface, include=include, key=key)
+    mesh, basis, place, inputs = body.mesh, body.basis, body.place, body.inputs
+    facets = exterior_facets(mesh)
+
+    def moment(rows: np.ndarray) -> np.ndarray:
+        alike = np.hstack(static / _strength(rows @ static, inputs))
+        return np.asarray(alike @ alike.T)
+
     with blame("place.surface"):
-        if axis is None:
-            base = zoned(mesh, facets, None, ROSETTE, rosette=True)
-            rows = channel_rows(mesh.position, base, basis, facets=facets)
-            alike = np.hstack(static / _strength(rows @ static, inputs))
-            turn = principal_angles(rows.reshape(-1, len(ROSETTE), basis.shape[1]), alike @ alike.T)
-        pool = concatenate([_bonded(mesh, facets, place), zoned(mesh, facets, axis, place.direction.angles, turn=turn)])
+        gauges = strain_candidates(mesh, facets, place, place.direction, basis, moment, "place")
+        pool = concatenate([_bonded(mesh, facets, place), gauges])
     rows = channel_rows(mesh.position, pool, basis, facets=facets)
     response = rows @ static
     size = np.abs(response) / _strength(response, inputs)
-    free, there = np.flatnonzero(~pool.bonded), np.flatnonzero(pool.bonded)
+    free = np.flatnonzero(~pool.bonded)
     with blame("place.spacing"):
         columns = np.hstack(size).T
         ranked = [free[_ranked(column[free], pool.position[free], float(place.spacing))] for column in columns]
     in_turn = dict.fromkeys(int(gauge) for turn in zip_longest(*ranked) for gauge in turn if gauge is not None)
-    kept = [*there.tolist(), *list(in_turn)[: int(place.pool)]]
+    kept = [*np.flatnonzero(pool.bonded).tolist(), *list(in_turn)[: int(place.pool)]]
     price = np.where(pool.bonded, 0.0, float(place.price))
     return GaugePool(pool, rows, response, np.array(sorted(kept)), ("",) * len(pool), price)
 
@@ -102,14 +174,14 @@ def gauge_pool(
 def _bonded(mesh: Mesh, facets: Facets, place: BenchPlace) -> Candidates:
     """The gauges that are there already, each grid of a rosette a gauge of its own."""
     entries = [BondedEntry(e.position, e.direction, float(e.length or 0.0), e.angles) for e in place.fixed]
-    there, _ = bonded(mesh, facets, entries, float(place.snap_tolerance), "place.fixed")
-    return replace(there, gauge=np.arange(len(there)))
+    grids, _ = bonded(mesh, facets, entries, float(place.snap_tolerance), "place.fixed")
+    return replace(grids, gauge=np.arange(len(grids)))
 
 
 def _ranked(strength: np.ndarray, position: np.ndarray, spacing: float) -> np.ndarray:
     """Candidates that far apart, the strongest first."""
-    found = screen(strength, 1.0, position, None, spacing)
-    return found.kept[strongest_first(found.snr[found.kept])]
+    screening = screen(strength, 1.0, position, None, spacing)
+    return screening.kept[strongest_first(screening.snr[screening.kept])]
 
 
 def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
@@ -145,46 +217,38 @@ class MotionCandidates:
     peak: np.ndarray
 
 
-def motion_candidates(
-    config: BenchConfig,
-    bench: Bench,
-    place: BenchPlace,
-    poses: Sequence[tuple[np.ndarray, np.ndarray]],
-    benches: Sequence[LinearBench],
-    inputs: Sequence[int],
-    by_xi: np.ndarray,
-) -> MotionCandidates:
-    """Those of `place.sensors`, in poses (q, u) at rest; inputs: places of the unknown loads; by_xi (nθ, p) ∂θ/∂ξ.
+def motion_candidates(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[LinearBench]) -> MotionCandidates:
+    """Those of `place.sensors`, in poses at rest.
 
     An accelerometer reads v̇ of the linear bench, so that loads are seen at once, and gravity where it tilts.
     """
+    config, bench, place, (inputs, by_xi) = body.config, body.bench, body.place, body.columns
     system, names = bench.system, list(place.sensors)
     # accelerometers stand behind the others where sensors are compiled
     names.sort(key=lambda name: isinstance(config.sensors[name], AccelerationSensor))
-    own = [motion_sensor(name, config.sensors[name], bench.frames) for name in names]
-    compiled = readings(system, own)
+    compiled = readings(system, [motion_sensor(name, config.sensors[name], bench.frames) for name in names])
     # of a relative motion without its tilts
     starts = np.cumsum([0, *(5 if isinstance(config.sensors[name], RelativeSensor) else 3 for name in names)])[:-1]
     kept = np.concatenate([start + np.arange(3) for start in starts]) if names else np.zeros(0, dtype=int)
     none, H, still, white, peak = np.zeros(len(system.drives.names)), [], [], [], []
     for (q, u), linear in zip(poses, benches, strict=True):
-        found = measured(system, compiled, q, np.zeros_like(q), u, bench.theta, none)
-        columns = (found.by_q @ linear.T, found.by_v @ linear.T, found.by_u[:, list(inputs)], found.by_theta @ by_xi)
+        read = measured(system, compiled, q, np.zeros_like(q), u, bench.theta, none)
+        columns = (read.by_q @ linear.T, read.by_v @ linear.T, read.by_u[:, inputs], read.by_theta @ by_xi)
         H.append(np.hstack(columns)[kept])
         still.append(compiled.read(q, np.zeros_like(q), at_rest(system, u))[1][kept])
-        shaken = np.zeros(len(found.y))
+        shaken = np.zeros(len(read.y))
         if compiled.accelerometers:
             by_a = compiled.accelerations(q, np.zeros_like(q), at_rest(system, u))[3]
             shaken[compiled.accelerated] = ((by_a @ linear.T @ linear.T.T) ** 2) @ linear.force
         white.append(shaken[kept])
-        peak.append(np.abs(found.y[kept]))
+        peak.append(np.abs(read.y[kept]))
     entries = [place.sensors[name] for name in names]
-    noise = np.concatenate([np.broadcast_to(np.asarray(own.noise, dtype=float), 3) for own in entries] or [np.zeros(0)])
+    noise = [np.broadcast_to(np.asarray(entry.noise, dtype=float), 3) for entry in entries]
     return MotionCandidates(
         _candidates(config, bench, names, poses[0][0]),
         tuple(f"{name}.{axis}" for name in names for axis in AXES),
-        noise,
-        np.repeat([float(own.price) for own in entries], 3),
+        np.concatenate(noise or [np.zeros(0)]),
+        np.repeat([float(entry.price) for entry in entries], 3),
         tuple(H),
         np.array(still),
         np.array(white),
@@ -222,28 +286,26 @@ def _candidates(config: BenchConfig, bench: Bench, names: Sequence[str], q: np.n
     )
 
 
-def known_of(
-    config: BenchConfig, unknowns: BenchUnknowns, bench: Bench, loads: Sequence[str], h: float, time: np.ndarray
-) -> tuple[Known | None, np.ndarray]:
-    """What parameters add to a placement, None without any; and σ (unknowns,) of the change in a step h [s] that gauges are
-    ranked with, loads in the order given before ξ: as stated, of a constant one as much as leads to σ of its guess over the run.
+def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarray]:
+    """What parameters add to a placement, None without any; and σ (unknowns,) of the change in a step that gauges are ranked
+    with, loads before ξ: as stated, of a constant one as much as leads to σ of its guess over the run.
 
     The run is in each pose from half-way to the one before until half-way to the next; time (poses,) [s].
     """
-    order = [list(asked(config).inputs).index(name) for name in loads]
+    unknowns, theta = body.unknowns, body.bench.theta
+    order = [list(asked(body.config).inputs).index(name) for name in body.loads]
     of_loads = unknowns.increment_u[order]
     if not unknowns.free:
         return None, of_loads
-    coordinates, theta = unknowns.coordinates, bench.theta
-    length = float(asked(config).duration or config.simulate.duration)
-    between = np.concatenate([[0.0], 0.5 * (time[1:] + time[:-1]), [length]])
-    steps = np.maximum(1, np.diff(np.round(between / h).astype(int)))
+    coordinates = unknowns.coordinates
+    between = np.concatenate([[0.0], 0.5 * (time[1:] + time[:-1]), [body.duration]])
+    steps = np.maximum(1, np.diff(np.round(between / body.h).astype(int)))
     covariance = coordinates.covariance(theta, unknowns.std)
     moved = np.sqrt(np.diag(coordinates.covariance(theta, unknowns.increment)))
     known = Known(
         block_diag(np.diag(unknowns.std_u[order]), np.linalg.cholesky(covariance)),
         np.concatenate([of_loads, moved]),
-        coordinates.theta(coordinates.xi(theta))[1][coordinates.free],
+        body.columns[1][coordinates.free],
         tuple(int(count) for count in steps),
     )
     stand_in = np.sqrt(np.diag(covariance) / steps.sum())
@@ -253,8 +315,8 @@ def known_of(
 def zeroed(config: BenchConfig) -> bool:
     """Whether the filter has the layout by a sensor that is zeroed at a start at rest: it tells nothing of what deformed the
     bench then."""
-    own = (config.sensors[name] for name in asked(config).sensors)
-    takes = any(isinstance(sensor, StrainSensor) and sensor.layout == "place" and sensor.zeroed for sensor in own)
+    sensors = (config.sensors[name] for name in asked(config).sensors)
+    takes = any(isinstance(sensor, StrainSensor) and sensor.layout == "place" and sensor.zeroed for sensor in sensors)
     return takes and config.simulate.start == "equilibrium"
 
 
@@ -265,45 +327,36 @@ INSTANTS = 200
 
 
 def installation_offs(
-    config: BenchConfig,
-    body: str,
-    bench: Bench,
-    files: Mapping[str, Path],
-    mesh: Mesh,
-    basis: np.ndarray,
-    gauges: Candidates,
-    time: np.ndarray,
-    poses: list[tuple[np.ndarray, np.ndarray]],
-    zero: np.ndarray,
+    body: PlacedBody, gauges: Candidates, time: np.ndarray, poses: Sequence[Pose], zero: np.ndarray
 ) -> np.ndarray:
     """√v (poses, m) [strain] of gauges on a body, by `estimate.tolerances`, to first order as the filter has them:
 
         vⱼ = Σₖ σₖ² mean_t (sₖⱼ (η − η₀))²,     η = η_pose + ∂η/∂u (u(t) − u_pose)
 
     over as much of the run as is nearest to the pose, quasi-static: what is off with the motion of its modes is left out.
-    time (poses,) [s] and poses (q, u); zero (r,): η₀ of gauges that are zeroed, else none. Zeros without tolerances.
+    time (poses,) [s]; zero (r,): η₀ of gauges that are zeroed, else none. Zeros without tolerances.
     """
+    config, bench = body.config, body.bench
     sigma = {
         name: value for name, value in tolerances_of_gauges(config).by_name.items() if value > 0 and name not in SECOND
     }
     v = np.zeros((len(poses), len(gauges)))
     if not sigma:
         return v
-    modal = bench.system.modal(body)
-    run = np.linspace(0.0, float(asked(config).duration or config.simulate.duration), INSTANTS)
-    loads, nearest = loads_of(bench, files)(run), np.abs(run[:, None] - time).argmin(axis=1)
+    run = np.linspace(0.0, body.duration, INSTANTS)
+    loads, nearest = loads_of(bench, body.files)(run), np.abs(run[:, None] - time).argmin(axis=1)
     second: list[np.ndarray] = []
     for k, (q, u) in enumerate(poses):
         change = loads[nearest == k] - u if np.any(nearest == k) else np.zeros((1, len(u)))
         change[:, bench.system.drives.at :] = 0.0  # poses have them
-        eta = (q + change @ static_response(bench.system, q, u, bench.theta)[0].T)[:, modal] - zero
+        eta = (q + change @ static_response(bench.system, q, u, bench.theta)[0].T)[:, body.modal] - zero
         second.append(eta.T @ eta / len(eta))
-    skin = exterior_facets(mesh)
-    for own in np.array_split(np.arange(len(gauges)), len(gauges) // AT_A_TIME + 1):
+    skin, position = exterior_facets(body.mesh), body.mesh.position
+    for part in np.array_split(np.arange(len(gauges)), len(gauges) // AT_A_TIME + 1):
         felt = sensitivity_rows(
-            mesh.position, gauges.take(own), basis, tolerances_of_gauges(config).position, facets=skin
+            position, gauges.take(part), body.basis, tolerances_of_gauges(config).position, facets=skin
         )
         for name, value in sigma.items():
             s = value * getattr(felt, name)
-            v[:, own] += [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in second]
+            v[:, part] += [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in second]
     return np.asarray(np.sqrt(v))

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.inverse.linear import LinearBench, in_steps, in_time
 from strainsight.placement.criteria import Metric
-from strainsight.placement.doubling import factor_after, steady_factor
+from strainsight.placement.riccati import factor_after, steady_factor
 from strainsight.placement.scenario import Aggregate, Scenario, solve_pool
 
 UNTOLD = 0.9
@@ -58,14 +58,14 @@ class Strained:
     def in_poses(self, gauges: np.ndarray) -> np.ndarray:
         """σ (poses, unknowns) [N, N m, Pa, m] that a filter on these gauges comes to claim: of loads alone, inf where one is
         lost; beside parameters at the end of each pose of the run."""
-        rows, noise, known = [own[gauges] for own in self.readings], self.noise[gauges], self.known
+        rows, noise, known = [H[gauges] for H in self.readings], self.noise[gauges], self.known
         if known is None:
             triples = zip(self.benches, rows, self.off[:, gauges], strict=True)
             return np.array([expected_std(bench, H, noise, self.acceleration, off) for bench, H, off in triples])
         factors = factors_along(self.benches, rows, noise, self.acceleration, known.drawn, known.start, known.steps)
         loads = len(known.drawn) - len(known.slopes)
-        own = [np.vstack([L[:loads], known.slopes @ L[loads:]]) for L in factors]
-        return np.array([np.linalg.norm(L, axis=1) for L in own])
+        of_theta = [np.vstack([L[:loads], known.slopes @ L[loads:]]) for L in factors]
+        return np.array([np.linalg.norm(L, axis=1) for L in of_theta])
 
     def summed_up(self, std: np.ndarray) -> np.ndarray:
         """Of σ in every pose (poses, unknowns) the largest of each load, and the last of each parameter."""
@@ -97,22 +97,22 @@ class Strained:
     def scenarios(self, gauges: np.ndarray) -> list[Scenario]:
         """Every pose with these gauges as a pool."""
         return [
-            scenario_of(bench, own[gauges], np.hypot(self.noise, off)[gauges], self.acceleration, white[gauges])
-            for bench, own, white, off in zip(self.benches, self.readings, self.white, self.off, strict=True)
+            scenario_of(bench, rows[gauges], np.hypot(self.noise, off)[gauges], self.acceleration, white[gauges])
+            for bench, rows, white, off in zip(self.benches, self.readings, self.white, self.off, strict=True)
         ]
 
     def metric(self, gauges: np.ndarray, metric: Metric) -> float:
         """The metric with these gauges; inf where an unknown is lost, NaN where the equation is not solved to accuracy."""
-        found = []
-        for own in self.scenarios(gauges):
+        values = []
+        for scenario in self.scenarios(gauges):
             try:
-                solved = solve_pool(replace(own, weight=metric.weight, criterion=metric.criterion))
+                solved = solve_pool(replace(scenario, weight=metric.weight, criterion=metric.criterion))
             except InfeasibleError:
                 return float("inf")
             except NumericalError:
                 return float("nan")
-            found.append(solved.metric.value(solved.P))
-        return float(np.mean(found) if self.aggregate == "mean" else np.max(found))
+            values.append(solved.metric.value(solved.P))
+        return float(np.mean(values) if self.aggregate == "mean" else np.max(values))
 
 
 def scenario_of(
@@ -175,7 +175,7 @@ def factors_along(
     itself. drawn (unknowns,): σ of their changes in a step, 0 of a constant; readings: H of each;
     the others as of `scenario_of`.
     """
-    found: list[np.ndarray] = []
+    factors: list[np.ndarray] = []
     L = np.zeros((0, 0))
     for k, (bench, count) in enumerate(zip(benches, steps, strict=True)):
         r, rest = len(bench.stiffness), bench.B / bench.stiffness[:, None]
@@ -190,8 +190,8 @@ def factors_along(
         A, N, scale = in_steps(bench, acceleration, drawn)
         H = readings[k] * scale / _column(noise)
         L = scale[:, None] * factor_after(A, H, N, L / scale[:, None], count)
-        found.append(L[2 * r :])
-    return found
+        factors.append(L[2 * r :])
+    return factors
 
 
 def _column(noise: np.ndarray | float) -> np.ndarray:

@@ -1,17 +1,24 @@
-"""What text and binary OUTPUT4 files have in common."""
+"""What text and binary OUTPUT4 files have in common.
+
+SciPy's reader ends the process with a segmentation fault where a line in the middle is none (seen with SciPy 1.17).
+"""
 
 from __future__ import annotations
 
 import re
 import struct
+import warnings
 from array import array
 from collections.abc import Iterator
 from dataclasses import dataclass
+from io import TextIOWrapper
 from pathlib import Path
-from typing import Any
+from typing import Any, TextIO
 
 import numpy as np
+from scipy import sparse
 
+from strainsight.decks.text import PACKING, SMALL, check_plain, opened, parse_integer, parse_real, text_lines
 from strainsight.errors import DeckError
 
 LARGEST = 50_000_000
@@ -250,3 +257,171 @@ def _number(text: bytes, lines: _Lines) -> float:
     if split := _NO_LETTER.fullmatch(text):
         return float(split[1] + b"E" + split[2])
     raise DeckError(f"{text.decode('ascii', 'replace')!r} is not a number", where=lines.where, remedy=TRUNCATED)
+
+
+REAL = ("real", "integer", "double", "unsigned-integer")
+LONGEST = 10_000
+"""Signs of a line above the entries."""
+AGAIN = "write the matrix again: it was cut short or altered"
+
+
+def read_market(path: Path) -> sparse.coo_array | np.ndarray:
+    """The matrix, with both triangles where the file says that it is symmetric.
+
+    Raises DeckError for complex, pattern and skew ones and for lines that are no entry; OSError, EOFError and zlib.error as
+    reading does.
+    """
+    with opened(path) as raw, TextIOWrapper(raw, "ascii", "replace") as file:
+        words = file.readline(LONGEST).lower().split()
+        if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("array", "coordinate"):
+            raise DeckError("no Matrix Market file by its first line", where=f"{path}:1", remedy=AGAIN)
+        layout, field, kind = words[2:]
+        if field not in REAL or kind not in ("general", "symmetric"):
+            raise DeckError(
+                f"a {kind} {field} matrix", where=f"{path}:1", remedy="write it real, and general or symmetric"
+            )
+        rows, columns, entries, line = _sizes(file, path, layout, kind)
+        size = path.stat().st_size
+        # a line of one entry has two bytes at least, of its place and its value six
+        if (2 if layout == "array" else 6) * entries > (
+            max(SMALL, PACKING * size) if path.suffix.lower() == ".gz" else size
+        ):
+            raise DeckError(
+                f"it claims {rows} × {columns} with {entries} entries, more than it can hold",
+                where=str(path),
+                remedy="write the matrix again",
+            )
+        table = _table(file, path, entries, 1 if layout == "array" else 3, line)
+    return (
+        _dense(table[:, 0], rows, columns, kind)
+        if layout == "array"
+        else _sparse(table, rows, columns, kind, path, line)
+    )
+
+
+def _sizes(file: TextIO, path: Path, layout: str, kind: str) -> tuple[int, int, int, int]:
+    """Rows, columns, entries in the file, and the number of the line that says so."""
+    number, text = 1, "%"
+    while text.startswith("%") or (text and not text.strip()):
+        text, number = file.readline(LONGEST), number + 1
+    sizes = [parse_integer(word) for word in text.split()]
+    rows, columns, *more = [size or 0 for size in sizes] if len(sizes) >= 2 else [0, 0]
+    if None in sizes or len(more) != (layout == "coordinate") or not (0 < rows <= LARGEST and 0 < columns <= LARGEST):
+        raise DeckError(f"{text.strip()[:60]!r} are no sizes of a matrix", where=f"{path}:{number}", remedy=AGAIN)
+    if kind == "symmetric" and rows != columns:
+        raise DeckError(f"a symmetric matrix of {rows} × {columns}", where=f"{path}:{number}", remedy=AGAIN)
+    dense = columns * (columns + 1) // 2 if kind == "symmetric" else rows * columns
+    return rows, columns, more[0] if more else dense, number
+
+
+def _table(file: TextIO, path: Path, entries: int, width: int, line: int) -> np.ndarray:
+    """(entries, width) numbers, one line each."""
+    if entries <= 0:
+        return np.zeros((0, width))
+    try:
+        table = np.loadtxt(file, comments=None, ndmin=2, max_rows=entries)
+    except ValueError as error:
+        said = str(error).partition(";")[0][:200]
+        raise DeckError(
+            f"a line below the sizes is no entry: {said}", where=f"{path}:{line + 1}", remedy=AGAIN
+        ) from None
+    if table.shape != (entries, width) or any(rest.strip() for rest in iter(lambda: file.readline(LONGEST), "")):
+        there = f"{len(table)} entries" if len(table) < entries else f"more than {entries} entries"
+        said = there if table.shape[1:] == (width,) else f"lines of {table.shape[1]} numbers"
+        raise DeckError(f"{said} where {entries} are claimed", where=f"{path}:{line}", remedy=AGAIN)
+    return table
+
+
+def _dense(values: np.ndarray, rows: int, columns: int, kind: str) -> np.ndarray:
+    """Entries column by column; of a symmetric matrix those on the diagonal and below."""
+    if kind == "general":
+        return values.reshape(columns, rows).T
+    X = np.zeros((columns, columns))
+    upper = np.triu_indices(columns)  # row by row as the lower ones column by column
+    X[upper] = values
+    X.T[upper] = values
+    return X
+
+
+def _sparse(table: np.ndarray, rows: int, columns: int, kind: str, path: Path, line: int) -> sparse.coo_array:
+    place = table[:, :2]
+    outside = ~((place >= 1) & (place <= [rows, columns]) & (place == np.floor(place))).all(axis=1)
+    if outside.any():
+        i, j = place[np.argmax(outside)]
+        raise DeckError(
+            f"entry {int(np.argmax(outside)) + 1} stands at ({i:g}, {j:g}) of a {rows} × {columns} matrix",
+            where=f"{path}:{line}",
+            remedy=AGAIN,
+        )
+    row, column = (place[:, k].astype(np.int64) - 1 for k in (0, 1))
+    value = table[:, 2]
+    if kind == "symmetric":
+        off = row != column
+        row, column = np.concatenate([row, column[off]]), np.concatenate([column, row[off]])
+        value = np.concatenate([value, value[off]])
+    return sparse.coo_array((value, (row, column)), shape=(rows, columns))
+
+
+WRITE_AGAIN = "write it again, with SOLVER=MATRIXSTORAGE"
+
+
+def read_calculix(path: Path, name: str | None) -> sparse.csr_array:
+    """A symmetric matrix: lines "row column value", each pair below or above the diagonal once.
+
+    Raises DeckError for a name, numbers of rows that are none, and a pair that stands on both sides.
+    """
+    if name is not None:
+        raise DeckError(f"a matrix of CalculiX has no name, such as {name!r}", remedy="remove the name")
+    entries = _entries(path)
+    if entries.shape[1] != 3:
+        raise DeckError(f"its lines have {entries.shape[1]} numbers, not row, column and value", remedy=WRITE_AGAIN)
+    whole = ((entries[:, :2] == np.floor(entries[:, :2])) & (entries[:, :2] >= 1) & (entries[:, :2] <= LARGEST)).all(
+        axis=1
+    )
+    if not whole.all():
+        i = int(np.argmin(whole))
+        said = f"row {entries[i, 0]:g} and column {entries[i, 1]:g} of entry {i + 1} are not whole numbers from 1"
+        raise DeckError(said, remedy=WRITE_AGAIN)
+    at = entries[:, :2].astype(np.int64)
+    n = int(at.max())
+    low, high = at.min(axis=1) - 1, at.max(axis=1) - 1
+    if len(np.unique(low * n + high)) < len(at):
+        raise DeckError("it holds both triangles, or an entry twice", remedy="write it again, or as Matrix Market")
+    half = sparse.csr_array((entries[:, 2], (low, high)), shape=(n, n))
+    full = sparse.csr_array(half + half.T - sparse.diags_array(half.diagonal()))
+    full.eliminate_zeros()
+    return full
+
+
+def _entries(path: Path) -> np.ndarray:
+    """(entries, 3) as numpy reads them; by our own reader, which is slower, where it cannot: exponents with D, or a fault in some
+    line. Raises DeckError for a file without entries, with file:line for what is none."""
+    check_plain(path)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", UserWarning)  # of a file without lines, which text_lines refuses
+        try:
+            found = np.loadtxt(path, comments=None, ndmin=2)
+        except ValueError:
+            found = np.zeros((0, 3))
+    if found.size:
+        return found
+    rows = []
+    for number, line in enumerate(text_lines(path), start=1):
+        values = [parse_real(word) for word in line.split()]
+        if len(values) not in (0, 3) or None in values:
+            said = f"{line.strip()[:60]!r} is not row, column and value"
+            raise DeckError(said, where=f"{path}:{number}", remedy=WRITE_AGAIN)
+        rows += [values] if values else []
+    return np.array(rows, dtype=float)
+
+
+def read_dofs(path: Path) -> Iterator[tuple[int, list[str]]]:
+    """Line number, and node and component of every row: lines "17.3". Raises DeckError for others."""
+    for number, line in enumerate(text_lines(path), start=1):
+        if text := line.strip():
+            node, dot, component = text.partition(".")
+            if not dot:
+                raise DeckError(
+                    f"{text[:40]!r} is no node.component", where=f"{path}:{number}", remedy="write it again"
+                )
+            yield number, [node, component]

@@ -1,0 +1,288 @@
+"""`strainsight init`: a commented config for a deck, from options and, with --interactive, from answers in the terminal."""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+import re
+import shlex
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Annotated, Literal, TypeVar
+
+import typer
+
+from strainsight.config.answers import MATERIALS, Answers, Place, Suggestion
+from strainsight.errors import ConfigError, UserError, did_you_mean
+from strainsight_cli.failures import reported
+from strainsight_cli.options import Verbose
+from strainsight_cli.printing import say
+
+Value = TypeVar("Value")
+SHOWN = 30
+"""Places that a question lists."""
+
+
+def init(
+    deck: Annotated[Path, typer.Argument(metavar="DECK", help="Finite-element deck.")],
+    output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Config to write.")] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    interactive: Annotated[
+        bool, typer.Option("-i", "--interactive", help="Ask in the terminal for what only you know.")
+    ] = False,
+    find: Annotated[
+        Literal["modulus", "load"] | None,
+        typer.Option("--find", help="The modulus from a measured load (default), or the load."),
+    ] = None,
+    material: Annotated[
+        str | None,
+        typer.Option("--material", help="For a deck without: steel, aluminium, titanium, or 'E, ν, ρ' in SI."),
+    ] = None,
+    held: Annotated[
+        str | None,
+        typer.Option("--held", help="For a deck without supports: 'set NAME', 'node ID', or 'x, y, z' [m] of a face."),
+    ] = None,
+    load: Annotated[
+        str | None, typer.Option("--load", help="Where the load acts: as --held, or 'deck_load NAME'.")
+    ] = None,
+    direction: Annotated[str | None, typer.Option("--direction", help="Of the load, 'x, y, z'.")] = None,
+    amplitude: Annotated[str | None, typer.Option("--amplitude", help="Of the load [N].")] = None,
+    frequency: Annotated[str | None, typer.Option("--frequency", help="Of the load [Hz].")] = None,
+    axis: Annotated[
+        str | None, typer.Option("--axis", help="Along which gauges point, 'x, y, z'; default: what strains most.")
+    ] = None,
+    keep: Annotated[int, typer.Option("--keep", min=1, help="Gauges to bond.")] = 4,
+    verbose: Verbose = False,
+) -> None:
+    with reported(verbose):
+        from strainsight.config.template import template
+
+        if not deck.is_file():
+            raise UserError("no such deck", where=str(deck), remedy="give the path of a finite-element deck")
+        if deck.suffix.lower() in (".yaml", ".yml"):
+            raise UserError(
+                "a config, not a deck",
+                where=str(deck),
+                remedy=f"to compute it: strainsight run {shlex.quote(str(deck))}; for a new one give the deck",
+            )
+        target = output or Path(f"{Path(deck.name.removesuffix('.gz')).stem}.yaml")
+        if os.path.lexists(target) and not force:
+            raise UserError("the file exists", where=str(target), remedy="give another one with -o FILE, or --force")
+        from strainsight.config.load import load_config
+        from strainsight.stages.suggestion import suggestion
+        from strainsight.writing import write_file
+
+        relative = Path(os.path.relpath(deck.resolve(), target.resolve().parent)).as_posix()
+        hints = suggestion(deck)
+        answers = Answers(
+            material=read_material("--material", material) if material else None,
+            held=read_support("--held", held, hints) if held else None,
+            load=read_place("--load", load, hints) if load else None,
+            direction=read_direction("--direction", direction) if direction else None,
+            amplitude=read_positive("--amplitude", amplitude) if amplitude else None,
+            frequency=read_positive("--frequency", frequency) if frequency else None,
+            find=find or "modulus",
+            axis=read_direction("--axis", axis) if axis else None,
+            keep=keep,
+        )
+        refuse_stated(hints, answers)
+        if interactive:
+            answers = ask_answers(hints, answers, find=find is not None)
+            if answers.spc is not None:
+                hints = suggestion(deck, answers.spc)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        write_file(target, template(relative, hints, answers).encode())
+        try:
+            load_config(target)
+        except ConfigError:
+            first = "fill in what is blank and check the other lines marked ←"
+        else:
+            first = "check the lines marked ←"
+        if not hints.solids:
+            nothing = "the deck has nothing to bond gauges on (solids, shells, sides of beams)"
+            first = f"{nothing}, unless mesh.matrices and gauges.given state it; {first}"
+        say(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
+
+
+def read_vector(option: str, text: str) -> str:
+    """ "0 0 1", "0, 0, 1" or "[0, 0, 1]" as "[0, 0, 1]". Raises UserError for what is not three numbers."""
+    words = re.split(r"[\s,;]+", text.strip().strip("[]()").strip())
+    try:
+        numbers = [float(word) for word in words]
+    except ValueError:
+        numbers = []
+    if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
+        raise UserError(f"'{text}' is not three numbers", where=option, remedy="give x, y, z as in '0, 0, 1'")
+    return "[" + ", ".join(f"{number:.12g}" for number in numbers) + "]"
+
+
+def read_direction(option: str, text: str) -> str:
+    """Three numbers as `read_vector` has them, not all zero. Raises UserError for one of none."""
+    if not any(json.loads(vector := read_vector(option, text))):
+        raise UserError(f"'{text}' has no length", where=option, remedy="give a vector such as '0, 0, 1'")
+    return vector
+
+
+def read_support(option: str, text: str, hints: Suggestion) -> Place:
+    """A place as `read_place` has it, which can be held. Raises UserError for a load of the deck."""
+    place = read_place(option, text, hints)
+    if place.kind == "deck_load":
+        raise UserError(
+            f"'{text}' is a load", where=option, remedy="give 'node ID', 'set NAME', or 'x, y, z' of a face"
+        )
+    return place
+
+
+def refuse_stated(hints: Suggestion, answers: Answers) -> None:
+    """Raise UserError for an answer that the deck states already."""
+    if answers.material is not None and not hints.lacking:
+        remedy = "leave it out; mesh.materials in the config replaces what the deck states"
+        raise UserError("the deck states its materials", where="--material", remedy=remedy)
+    if answers.held is not None and hints.supports:
+        remedy = "leave it out; mesh.supports in the config adds to those of the deck"
+        raise UserError("the deck has supports", where="--held", remedy=remedy)
+
+
+def read_place(option: str, text: str, hints: Suggestion) -> Place:
+    """ "node 2", "set NAME", "deck_load NAME" or a point of a face, "x, y, z" [m]. Raises UserError for anything else."""
+    kind, _, name = text.strip().partition(" ")
+    if kind in ("node", "set", "deck_load"):
+        name = name.strip()
+        known = [place for place in hints.places if place.kind == kind]
+        same = [place for place in known if place.name == name]
+        if not same and kind != "node":
+            names = [place.name for place in known]
+            remedy = did_you_mean(name, names, f"it has {', '.join(names) or 'none'}")
+            raise UserError(f"the deck has no {kind} '{name}'", where=option, remedy=remedy)
+        if kind == "node" and not name.isdecimal():
+            raise UserError(f"'{name}' is not the id of a node", where=option, remedy="give a number, as in 'node 2'")
+        return same[0] if same else Place("node", name, "a node")
+    try:
+        return Place("face", read_vector(option, text), "a face")
+    except UserError:
+        remedy = "give 'node ID', 'set NAME', 'deck_load NAME', or a point 'x, y, z' in m of a face"
+        raise UserError(f"'{text}' says of no place where it is", where=option, remedy=remedy) from None
+
+
+def read_material(option: str, text: str) -> tuple[float, float, float]:
+    """The name of a material, or "E, ν, ρ" in Pa and kg/m³. Raises UserError for anything else."""
+    if text.strip().lower() in MATERIALS:
+        return MATERIALS[text.strip().lower()]
+    try:
+        E, nu, rho = (float(word) for word in re.split(r"[\s,;]+", text.strip()))
+    except ValueError:
+        what = f"{', '.join(MATERIALS)}, or E, ν and ρ as in '2.1e11, 0.3, 7850' [Pa, -, kg/m³]"
+        raise UserError(f"'{text}' is no material that is known", where=option, remedy=f"give {what}") from None
+    if not (E > 0 and -1 < nu < 0.5 and rho >= 0):
+        raise UserError(
+            f"'{text}' is of no material", where=option, remedy="E above 0, ν between -1 and 0.5, ρ not negative"
+        )
+    return E, nu, rho
+
+
+def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
+    """The answers with those of the terminal for what is open; find: whether the user has said what is sought."""
+    say("Enter leaves a line blank; it can be filled in later.")
+    if hints.lacking and answers.material is None:
+        known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
+        answers = replace(
+            answers,
+            material=_ask(
+                f"the deck lacks a material, or its density: {known}", lambda t: read_material("material", t)
+            ),
+        )
+    if hints.support_sets and answers.spc is None:
+        known = ", ".join(map(str, hints.support_sets))
+        what = "which set of supports holds" if hints.support_key == "spc" else "which step counts"
+        answers = replace(answers, spc=_ask(f"{what} ({known})", lambda t: read_support_set(t, hints)))
+    places = _listed(hints.places)
+    if not hints.supports and answers.held is None:
+        answers = replace(
+            answers,
+            held=_ask("where is it held (number above, node ID or x, y, z in m)", _chosen(places, hints, read_support)),
+        )
+    if answers.load is None:
+        answers = replace(answers, load=_ask("where does the load act (as above)", _chosen(places, hints, read_place)))
+    deck = answers.load is not None and answers.load.kind == "deck_load"
+    if answers.direction is None and not deck:
+        answers = replace(answers, direction=_ask("along what (x, y, z)", lambda t: read_direction("direction", t)))
+    if answers.amplitude is None and not deck:
+        answers = replace(
+            answers, amplitude=_ask("how large, its amplitude [N]", lambda t: read_positive("amplitude", t))
+        )
+    if answers.frequency is None:
+        answers = replace(
+            answers, frequency=_ask("how fast, its frequency [Hz]", lambda t: read_positive("frequency", t))
+        )
+    if not find and typer.confirm(
+        "is the load itself to be hints (otherwise the modulus, from a load that is measured)"
+    ):
+        answers = replace(answers, find="load")
+    return answers
+
+
+def read_support_set(text: str, hints: Suggestion) -> int:
+    """Number of a set of supports, or of a step, of the deck. Raises UserError for anything else."""
+    known = [str(number) for number in hints.support_sets]
+    if text.strip() not in known:
+        what = "set of supports" if hints.support_key == "spc" else "step"
+        raise UserError(f"the deck has no {what} '{text.strip()}'", remedy=f"it has {', '.join(known)}")
+    return int(text)
+
+
+def read_positive(option: str, text: str) -> float:
+    """A number above zero. Raises UserError for anything else."""
+    try:
+        number = float(text)
+    except ValueError:
+        number = -1.0
+    if not 0 < number < math.inf:
+        raise UserError(
+            f"'{text}' is not a number above zero", where=option, remedy="give one without its unit, as in 250"
+        )
+    return number
+
+
+def _listed(places: Sequence[Place]) -> Sequence[Place]:
+    """The places with their numbers, for people."""
+    for number, place in enumerate(places[:SHOWN], start=1):
+        name = f"near {place.name}" if place.kind == "face" else f"{place.kind} {place.name}"
+        say(f"{number:4}  {name:<38} {place.what}{', held' if place.held else ''}")
+    if len(places) > SHOWN:
+        say(f"      {len(places) - SHOWN} more")
+    return places
+
+
+def _chosen(
+    places: Sequence[Place], hints: Suggestion, read: Callable[[str, str, Suggestion], Place]
+) -> Callable[[str], Place]:
+    def numbered(text: str) -> Place:
+        if not (text.strip().isdecimal() and 1 <= int(text) <= len(places)):
+            return read("place", text, hints)
+        place = places[int(text) - 1]
+        return place if place.kind == "face" else read("place", f"{place.kind} {place.name}", hints)
+
+    return numbered
+
+
+def _ask(question: str, read: Callable[[str], Value]) -> Value | None:
+    """The answer, asked again until it can be read; None where the line is left blank."""
+    while True:
+        text = _answer(lambda: typer.prompt(question, default="", show_default=False))
+        if not text.strip():
+            return None
+        try:
+            return read(text)
+        except UserError as error:
+            say(*str(error).split("\n"))
+
+
+def _answer(ask: Callable[[], Value]) -> Value:
+    try:
+        return ask()
+    except typer.Abort:
+        say("")
+        remedy = "answer in a terminal, or give options (strainsight init --help)"
+        raise UserError("the answers have ended before the questions; nothing is written", remedy=remedy) from None

@@ -1,0 +1,91 @@
+"""Read a file in a child process, in which the library of its format may crash, hang, or want more memory than there is.
+
+The HDF5 library ends the whole process with a segmentation fault on some damaged files, and never ends on others (seen with
+HDF5 2.0, a few altered bytes in four of four thousand files); a damaged MDF4 or MAT file claims any amount of memory; meshio
+makes room for what a file claims (192 GiB were seen for a TetGen file of 300 bytes). In a child process that costs the file and
+not the run.
+
+A message of the child is a line of JSON, and behind it the arrays whose types and shapes the line lists.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import sys
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import contextmanager
+from functools import partial
+from typing import IO, Any
+
+import numpy as np
+
+from strainsight.errors import UserError
+from strainsight.processes import START_LIMIT, asked_of_reader, limit_memory, reader
+
+Message = tuple[dict[str, Any], list[np.ndarray]]
+"""Plain values, and arrays."""
+
+
+@contextmanager
+def child_reader(command: Sequence[str], asked: Any, failure: UserError) -> Iterator[Callable[[float], Message]]:
+    """The next message of `answer` in the process of this command, by its limit [s] of processor time.
+
+    A message raises the error, of the class of `failure`, that the child raised, and `failure` where the process fails.
+    """
+    with reader(command, asked, START_LIMIT) as within:
+        yield lambda limit: within(limit, partial(_received, failure=failure))
+
+
+def _received(stream: IO[bytes], failure: UserError) -> Message:
+    try:
+        head: dict[str, Any] = json.loads(stream.readline())
+    except ValueError:
+        raise failure from None
+    if "what" in head:
+        raise type(failure)(head["what"], where=head["where"], remedy=head["remedy"])
+    arrays = []
+    for kind, shape in head.pop("arrays"):
+        values = np.empty(shape, kind)
+        view, filled = values.reshape(-1).view(np.uint8), 0
+        while filled < len(view) and (count := stream.readinto(view[filled:])):  # type: ignore[attr-defined]
+            filled += count
+        if filled < len(view):
+            raise failure
+        arrays.append(values)
+    return head, arrays
+
+
+def answer(
+    read: Callable[[Any], Iterable[Message]],
+    modules: Sequence[str],
+    memory: Callable[[Any], int] | None = None,
+    writable: Callable[[Any], str] | None = None,
+) -> None:
+    """In the child process: send the messages that `read` makes of what is asked, or the UserError that it raises.
+
+    modules: imported before; memory: what is asked → bytes that reading may take; writable: see `asked_of_reader`.
+    """
+    asked = asked_of_reader(*modules, writable=writable)
+    out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what a library prints is no answer
+    if memory is not None:
+        limit_memory(memory(asked))
+    try:
+        for head, arrays in read(asked):
+            plain = [np.ascontiguousarray(values) for values in arrays]
+            _send(out, head | {"arrays": [(values.dtype.str, values.shape) for values in plain]}, plain)
+    except UserError as error:
+        _send(out, {"what": error.what, "where": error.where, "remedy": error.remedy}, ())
+
+
+def _send(out: IO[bytes], head: dict[str, Any], arrays: Sequence[np.ndarray]) -> None:
+    out.write(json.dumps(head).encode() + b"\n")
+    for values in arrays:
+        out.write(values.reshape(-1).view(np.uint8).data)
+    out.flush()
+
+
+def reason(error: Exception) -> str:
+    """What a library says of a damaged file, in one line; most have no classes of errors of their own."""
+    return " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,0 +1,160 @@
+"""A record, and the bank that filters it; the motion that it begins in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from strainsight.estimation.conditional import (
+    DIFFERENCE,
+    Nuisances,
+    conditional_states,
+    discrepancy,
+    known_ends,
+    linear_models,
+    theta_at,
+)
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.parallel_filters import Data, LinearModels
+
+
+@dataclass(frozen=True)
+class Settled:
+    """The known loads have been sums of tones for so long that nothing of their beginning is left at t = 0.
+
+    frequency ω (k,) [rad/s]; held W (k, HOLD, n_known) complex [N]: in the step that begins at jh the hold coefficients of the
+    loads are Σₖ Re Wₖ exp(iωₖjh); std (2n,): what [q, q̇] may differ by from the motion under them.
+    """
+
+    frequency: np.ndarray
+    held: np.ndarray
+    std: np.ndarray
+
+
+def periodic_start(model: FilterModel, models: LinearModels, settled: Settled) -> tuple[np.ndarray, np.ndarray]:
+    """[q, q̇] at t = 0 (B, 2n), and its derivative (B, e, 2n) in those ν that change the motion.
+
+    The periodic solution of the filter's own step, x(jh) = Re X zʲ with z = exp(iωh), and its derivative:
+
+        (zI − A) X = G W,     (zI − A) X_ν = A_ν X + G_ν W
+
+    Where the start is unknown instead, a bank takes noise for a free vibration, the frequency of which speaks for parameters.
+    """
+    moving, e = 2 * model.model.size, models.moving
+    z, w = np.exp(1j * settled.frequency * model.h), settled.held.reshape(len(settled.held), -1)
+    # B points, k tones
+    lhs = z[:, None, None] * np.eye(moving) - models.A[:, None, :moving, :moving]
+    X = np.linalg.solve(lhs, np.einsum("bap,kp->bka", models.G[:, :moving], w)[..., None])
+    pushed = np.einsum("beac,bkc->bkae", models.A_nu[:, :, :moving, :moving], X[..., 0], optimize=True)
+    pushed += np.einsum("beap,kp->bkae", models.G_nu[:, :, :moving], w, optimize=True)
+    slope = np.linalg.solve(lhs, pushed) if e else pushed
+    return X[..., 0].real.sum(axis=1), np.swapaxes(slope.real.sum(axis=1), 1, 2)
+
+
+def beginning(
+    model: FilterModel, models: LinearModels, mean: np.ndarray, covariance: np.ndarray, settled: Settled | None
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Filters at t = 0: x (B, n), P (n, n), and V (B, d, n), what one of ν adds to the error x̂ − x; mean (n,), covariance (n, n)
+    of their states where the motion is not settled."""
+    B, n = models.count, len(mean)
+    x, P, V = np.tile(mean, (B, 1)), covariance.copy(), np.zeros((B, models.nuisances, n))
+    if settled is None:
+        return x, P, V
+    moving = slice(0, 2 * model.model.size)
+    start, slope = periodic_start(model, models, settled)
+    x[:, moving], V[:, : slope.shape[1], moving] = start, -slope
+    return x, _about(P, settled), V
+
+
+def start_errors(
+    model: FilterModel, nuisances: Nuisances, covariance: np.ndarray, settled: Settled | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """At the guess, covariance (n*, n*) of x* at t = 0 with constants as they are, and V (d + k, n), what one of every nuisance
+    and parameter adds to the error of the states before the parameters."""
+    n = model.parameter_states.start
+    k = model.size - n
+    ends = DIFFERENCE * np.concatenate([np.zeros((1, k)), *(own * np.eye(k) for own in (-2, -1, 1, 2))])
+    x, _, V = beginning(model, linear_models(model, ends, nuisances), np.zeros(n), covariance[:n, :n], settled)
+    far, near, nearer, farther = x[1:].reshape(4, k, n)
+    by_parameters = (8 * (nearer - near) - (farther - far)) / (12 * DIFFERENCE)
+    P = covariance if settled is None else _about(covariance, settled)
+    return P, np.concatenate([V[0], -by_parameters])
+
+
+def _about(covariance: np.ndarray, settled: Settled) -> np.ndarray:
+    """The covariance with that of the motion about the periodic one."""
+    P, moving = covariance.copy(), np.arange(len(settled.std))
+    P[moving], P[:, moving] = 0.0, 0.0
+    P[moving, moving] = settled.std**2
+    return P
+
+
+@dataclass(frozen=True)
+class BankRecord:
+    """A record, and what its bank knows before.
+
+    model: of one set of channels, no drift of its parameters; mean (n*,), covariance (n*, n*) at t = 0, no parameter known
+    exactly nor correlated with a state; known (T, HOLD, n_known) [N]; samples (T/every, m), NaN where missing; biased (b,):
+    channels with an unknown offset, behind x* in mean and covariance; settled: the motion at t = 0 is the periodic one, at all
+    parameters and ν, in place of that in mean and covariance.
+    """
+
+    model: FilterModel
+    mean: np.ndarray
+    covariance: np.ndarray
+    known: np.ndarray
+    samples: np.ndarray
+    nuisances: Nuisances
+    biased: np.ndarray = field(default_factory=lambda: np.zeros(0, dtype=int))
+    settled: Settled | None = None
+
+    @property
+    def steps(self) -> int:
+        return len(self.known)
+
+    @property
+    def sampled(self) -> slice:
+        """Steps at the end of which a sample is taken."""
+        return slice(self.model.every - 1, None, self.model.every)
+
+    @cached_property
+    def data(self) -> Data:
+        """What filters are given of every step."""
+        noise = self.model.noise
+        noise = noise[:, 0] if noise.ndim == 3 else np.broadcast_to(noise, (self.steps, noise.shape[-1]))
+        held = self.known.reshape(self.steps, self.known.shape[1] * self.known.shape[2])
+        more = discrepancy(self.model, self.nuisances, self.samples)
+        samples = self.model.by_step(self.samples)
+        return Data(held, known_ends(self.known, self.nuisances), samples, np.ascontiguousarray(noise), more)
+
+    @property
+    def prior(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (k,) and covariance (k, k) of the parameters at t = 0."""
+        at = self.model.parameter_states
+        return self.mean[at], self.covariance[at, at]
+
+    @property
+    def start(self) -> tuple[np.ndarray, np.ndarray]:
+        """Mean (n,) and covariance (n, n) at t = 0 of all but the parameters: [q, q̇, ζ, offsets]."""
+        at = conditional_states(self.model, len(self.biased))
+        return self.mean[at], self.covariance[np.ix_(at, at)]
+
+    def begun(self, models: LinearModels) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """As of `beginning`."""
+        return beginning(self.model, models, *self.start, self.settled)
+
+    def known_at(self, point: np.ndarray) -> BankRecord:
+        """The same with its parameters known to be those of a point (k,)."""
+        theta = {name: float(value[0]) for name, value in theta_at(self.model, point[None]).items()}
+        mean, covariance = self.start
+        return replace(self, model=self.model.with_parameters(theta), mean=mean, covariance=covariance)
+
+    @cached_property
+    def free(self) -> tuple[FilterModel, FilterModel]:
+        """Models whose unknown loads are free: with all that drives the motion, and with nothing else that does. Their `process`
+        is a matrix exponential of twice the states."""
+        free, loads = self.model.with_free_loads(self.steps), np.zeros(self.model.size, dtype=bool)
+        loads[free.input_states] = True
+        return free, replace(free, Q=np.where(np.outer(loads, loads), free.Q, 0.0))

@@ -1,1 +1,0 @@
-"""Force laws between two frames."""

@@ -1,1 +1,0 @@
-"""One function at many points: in this process, in several, or on a Dask cluster, with the same results."""
