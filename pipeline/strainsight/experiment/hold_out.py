@@ -46,16 +46,17 @@ class LeftOut:
     left_in: str = ""
 
 
-def left_out(
-    predicted: np.ndarray, std: np.ndarray, left_in: Sequence[str], labels: Sequence[str], measured: np.ndarray
-) -> tuple[LeftOut, ...]:
-    """Every channel by its label; predicted, std, measured (T, ..., m), NaN where there is none. Neighbouring samples are off
-    alike: as many draws as the samples are worth (`samples_alike`)."""
-    rows = []
-    for i, (label, why) in enumerate(zip(labels, left_in, strict=True)):
-        read, error = measured[..., i], predicted[..., i] - measured[..., i]
-        scaled = error / std[..., i]
-        claim = claim_in_time(error, std[..., i])
+def left_out(held: HoldOut | None, labels: Sequence[str], measured: np.ndarray) -> tuple[LeftOut, ...]:
+    """Every channel by its label, none where no channel was left out; measured (T, ..., m), NaN where nothing was. Neighbouring
+    samples are off alike: as many draws as the samples are worth (`samples_alike`)."""
+    rows: list[LeftOut] = []
+    if held is None:
+        return ()
+    for i, (label, why) in enumerate(zip(labels, held.left_in, strict=True)):
+        read, std = measured[..., i], held.std[..., i]
+        error = held.predicted[..., i] - read
+        scaled = error / std
+        claim = claim_in_time(error, std)
         inside = float(np.mean(np.abs(scaled[np.isfinite(scaled)]) < 2)) if claim is not None else np.nan
         known = np.isfinite(error)
         rows.append(LeftOut(label, rms(read[known]), rms(error[known]), inside, claim, why))

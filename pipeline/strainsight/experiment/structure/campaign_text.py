@@ -214,9 +214,7 @@ def _apart(campaign: Campaign) -> bool:
 
 def without_each(estimated: Estimated) -> tuple[LeftOut, ...]:
     """Every gauge by the others, empty where that was not asked for."""
-    if (held := estimated.hold_out) is None:
-        return ()
-    return left_out(held.predicted, held.std, held.left_in, estimated.gauge.label, estimated.gauge.measured)
+    return left_out(estimated.hold_out, estimated.gauge.label, estimated.gauge.measured)
 
 
 def channel_table(estimated: Estimated, units: Sequence[str]) -> Table:

@@ -188,17 +188,17 @@ def compared(result: BenchEstimation) -> BenchComparison:
             input_runs[name] = LoadRuns(error=error)
     parameters: dict[str, ParameterHistory] = {}
     parameter_runs: dict[str, ParameterRuns] = {}
-    for i, name in enumerate(result.problem.unknowns.free):
+    for i, name in enumerate(problem.unknowns.free):
         parameters[name], ends, claims[name], more = _parameter(result, name, i)
         numbers |= more
         if len(ends.estimate) > 1:
             parameter_runs[name] = ends
     sensors: dict[str, SensorMatch] = {}
-    for name in result.problem.sensors.channels:
+    for name in problem.sensors.channels:
         match = sensors[name] = _sensor(result, name)
         if match.measured is not None:
             numbers |= mismatch_numbers(name, match.measured, match.expected)
-            if isinstance(result.problem.estimate.measured, FromRun) and not match.used:
+            if isinstance(problem.estimate.measured, FromRun) and not match.used:
                 numbers |= size_numbers(name, match.measured, match.expected)
     record = BenchEstimated(
         time=problem.time,
@@ -250,7 +250,7 @@ def _load(result: BenchEstimation, name: str, i: int) -> tuple[LoadHistory, np.n
         smoothed=None if smoothed is None else smoothed.mean[:, i],
         smoothed_std=None if smoothed is None or np.isnan(smoothed.std[:, i]).all() else smoothed.std[:, i],
         true=true[:, 0] if known else None,
-        elsewhere=elsewhere,
+        there=elsewhere,
     )
     return history, error, claim, numbers
 

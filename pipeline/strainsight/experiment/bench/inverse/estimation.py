@@ -239,10 +239,7 @@ class BenchEstimation:
     @property
     def held_out(self) -> tuple[LeftOut, ...]:
         """What the others say of every channel, over all seeds; none where that was not asked for."""
-        if self.without is None:
-            return ()
-        held, labels = self.without, channel_labels(self.problem.used)
-        return left_out(held.predicted, held.std, held.left_in, labels, self.measured[:, :: self.starts])
+        return left_out(self.without, channel_labels(self.problem.used), self.measured[:, :: self.starts])
 
 
 def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None, using: Resources) -> BenchEstimation:
