@@ -203,7 +203,9 @@ SIGNALS: dict[str, Callable[..., Signal]] = {
     "multisine": MultiSine,
     "ramp": Ramp,
 }
-"""Type of a signal in a config → the history, whose fields are in the order of the config's."""
+"""Type of a signal in a config → the history, whose fields have the names of the config's, but for FREQUENCIES."""
+FREQUENCIES = {"start_frequency": "start", "end_frequency": "stop"}
+"""Of a sweep: key of the config → field."""
 
 
 def signal_of(name: str, config: Section, files: Mapping[str, Path], section: str = "loads") -> Signal:
@@ -215,8 +217,9 @@ def signal_at(key: str, config: Section, files: Mapping[str, Path], of: Sequence
     """The history that stands at a key of the config; of: the quantities that a file may hold of it."""
     if isinstance(config, Recorded):
         return recorded(key, config, files[f"{key}.file"], of)
-    kind, *values = dict(config).values()
-    return SIGNALS[kind](*values)
+    stated = dict(config)
+    kind = SIGNALS[stated.pop("type")]
+    return kind(**{FREQUENCIES.get(name, name): value for name, value in stated.items()})
 
 
 def damping_of(config: ModalDamping | RayleighDamping) -> Damping:
