@@ -14,12 +14,12 @@ from dataclasses import replace
 
 import numpy as np
 from benchmarks.filter import E0, HEIGHT, LENGTH, MODES, WIDTH, cantilever
+from tests.estimation.truth import draw_truth
 
 from strainsight.estimation.bank import filter_bank
-from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.conditional import Nuisances, no_nuisances
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import Unknowns
 from strainsight.runner.where import Where, opened
@@ -76,7 +76,7 @@ def main() -> None:
     D = 0.01 * rng.standard_normal((CONSTANTS, 4, 1)) * model.H[:, :states]
     constants = Nuisances(("gain",) * CONSTANTS, D, np.zeros((CONSTANTS, 4, 0)), np.zeros((CONSTANTS, 4)))
     print(f"{steps} samples, {states} states, 3 parameters")
-    for words, nuisances in (("nothing beside", None), (f"{CONSTANTS} constants beside", constants)):
+    for words, nuisances in (("nothing beside", no_nuisances(model)), (f"{CONSTANTS} constants beside", constants)):
         for threads in (1, 2):
             start = time.perf_counter()
             with opened(Where(jobs=threads)):

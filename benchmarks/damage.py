@@ -17,6 +17,7 @@ from multiprocessing import Pool
 from pathlib import Path
 
 import numpy as np
+from tests.estimation.truth import draw_truth
 
 from strainsight import api
 from strainsight.config.estimate import DamageSettings
@@ -26,7 +27,6 @@ from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord, Settled
-from strainsight.estimation.reduced import draw_truth
 from strainsight.experiment.structure.damage import Places, asked_places, damage_at, theta_at
 from strainsight.experiment.structure.damage_drawn import may_walk_otherwise, walking, walks
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, tolerated

@@ -22,7 +22,7 @@ import numpy as np
 
 from strainsight import api
 from strainsight.config.placement import PlacementConfig
-from strainsight.estimation.fault_search import Finding
+from strainsight.estimation.fault_search import Diagnosis
 from strainsight.estimation.faults import Fault
 from strainsight.estimation.record_check import check_record
 from strainsight.estimation.suspect import Suspect
@@ -199,7 +199,7 @@ def with_fault(study: Study, what: str, realisation: int) -> tuple[np.ndarray, F
     return y, Fault("scale", j, factor)
 
 
-def outcome(found: Finding, fault: Fault | None) -> str:
+def outcome(found: Diagnosis, fault: Fault | None) -> str:
     """What was made of a record that has this fault."""
     if not found.contradicts:
         return "not seen"

@@ -25,7 +25,7 @@ import numpy as np
 
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.smoother import smooth
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import Unknowns
@@ -81,7 +81,7 @@ def by_filterpy(model: FilterModel, measured: np.ndarray) -> np.ndarray:
     """Last states (runs, n*) of the loop that a user of filterpy writes, for measured (steps, runs, m)."""
     from filterpy.kalman import KalmanFilter
 
-    A = Driven(model, np.zeros((len(measured), 3, 0))).step(np.zeros((1, model.size)), 0)[1][0]
+    A = DrivenModel(model, np.zeros((len(measured), 3, 0))).step(np.zeros((1, model.size)), 0)[1][0]
     ends = np.empty((measured.shape[1], model.size))
     for b in range(len(ends)):
         other = KalmanFilter(model.size, 4)

@@ -18,6 +18,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from tests.estimation.truth import draw_truth
 
 from strainsight import api
 from strainsight.estimation.bank import filter_bank
@@ -25,7 +26,6 @@ from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
 

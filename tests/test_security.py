@@ -20,7 +20,7 @@ ROOT = Path(__file__).parents[1]
 SECURITY = (ROOT / "SECURITY.md").read_text(encoding="utf-8")
 SUSPICIOUS = re.compile(r"\b(eval|exec|system|popen|shell|allow_pickle|pickle)\b")
 """A file without any of these words has no such call and need not be parsed."""
-OWN_PICKLES = {"pages/picture/scene.py", "pages/view/viewer.py"}
+OWN_PICKLES = {"pages/picture/scene.py", "pages/view/viewing.py"}
 """Child processes that this one starts itself, through pipes."""
 
 

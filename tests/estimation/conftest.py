@@ -8,14 +8,14 @@ import numpy as np
 from scipy.linalg import eigh
 
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels, plain_motion
-from strainsight.estimation.reduced import draw_truth
+from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import InputModel, Unknowns, input_intensity
 from strainsight.rom.model import Damping, ReducedModel
 from strainsight.sensors.candidates import ACCELERATION, STRAIN
 
 from ..structures import beam_curvature, beam_matrices, clamped_beam
+from .truth import draw_truth, plain_motion
 
 LENGTH, WIDTH, HEIGHT, E, RHO = 2.0, 0.2, 0.195, 2.1e11, 7850.0
 ELEMENTS = 16

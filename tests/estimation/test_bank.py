@@ -15,7 +15,6 @@ from strainsight.estimation.conditional import Nuisances, discrepancy, no_nuisan
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import removed_of
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 
 from .chain import (
     NOISE,
@@ -33,6 +32,7 @@ from .chain import (
     start,
 )
 from .conftest import make_beam, make_filter, prior, sine
+from .truth import draw_truth
 
 
 @pytest.fixture(scope="module")

@@ -17,8 +17,8 @@ from strainsight.estimation.consider_smoother import consider_smoothed
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.parallel_filters import Data
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import Biased, Driven, draw_truth
-from strainsight.estimation.smoother import Wanted, smooth
+from strainsight.estimation.reduced import Biased, DrivenModel
+from strainsight.estimation.smoother import WantedCovariances, smooth
 from strainsight.fem.affine import AffineOperator
 
 from ..shared import slowly
@@ -27,6 +27,7 @@ from .chain import STEPS as LONG
 from .chain import H as STEP
 from .chain import chain as unknown_chain
 from .conftest import make_beam, make_filter
+from .truth import draw_truth
 from .two_masses import REFERENCE, believed, chain, constants
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of
@@ -158,7 +159,7 @@ def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
     bank = filter_bank(BankRecord(model, mean, first, known, samples, own))
     whole = smooth_bank(BankRecord(model, mean, first, known, samples, own), bank)
     rows = np.random.default_rng(1).standard_normal((3, model.size))
-    wanted = Wanted(rows, np.array([4, 1]), np.array([0, 6, 7, last]))
+    wanted = WantedCovariances(rows, np.array([4, 1]), np.array([0, 6, 7, last]))
     monkeypatch.setattr(consider_smoother, "KEPT", 7 * linear_models(model, np.zeros((3, 1)), own).kept_a_step)
     shares = []
     found = smooth_bank(
@@ -249,7 +250,7 @@ def filters():
     beam = make_beam(modes=3, load_nodes=(16, 8))
     known = np.tile(np.array([50.0, 20.0, -10.0])[:, None], (RECORD, 1, 1))
     return {
-        unknown: Driven(
+        unknown: DrivenModel(
             make_filter(beam, ("tip",), unknown, ("middle",), accelerometers=1, h=1e-3, noise_step=1e-3), known
         )
         for unknown in ((), ("E",))

@@ -31,13 +31,13 @@ from strainsight.estimation.decision import (
     word_of,
 )
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.smoother import smooth
 from strainsight.loads.input_models import Matern, Oscillator
 from strainsight.pages.text import number
 
 from ..shared import slowly
 from .conftest import make_beam, make_filter, sine
+from .truth import draw_truth
 
 SEEDS = range(200)
 

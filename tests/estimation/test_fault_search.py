@@ -13,11 +13,11 @@ from strainsight.estimation.fault_search import diagnosed, examined
 from strainsight.estimation.faults import ANGLES, FORESEEN, Fault, shifted
 from strainsight.estimation.peak import peak_of
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.suspect import BROAD, Suspect, explained
 
 from ..shared import slowly
 from .chain import NOISE, STEPS, driven_chain, driven_start, forces, joint, loaded_chain, log_normal, start
+from .truth import draw_truth
 
 NO_OFFSETS = np.zeros(0, dtype=int)
 FOUR = np.array([[1.0, 0.0], [-1.0, 1.0], [0.3, 1.0], [0.8, -0.5]])

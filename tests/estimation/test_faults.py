@@ -25,12 +25,12 @@ from strainsight.estimation.faults import (
 )
 from strainsight.estimation.load_faults import without_load_fault
 from strainsight.estimation.record import BankRecord, Settled
-from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.suspect import explained
 
 from ..shared import slowly
 from .chain import driven_chain, driven_start
 from .test_fault_search import LONG, four_gauges, suspect
+from .truth import draw_truth
 
 RNG = np.random.default_rng(1)
 SAMPLES = RNG.standard_normal((60, 3))

@@ -14,13 +14,14 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.claim import covariance_recursion
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import step
-from strainsight.estimation.reduced import Driven, draw_truth
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.update import Transition, belief_of, covariance_factor, joseph, pivoted_factors, predict
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.loads.linearisation import linearise
 
 from .conftest import drawn, make_beam, make_filter, prior, sine
+from .truth import draw_truth
 
 CASES = [(("tip",), ()), ((), ("E",)), (("tip",), ("E",))]
 
@@ -232,7 +233,7 @@ def test_filter_and_smoother_agree(models, form):
     run = run_filter(model, np.zeros(n), P0, u, y, keep="all", form=form)
     smoothed = smooth(model, run, covariance=True)
     scale = run.std[-1, 0]
-    driven, rest = Driven(model, u), np.zeros((1, n))
+    driven, rest = DrivenModel(model, u), np.zeros((1, n))
     A = driven.step(rest, 0)[1][0] * scale / scale[:, None]
     H = driven.measure(rest, 0)[1][0] * scale / np.sqrt(model.noise)[:, None]
     Q = model.process / np.outer(scale, scale)
@@ -282,7 +283,7 @@ def test_at_tiny_noise_the_factor_keeps_its_digits(noise, joseph, square_root):
     model = make_filter(make_beam(modes=3), ("tip",), strain_noise=noise, gauges=(0.05, 0.3, 0.9))
     n, steps, P0 = model.size, 30, np.diag([0.0] * 6 + [1.0])
     with mpmath.workdps(60):
-        A = mpmath.matrix(Driven(model, np.zeros((1, 3, 0))).step(np.zeros((1, n)), 0)[1][0].tolist())
+        A = mpmath.matrix(DrivenModel(model, np.zeros((1, 3, 0))).step(np.zeros((1, n)), 0)[1][0].tolist())
         H, W, R, P = (
             mpmath.matrix(X.tolist()) for X in (model.H, covariance_factor(model.process), np.diag(model.noise), P0)
         )

@@ -9,10 +9,10 @@ import pytest
 from scipy.optimize import least_squares
 
 from strainsight.estimation.filter import filter_runs, refine, run_filter
-from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.smoother import smooth
 
 from .conftest import StepToy, make_beam, make_filter, sine
+from .truth import draw_truth
 
 
 @dataclass(frozen=True)

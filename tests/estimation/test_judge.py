@@ -12,9 +12,8 @@ from strainsight.estimation import bank_filters
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import _linear_about, no_nuisances
 from strainsight.estimation.judge import noise_alone
-from strainsight.estimation.parallel_filters import LinearModels, plain_motion
+from strainsight.estimation.parallel_filters import LinearModels
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 from strainsight.loads.input_models import (
     WALK,
     IntegratedRandomWalk,
@@ -26,6 +25,7 @@ from strainsight.loads.input_models import (
 
 from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, joint, log_normal, start
 from .conftest import plain_models
+from .truth import draw_truth, plain_motion
 
 
 def line(steps):

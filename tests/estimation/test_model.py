@@ -17,7 +17,6 @@ from strainsight.estimation.filter import run_filter
 from strainsight.estimation.lattice import lattice_about
 from strainsight.estimation.mixture import marginal, peaks_of
 from strainsight.estimation.model import input_hold, inputs_of, loads_of, physical, process_covariance
-from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.smoother import smooth
 from strainsight.estimation.update import covariance_factor, predict
 from strainsight.loads.input_models import (
@@ -31,6 +30,7 @@ from strainsight.loads.input_models import (
 )
 
 from .conftest import drawn, make_beam, make_filter, prior, sine
+from .truth import draw_truth
 
 
 def test_a_model_that_contradicts_itself_is_refused():

@@ -15,12 +15,12 @@ from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.columns import Columns, weakest
 from strainsight.estimation.conditional import linear_models, no_nuisances, tuned
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 from strainsight.fem.affine import AffineOperator
 from strainsight.sensors.candidates import ACCELERATION
 
 from ..shared import slowly
 from .chain import RATIO, REFERENCE, ROWS, STIFFNESS, H, chain, driven_chain, forces, joint, log_normal, start
+from .truth import draw_truth
 from .two_masses import chain as gauged_chain
 from .two_masses import constants
 from .two_masses import forces as both_forces

@@ -14,7 +14,7 @@ from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import constant_acceleration, constant_step, measure, step, surface_reading
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
@@ -178,7 +178,7 @@ def known_at(model, p):
 
 def samples(model, p, seed):
     """(T, 2) at k1 = guess exp(p), without process noise."""
-    driven, x, y = Driven(known_at(model, p), forces()), np.zeros((1, 4)), []
+    driven, x, y = DrivenModel(known_at(model, p), forces()), np.zeros((1, 4)), []
     for k in range(len(forces())):
         x = driven.step(x, k)[0]
         y.append(driven.measure(x, k)[0][0])

@@ -14,12 +14,13 @@ from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth, driven_with_offsets
+from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.smoother import smooth, smoother_errors
 
 from ..shared import slowly
 from .chain import forces, loaded_chain, states
 from .chain import start as chain_start
+from .truth import draw_truth
 from .two_masses import REFERENCE, believed, chain, constants, start
 from .two_masses import forces as both_forces
 

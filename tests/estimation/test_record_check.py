@@ -14,12 +14,12 @@ from strainsight.estimation.faults import misfits
 from strainsight.estimation.load_faults import residual_pattern
 from strainsight.estimation.record import Settled
 from strainsight.estimation.record_check import SPIKE, check_record, spikes_of
-from strainsight.estimation.reduced import draw_truth
 from strainsight.estimation.suspect import at_rest, loudest_stretches, moving_part_of, part_of, with_intensity
 
 from ..shared import slowly
 from .chain import NOISE, H, forces, loaded_chain, start
 from .test_fault_search import broken, four_gauges, suspect
+from .truth import draw_truth
 
 REST, MOVING, SHORT = 500, 150, 400
 

@@ -13,9 +13,9 @@ from strainsight.estimation.bank import FOLLOWED, filter_bank, filter_records
 from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances, each_its_own, no_nuisances
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 
 from .chain import NOISE, ROWS, STEPS, H, chain, driven_chain, driven_start, forces, loaded_chain, start, states
+from .truth import draw_truth
 
 LENGTHS = 10, 14
 SHARED, OWN = np.array([2e-3, -3e-3]), np.array([[4e-3, 0.0], [0.0, 3e-3]])

@@ -10,12 +10,13 @@ import pytest
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.reduced import Driven, draw_truth, driven_with_offsets
+from strainsight.estimation.reduced import DrivenModel, driven_with_offsets
 from strainsight.estimation.sigma_point import points_of, regression, run_sigma_points
 from strainsight.estimation.smoother import smooth
 
 from .chain import REFERENCE, ROWS, H, chain, continuous, forces, gathered, start, step_at
 from .conftest import drawn, make_beam, make_filter, sine
+from .truth import draw_truth
 
 
 @pytest.mark.parametrize("k", [0, 1, 2, 3])
@@ -117,7 +118,7 @@ def test_an_accelerometer_is_brute_force():
     w = w / w.sum()
     gain, off = P1[:5, 5:] @ np.linalg.inv(P1[5:, 5:]), z @ np.linalg.cholesky(P1[5:, 5:]).T
     left = P1[:5, :5] - gain @ P1[5:, :5]
-    core = Driven(model, u)
+    core = DrivenModel(model, u)
     read, spread, cross = np.zeros((len(w), 3)), np.zeros((3, 3)), np.zeros((7, 3))
     for i, own in enumerate(off):
         at = x + np.concatenate([gain @ own, own])

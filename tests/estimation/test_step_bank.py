@@ -16,11 +16,12 @@ from strainsight.estimation.compiled import vectors
 from strainsight.estimation.compiled.filters import take_steps
 from strainsight.estimation.conditional import known_ends, linear_models
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.parallel_filters import Data, advance, filters_of, plain_motion
+from strainsight.estimation.parallel_filters import Data, advance, filters_of
 from strainsight.estimation.step_bank import StepBank, filter_constants
 from strainsight.runner.where import Where, opened
 
 from .conftest import StepToy, plain_models
+from .truth import plain_motion
 from .two_masses import REFERENCE, chain, constants
 from .two_masses import forces as both_forces
 from .two_masses import start as start_of

@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.sparse.linalg import eigsh, spsolve
 
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
+from strainsight.fem.shells.matrices import Resistance
 from strainsight.mesh.model import Mesh, Region
 from strainsight.mesh.thin import ShellBlock
 
@@ -137,7 +138,7 @@ def summed(blocks: np.ndarray, cells: np.ndarray, nodes: int) -> sparse.csc_arra
 def stiffness(x: np.ndarray, cells: np.ndarray, E: float, nu: float, t: float, offset: float = 0.0) -> sparse.csc_array:
     """K of shells of one thickness."""
     e = len(cells)
-    K = shell_stiffnesses(x[cells], *isotropic(E, nu, t, e), np.full(e, offset), np.arange(e))
+    K = shell_stiffnesses(x[cells], Resistance(*isotropic(E, nu, t, e)), np.full(e, offset), np.arange(e))
     return summed(K, cells, len(x))
 
 

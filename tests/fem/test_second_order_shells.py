@@ -12,6 +12,7 @@ from strainsight.errors import DeckError
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.shells import shell_masses, shell_stiffnesses
+from strainsight.fem.shells.matrices import Resistance
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.kinds import facet_of
 from strainsight.mesh.model import Material
@@ -97,7 +98,7 @@ def test_what_is_folded_is_refused_by_its_id(kind):
     x = good.copy()
     x[len(x) // 2] = x[: len(x) // 2].mean(axis=0) * 2 - x[len(x) // 2]
     with pytest.raises(DeckError, match="folded: 12") as error:
-        shell_stiffnesses(np.stack([good, x]), *isotropic(1.0, 0.3, 0.1, 2), np.zeros(2), np.array([11, 12]))
+        shell_stiffnesses(np.stack([good, x]), Resistance(*isotropic(1.0, 0.3, 0.1, 2)), np.zeros(2), np.array([11, 12]))
     assert error.value.entity == ("element", 12)
 
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from strainsight.errors import DeckError
 from strainsight.fem.shells import shell_axes, shell_masses, shell_stiffnesses, shell_strain_rows
+from strainsight.fem.shells.matrices import Resistance
 
 from .shell_models import (
     KINDS,
@@ -65,7 +66,7 @@ def general_section(seed: int) -> tuple[np.ndarray, ...]:
 
 
 def stiff(x: np.ndarray, section: tuple[np.ndarray, ...], offset: float = 0.0) -> np.ndarray:
-    return shell_stiffnesses(x[None], *section, np.array([offset]), ONE)[0]
+    return shell_stiffnesses(x[None], Resistance(*section), np.array([offset]), ONE)[0]
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -283,9 +284,8 @@ def test_constant_strain_has_the_energy_of_its_section(kind, offset):
     own = np.linalg.inv(both)
     C = own.swapaxes(1, 2) @ section @ own
     S = np.repeat(1e-3 * np.eye(2)[None], count, axis=0)
-    K = shell_stiffnesses(
-        x[cells], C[:, :3, :3], C[:, :3, 3:], C[:, 3:, 3:], S, np.full(count, offset), np.arange(count)
-    )
+    resistance = Resistance(C[:, :3, :3], C[:, :3, 3:], C[:, 3:, 3:], S)
+    K = shell_stiffnesses(x[cells], resistance, np.full(count, offset), np.arange(count))
     for seed in range(3):
         rng = np.random.default_rng(seed)
         strain, kappa = rng.uniform(-1, 1, 3), rng.uniform(-1, 1, 3) / 0.3e-3
@@ -314,7 +314,7 @@ def test_constant_shear_has_the_energy_of_its_section(kind):
 
     def energy(stiffer: float) -> float:
         own = axes.swapaxes(1, 2) @ S @ axes
-        K = shell_stiffnesses(x[cells], A, B, stiffer * D, own, np.zeros(count), np.arange(count))
+        K = shell_stiffnesses(x[cells], Resistance(A, B, stiffer * D, own), np.zeros(count), np.arange(count))
         return float(np.einsum("ei,eij,ej->", q, K, q))
 
     gamma = np.array([0.3 - 0.8, -0.7 - 0.4])
@@ -332,7 +332,7 @@ def test_a_rectangle_bends_in_its_plane_as_a_beam(slender):
     x, y = corners[:, 0], corners[:, 1]
     u = np.zeros((4, 6))
     u[:, 0], u[:, 1], u[:, 5] = kappa * x * y, -kappa * (x**2 + nu * y**2) / 2, -kappa * x
-    K = shell_stiffnesses(corners[None], *isotropic(E, nu, t, 1), np.zeros(1), np.ones(1))[0]
+    K = shell_stiffnesses(corners[None], Resistance(*isotropic(E, nu, t, 1)), np.zeros(1), np.ones(1))[0]
     assert u.ravel() @ K @ u.ravel() / 2 == pytest.approx(kappa**2 * E * t * b**3 * L / 24, rel=1e-10)
     for at in ([0.0, 0.0], [0.9, -0.8], [-1.0, 1.0]):
         read = shell_strain_rows(corners[None], np.array([at]), np.zeros(1), np.zeros(1), np.ones(1), nu=nu)[0]

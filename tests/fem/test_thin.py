@@ -19,6 +19,7 @@ from strainsight.fem.modes import modes
 from strainsight.fem.nodal_forces import body_forces
 from strainsight.fem.recovery import facet_strain
 from strainsight.fem.shells import shell_stiffnesses
+from strainsight.fem.shells.matrices import Resistance
 from strainsight.mesh.additions import face_springs, with_face
 from strainsight.mesh.facets import LOWER, UPPER, exterior_facets
 from strainsight.mesh.joins import BodyForce, PointMass, RigidElement
@@ -355,7 +356,7 @@ def test_what_is_let_go_stays_free_of_rigid_motions(kind):
     if kind in ("quad8", "tri6"):
         x = np.concatenate([x, (x + np.roll(x, -1, axis=0)) / 2])
     beside = np.arange(len(x))[None] % 2 == 0
-    K = shell_stiffnesses(x[None], *isotropic(MODULUS, POISSON, SKIN, 1), np.full(1, 2.0), np.ones(1, int), beside)[0]
+    K = shell_stiffnesses(x[None], Resistance(*isotropic(MODULUS, POISSON, SKIN, 1)), np.full(1, 2.0), np.ones(1, int), beside)[0]
     values = np.linalg.eigvalsh(K)
     assert (np.abs(values[:6]) < 1e-9 * values[-1]).all()
     assert values[6] > 0
@@ -367,7 +368,7 @@ def test_constant_stress_passes_where_rotations_are_let_go(kind):
     x = np.column_stack([a + 0.1 * a * b, b - 0.15 * a * b + 0.1 * a**2, 0 * a])
     beside = np.isin(cells, [6, 7, 12, 13])
     own = shell_stiffnesses(
-        x[cells], *isotropic(1.0, POISSON, 0.05, len(cells)), np.zeros(len(cells)), np.arange(len(cells)), beside
+        x[cells], Resistance(*isotropic(1.0, POISSON, 0.05, len(cells))), np.zeros(len(cells)), np.arange(len(cells)), beside
     )
     G = np.array([[0.3, 0.7], [-0.2, 0.5]])
     u = np.zeros((len(x), 6))

@@ -11,7 +11,7 @@ import pytest
 from strainsight.errors import DeckError
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
-from strainsight.mesh.kinds.faces import QUAD4, QUAD8, TRI3, TRI6
+from strainsight.mesh.kinds.kind import QUAD4, QUAD8, TRI3, TRI6
 from strainsight.mesh.kinds.solids import HEX8, HEX20, TET4, TET10, WEDGE6, WEDGE15
 from strainsight.mesh.model import CellBlock, Mesh
 

@@ -10,15 +10,15 @@ from scipy.stats import norm
 
 from strainsight.estimation.decision import Claim
 from strainsight.pages.arrays import History, Reading
-from strainsight.pages.picture.layout import Gauge, Layout, Load
+from strainsight.pages.picture.layout import Gauge, LoadArrow, PictureLayout
 from strainsight.pages.placement.data import (
-    Case,
     Check,
     Criteria,
-    Metric,
+    MetricWords,
     Noise,
+    ObservabilityCase,
     PlacementReport,
-    RandomSets,
+    RandomSetErrors,
     Repeats,
     Trend,
     Unknown,
@@ -34,9 +34,9 @@ BUDGET = {
     "E": {"noise": 0.06, "process noise": 0.14, "start": 1e-9, "gain": 0.8},
 }
 METRICS = (
-    Metric("tr(W P)", "sum of the variances"),
-    Metric("det(P)^(1/n)", "volume of the ellipsoid"),
-    Metric("λ₁(P)", "variance of the worst"),
+    MetricWords("tr(W P)", "sum of the variances"),
+    MetricWords("det(P)^(1/n)", "volume of the ellipsoid"),
+    MetricWords("λ₁(P)", "variance of the worst"),
 )
 
 
@@ -76,8 +76,8 @@ def layout():
         for i, (along, height, normal) in enumerate(places, start=1)
     )
     pool = points[(points[:, 2] > 0.119) & (points[:, 0] < 1.0)]
-    return Layout(
-        points, faces, pool, gauges, (Load("tip", np.array([2.0, 0.04, 0.06]), z),), points[points[:, 0] == 0]
+    return PictureLayout(
+        points, faces, pool, gauges, (LoadArrow("tip", np.array([2.0, 0.04, 0.06]), z),), points[points[:, 0] == 0]
     )
 
 
@@ -166,9 +166,9 @@ def report(**changes):
             for i in range(1, 5)
         ),
         random_sets=(
-            RandomSets("E", "all candidates", np.linspace(0.0011, 0.02, 10), np.tile(mean, (10, 1)), 0.000523),
-            RandomSets("E", "screened", np.append(np.linspace(0.0007, 0.002, 9), np.nan), np.tile(mean, (10, 1)), 0.000523),
-            RandomSets("tip", "screened", np.linspace(0.17, 0.5, 10), None, 0.177),
+            RandomSetErrors("E", "all candidates", np.linspace(0.0011, 0.02, 10), np.tile(mean, (10, 1)), 0.000523),
+            RandomSetErrors("E", "screened", np.append(np.linspace(0.0007, 0.002, 9), np.nan), np.tile(mean, (10, 1)), 0.000523),
+            RandomSetErrors("tip", "screened", np.linspace(0.17, 0.5, 10), None, 0.177),
         ),
         noise=Noise(
             np.array([0.001, 0.01, 0.05]),
@@ -184,7 +184,7 @@ def report(**changes):
             Criteria("log-determinant", (2.71, 0.043, 1.9), {"tip": 1.2e3, "E": 1.6e8}),
         ),
         cases=tuple(
-            Case(unknowns, excitation, hard * factor, 1e16 * hard, lost)
+            ObservabilityCase(unknowns, excitation, hard * factor, 1e16 * hard, lost)
             for excitation, factor in (("training run", 1.0), ("35 Hz", 2.0))
             for unknowns, hard, lost in (
                 (("tip",), 8.0, ""),

@@ -22,7 +22,7 @@ from typer.testing import CliRunner
 from strainsight import parallel
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.run import FilterRun
 from strainsight.runner.artefact import Artefact
 from strainsight_cli.main import app
@@ -146,7 +146,7 @@ def same(one: FilterRun, other: FilterRun) -> bool:
 def test_the_filter_over_many_steps(capsys):
     """A stream of one run: in the end P is that of SciPy's Riccati solver, errors and innovations are as large as claimed."""
     model, nothing = make_filter(make_beam(MODES, 0.05), ("tip",), q_velocity=1.0), np.zeros((BLOCK, 3, 0))
-    A = Driven(model, nothing[:1]).step(np.zeros((1, model.size)), 0)[1][0]
+    A = DrivenModel(model, nothing[:1]).step(np.zeros((1, model.size)), 0)[1][0]
     start = np.diag([1e-6] * MODES + [1e-3] * MODES + [1.0])
     truth = Truth(A, model, start)
     d = np.sqrt(np.diag(model.process))

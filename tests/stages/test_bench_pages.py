@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import ConfigError
-from strainsight.pages.bench.data import BenchEstimate, BenchRun
+from strainsight.pages.bench.data import BenchEstimate, BenchPageRun
 from strainsight.stages import suite
 from strainsight.stages.suite import statements_of
 
@@ -18,13 +18,11 @@ CLAIM = {
     "equals": None, "unit": "",
 }  # fmt: skip
 RUNS = [
-    BenchRun(
-        "h0",
-        "h0",
-        numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-3, "same.d": True}, "simulate": {"off": 2e-16}},
+    BenchPageRun(
+        "h0", "h0", numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-3, "same.d": True}, "simulate": {"off": 2e-16}}
     ),
-    BenchRun("h1", "h1", numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-2, "same.d": True}}),
-    BenchRun("lost", "lost", numbers={"estimate": {"lost": 1}}),
+    BenchPageRun("h1", "h1", numbers={"estimate": {"slope.F": 1.001, "error.F": 1e-2, "same.d": True}}),
+    BenchPageRun("lost", "lost", numbers={"estimate": {"lost": 1}}),
 ]
 
 
@@ -53,8 +51,8 @@ def test_claims_are_measured_in_the_numbers_of_the_runs(claim, verdict, values):
 
 def test_numbers_that_there_are_once_a_seed_are_divided_seed_by_seed():
     runs = [
-        BenchRun("a", "a", numbers={"estimate": {"nis": 2.0}}, seeds={"error.F": np.array([1.0, 2.0, 4.0])}),
-        BenchRun("b", "b", numbers={"estimate": {"nis": 3.0}}, seeds={"error.F": np.array([2.0, 2.0, 2.0])}),
+        BenchPageRun("a", "a", numbers={"estimate": {"nis": 2.0}}, seeds={"error.F": np.array([1.0, 2.0, 4.0])}),
+        BenchPageRun("b", "b", numbers={"estimate": {"nis": 3.0}}, seeds={"error.F": np.array([2.0, 2.0, 2.0])}),
     ]
     claim = {"runs": [0, 1], "number": ["error.F", "nis"], "times": 100.0, "against": 0, "below": 1.0}
     result = statement(claim, runs)
@@ -83,7 +81,7 @@ def test_a_claim_on_a_number_that_a_run_does_not_have_is_refused(claim, key, wha
 def test_a_number_to_draw_that_no_run_of_the_study_has_is_refused():
     none = np.zeros(0)
     estimate = BenchEstimate(none, (), (), {}, none, none)
-    run = BenchRun("h0", "h0", study="Steps", numbers={"estimate": {"slope.F": 1.0}}, estimate=estimate)
+    run = BenchPageRun("h0", "h0", study="Steps", numbers={"estimate": {"slope.F": 1.0}}, estimate=estimate)
     study = SimpleNamespace(name="Steps", note="", over="h", numbers=["slope.F", "slpoe.F"])
     with pytest.raises(ConfigError, match="no run of the study 'Steps' has a number 'slpoe") as caught:
         suite._studies([study], [run])

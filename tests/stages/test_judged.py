@@ -12,7 +12,6 @@ from strainsight.config.estimate import Estimate
 from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.decision import claims_of
-from strainsight.estimation.reduced import draw_truth
 from strainsight.experiment.structure import filtered_test
 from strainsight.experiment.structure.diagnosed import judgement_of
 from strainsight.experiment.structure.filtered_test import Filtering, filtered_by_verdict
@@ -23,6 +22,7 @@ from strainsight.pages.text import number
 
 from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import suspect
+from ..estimation.truth import draw_truth
 
 STEPS = 80
 ROWS = np.array([[1.0, 0.0], [-1.0, 1.0], [0.3, 1.0], [1.0, 0.002]])

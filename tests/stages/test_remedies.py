@@ -14,7 +14,6 @@ from strainsight.config.estimate import Estimate
 from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import draw_truth
 from strainsight.experiment.recorded import _calibration
 from strainsight.experiment.structure.diagnosed import judgement_of
 from strainsight.experiment.structure.measured import records_of
@@ -24,6 +23,7 @@ from strainsight.measurements.records import Recording
 
 from ..estimation.chain import H, forces, loaded_chain, start
 from ..estimation.test_fault_search import FOUR, LONG, broken, suspect
+from ..estimation.truth import draw_truth
 from ..shared import slowly
 
 NAMES = ("G1", "G2", "G3", "G4")

@@ -182,15 +182,12 @@ def _sweep(
     try:
         return _collected(client, futures, progress)
     except _SilentError:
-        raise UserError(
-            f"the Dask scheduler has not answered for {SILENT:g} s",
-            key="--dask",
-            remedy="look whether its machine still runs, or start it anew, then run again: finished stages are kept",
-        ) from None
+        why = f"the Dask scheduler has not answered for {SILENT:g} s"
+        raise _lost(why, "look whether its machine still runs, or start it anew") from None
     except BaseException as error:
         # The client may still be trying to connect again when the first future tells that the connection is lost.
         if client.status != "running" or isinstance(error, CommClosedError | CancelledError):
-            raise _gone() from error
+            raise _lost("the Dask scheduler has gone", "start it and its workers again") from error
         client.cancel(futures, force=True)
         raise
 
@@ -259,17 +256,13 @@ def _look_for_workers(client: Any, watch: _Watch) -> None:
     """Raises UserError where no worker has been there, or one has had no heartbeat, for too long; _SilentError as above."""
     if time.monotonic() - watch.looked < EVERY:
         return
-    there = _identities(client)
+    workers = _identities(client)
     now = watch.looked = time.monotonic()
-    if there:
+    if workers:
         watch.seen = now
     elif now - watch.seen > DESERTED:
-        raise UserError(
-            f"the Dask cluster has had no worker for {DESERTED:g} s",
-            key="--dask",
-            remedy="start workers, then run again: finished stages are kept",
-        )
-    beats = {worker: own["last_seen"] for worker, own in there.items()}
+        raise _lost(f"the Dask cluster has had no worker for {DESERTED:g} s", "start workers")
+    beats = {worker: own["last_seen"] for worker, own in workers.items()}
     before = watch.heartbeats
     watch.heartbeats = {
         w: (beat, before[w][1] if before.get(w, (0, 0))[0] == beat else now) for w, beat in beats.items()
@@ -280,16 +273,9 @@ def _look_for_workers(client: Any, watch: _Watch) -> None:
 
 
 def _frozen(who: str, seconds: float) -> UserError:
-    return UserError(
-        f"{who} has not answered for {seconds:g} s",
-        key="--dask",
-        remedy="look whether its machine still runs, and end or start it anew, then run again: finished stages are kept",
-    )
+    remedy = "look whether its machine still runs, and end or start it anew"
+    return _lost(f"{who} has not answered for {seconds:g} s", remedy)
 
 
-def _gone() -> UserError:
-    return UserError(
-        "the Dask scheduler has gone",
-        key="--dask",
-        remedy="start it and its workers again, then run again: finished stages are kept",
-    )
+def _lost(what: str, remedy: str) -> UserError:
+    return UserError(what, key="--dask", remedy=f"{remedy}, then run again: finished stages are kept")

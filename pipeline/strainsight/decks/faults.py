@@ -24,22 +24,6 @@ COLLAPSED = {
 """What to do about an element with a node twice; of solids another."""
 
 
-class IdTable:
-    """Ids (n,) of a file, each once, to their rows."""
-
-    def __init__(self, ids: IntArray):
-        self.ids = ids
-        self._order = np.argsort(ids, kind="stable")
-        self.sorted = ids[self._order]
-
-    def rows(self, ids: IntArray) -> tuple[IntArray, np.ndarray]:
-        """Rows for ids of any shape, and where an id is missing (its row then means nothing)."""
-        if not self.sorted.size:
-            return np.zeros(ids.shape, dtype=np.int64), np.ones(ids.shape, dtype=bool)
-        at = np.minimum(np.searchsorted(self.sorted, ids), self.sorted.size - 1)
-        return self._order[at].astype(np.int64), self.sorted[at] != ids
-
-
 class Doubt(str):
     """A note on what a deck says that is more likely a mistake than meant: it is among the warnings of an import."""
 

@@ -14,12 +14,12 @@ from typing import BinaryIO
 
 import numpy as np
 
-from strainsight.decks.faults import IdTable, check_elements, check_nodes
+from strainsight.decks.faults import check_elements, check_nodes
 from strainsight.decks.text import opened
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.kinds.kind import in_order
-from strainsight.mesh.model import CellBlock, IntArray, Mesh, Region
+from strainsight.mesh.model import CellBlock, IdTable, IntArray, Mesh, Region
 
 ID_WIDTH = {0: 5, 1: 10}
 """Columns of the id of a node by the format of a block: text in short and in long form."""

@@ -72,8 +72,29 @@ def read_mesh(
         raise UserError(
             f"of {path.name} solids are read, which have no section", key=next(iter(given)), remedy="remove the key"
         )
-    own = {key: section.resized(1 / L, 1 / M) for key, section in (given or {}).items()}
-    mesh = _read(path, format, region_data, solids, materials, ignore, spc, step, own, include, contact)
+    sections = {key: section.resized(1 / L, 1 / M) for key, section in (given or {}).items()}
+    if format == "nastran":
+        from strainsight.decks.nastran.deck import read_nastran
+
+        mesh = read_nastran(path, required=solids, stated=materials, ignore=ignore, spc=spc, include=include)
+    elif format == "abaqus":
+        from strainsight.decks.abaqus.deck import read_abaqus
+
+        mesh = read_abaqus(
+            path, required=solids, stated=materials, ignore=ignore, include=include, contact=contact, step=step
+        )
+    elif format == "gmsh":
+        from strainsight.decks.gmsh.mesh import read_gmsh
+
+        mesh = read_gmsh(path, required=solids, given=sections)
+    elif format == "frd":
+        from strainsight.decks.frd import read_frd_mesh
+
+        mesh = read_frd_mesh(path, required=solids)
+    else:
+        from strainsight.decks.other.mesh import read_meshio
+
+        mesh = read_meshio(path, region_data, required=solids, given=sections)
     with mesh.located():
         check_node_order(mesh)
         exterior_facets(mesh)  # so that elements that do not fit together show here
@@ -90,40 +111,3 @@ def format_of(path: Path) -> str:
 
         return found if is_gmsh(path) else "meshio"
     return found
-
-
-def _read(
-    path: Path,
-    format: str,
-    region_data: str | None,
-    solids: bool,
-    materials: bool,
-    ignore: Sequence[str],
-    spc: int | None,
-    step: int | None,
-    given: Mapping[str, GivenSection],
-    include: Sequence[Path],
-    contact: Literal["bonded", "open"] | None,
-) -> Mesh:
-    match format:
-        case "nastran":
-            from strainsight.decks.nastran.deck import read_nastran
-
-            return read_nastran(path, required=solids, stated=materials, ignore=ignore, spc=spc, include=include)
-        case "abaqus":
-            from strainsight.decks.abaqus.deck import read_abaqus
-
-            return read_abaqus(
-                path, required=solids, stated=materials, ignore=ignore, include=include, contact=contact, step=step
-            )
-        case "gmsh":
-            from strainsight.decks.gmsh.mesh import read_gmsh
-
-            return read_gmsh(path, required=solids, given=given)
-        case "frd":
-            from strainsight.decks.frd import read_frd_mesh
-
-            return read_frd_mesh(path, required=solids)
-    from strainsight.decks.other.mesh import read_meshio
-
-    return read_meshio(path, region_data, required=solids, given=given)

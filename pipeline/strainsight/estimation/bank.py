@@ -2,9 +2,8 @@
 
     p(θ | y) ∝ p(θ) Πₖ p(yₖ | y₁ … yₖ₋₁, θ),     x̂ = Σ wᵢ x̂ᵢ,     P = Σ wᵢ (Pᵢ + (x̂ᵢ − x̂)(x̂ᵢ − x̂)ᵀ)
 
-At fixed parameters the reduced model is linear, and the innovations of a Kalman filter give the likelihood of the parameters,
-with errors of installation and damping integrated out. The extended filter linearises the product of parameter and motion
-instead, and is sure of what it does not know.
+At fixed parameters the reduced model is linear, and the innovations of a Kalman filter give their likelihood, errors of
+installation and damping integrated out. The extended filter, which linearises their product with the motion, is overconfident.
 """
 
 from __future__ import annotations
@@ -17,7 +16,6 @@ import numpy as np
 
 from strainsight.estimation.bank_filters import (
     BankProblem,
-    BankRecord,
     LinearStanding,
     Passed,
     about_samples,
@@ -33,6 +31,7 @@ from strainsight.estimation.lattice import DEPTH, SPACING, Bank, Lattice, first_
 from strainsight.estimation.mixture import C, Mixture, Weights
 from strainsight.estimation.parallel_filters import KEPT
 from strainsight.estimation.peak import best_points, density_of, peaks_of_problem
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.run import FilterRun, Keep
 
 FEW = 3
@@ -188,7 +187,7 @@ def _filtered(
         if now.step == problem.first[now.record + 1]:
             now = entered(problem, now)
             mixtures.append(_mixture(problem, now))
-        data, before = problem.records[now.record].data, problem.first[now.record]
+        before = problem.first[now.record]
         rest = problem.first[now.record + 1] - now.step
         ahead = min(max(SHORTEST, now.step // SHARE), rest, max(1, KEPT // now.models.kept_a_step))
         constants = now.filters.nu[:, None].copy(), now.filters.left[:, None].copy()
@@ -199,10 +198,9 @@ def _filtered(
         span = slice(now.step - before, now.step - before + used)
         earlier = now.cover.weights(np.concatenate([now.log_weight[None], after[: used - 1]]))
         weights = now.cover.weights(after[:used])
-        mixtures[-1].innovations(span, earlier, constants, passage.own, data.samples[span])
+        mixtures[-1].innovations(span, earlier, constants, passage.passage)
         mixtures[-1].log_likelihood += _likely(now, passage, earlier, weights, used)
-        seen = passage.states.first(used)
-        mixtures[-1].states(span, now.cover.point, weights, seen, now.models, data.known_end[span])
+        mixtures[-1].states(span, weights, passage.states.first(used), now.models)
         now = on(now, passage, used)
         if problem.progress is not None:
             problem.progress(now.step / steps)
@@ -213,7 +211,7 @@ def _filtered(
             now, laid = following(problem, now), laid + 1
             # the last of these steps, which the points before are no longer good for
             last = slice(now.step - before - 1, now.step - before)
-            mixtures[-1].states(last, now.cover.point, now.weights, now.states, now.models, data.known_end[last])
+            mixtures[-1].states(last, now.weights, now.states, now.models)
     states, about = now.states, now.models.about
     point, weight, nu, left = now.weights.sampled(states.nu[:, 0], states.left[:, 0])
     end = point, weight, nu + about, left, about, problem.centre, laid, now.cover.step
@@ -226,15 +224,14 @@ def _likely(now: LinearStanding[C], passage: Passed, before: Weights, after: Wei
     if now.judge is None:
         return float(after.log_mass[-1] - before.log_mass[0])
     with np.errstate(divide="ignore"):
-        each = passage.own.fit[:, :steps].T + np.log(before.positive)
+        each = passage.passage.fit[:, :steps].T + np.log(before.positive)
     return float(np.logaddexp.reduce(each, axis=1).sum())
 
 
 def _mixture(problem: BankProblem, now: LinearStanding[C]) -> Mixture:
     """Of a record that begins."""
-    own = problem.records[now.record]
-    first = problem.records[0]
-    mixture = Mixture(own.model, first.mean, first.covariance, own.steps, own.nuisances.learned, problem.keep)
-    if now.record or own.settled is not None:
-        mixture.begin(now.cover.point, now.weights, now.states, now.models, informed=now.record > 0)
+    first, record = problem.records[0], problem.records[now.record]
+    mixture = Mixture(replace(record, mean=first.mean, covariance=first.covariance), problem.keep)
+    if now.record or record.settled is not None:
+        mixture.begin(now.weights, now.states, now.models, informed=now.record > 0)
     return mixture

@@ -138,9 +138,9 @@ def of_judge(states: States, judge: States) -> States:
 
 @dataclass(frozen=True)
 class Passed:
-    """own: what the filters found under loads as stated; fit (B, L): by which the points are weighed; states with ν by that."""
+    """passage: by loads as stated; fit (B, L): by which the points are weighed; states with ν by that."""
 
-    own: Passage
+    passage: Passage
     fit: np.ndarray
     states: States
 
@@ -157,15 +157,17 @@ def filtered_at(problem: BankProblem, cover: C, step: int) -> LinearStanding[C]:
     return now
 
 
-def _begun(problem: BankProblem, cover: C, record: int) -> tuple[LinearModels, Filters, Judge | None]:
+def _begun(problem: BankProblem, cover: C, number: int) -> tuple[LinearModels, Filters, Judge | None]:
     """Filters at the beginning of a record, nothing known of ν, and who judges."""
-    own = problem.records[record]
-    models, judge = linear_models(own.model, cover.point, own.nuisances, own.biased), None
+    record = problem.records[number]
+    models, judge = linear_models(record.model, cover.point, record.nuisances, record.biased), None
     if problem.beside_loads:
-        judge = judge_of(own, models, cover.point)
+        judge = judge_of(record, models, cover.point)
         if not problem.along:  # nobody asks for loads as they are stated
             return judge.models, judge.filters, judge
-    filters = filters_of(models, *own.begun(models), consider=problem.along and considers(own.model, own.nuisances))
+    filters = filters_of(
+        models, *record.begun(models), consider=problem.along and considers(record.model, record.nuisances)
+    )
     return models, filters, judge
 
 
@@ -186,9 +188,8 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
     """Linear about the damping and the frequencies that all samples speak for, beside unknown loads about all of ν that act on
     motion and rows; the same where that is hardly MOVED from where it is linear.
 
-    point (k,), nu (d,): parameters, and the mean of ν there. Slopes at the mean of ν, again and again, are the way of Gauss and
-    Newton to the most likely ν, at one value of the parameters. The normal density there is Laplace's: the parameters are off
-    by what second order does with what is left of ν, and not with all that it was before the samples.
+    point (k,), nu (d,): parameters, and the mean of ν there. By Gauss and Newton to the most likely ν at these parameters, with
+    Laplace's normal density about it.
     Source: Tierney and Kadane, J. American Statistical Association 81 (1986).
     """
     here, fit = one_point(point), np.inf
@@ -196,19 +197,19 @@ def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> Ba
         if not moved(problem, nu):
             break
         problem = problem.with_nuisances(partial(replace, about=_about(problem, nu)))
-        found = filtered_at(problem, here, problem.first[-1])
-        if abs(found.fit[0] - fit) <= NOTICED:
+        now = filtered_at(problem, here, problem.first[-1])
+        if abs(now.fit[0] - fit) <= NOTICED:
             break
-        nu, fit = found.states.nu[0, 0] + found.models.about, float(found.fit[0])
+        nu, fit = now.states.nu[0, 0] + now.models.about, float(now.fit[0])
     return problem
 
 
 def moved(problem: BankProblem, nu: np.ndarray) -> bool:
     """Whether the mean of ν (d,) is MOVED from where readings are linear: by ln c in the damping, by σ in all else."""
-    own, about = problem.records[0].nuisances, _about(problem, nu)
-    off = np.abs(about - np.pad(own.about, (0, len(about) - len(own.about))))
-    modes = problem.model.model.size * (own.damping > 0)
-    return bool(own.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
+    nuisances, about = problem.records[0].nuisances, _about(problem, nu)
+    off = np.abs(about - np.pad(nuisances.about, (0, len(about) - len(nuisances.about))))
+    modes = problem.model.model.size * (nuisances.damping > 0)
+    return bool(nuisances.damping * off[:modes].max(initial=0.0) > MOVED or off[modes:].max(initial=0.0) > MOVED)
 
 
 def _about(problem: BankProblem, nu: np.ndarray) -> np.ndarray:
@@ -218,7 +219,7 @@ def _about(problem: BankProblem, nu: np.ndarray) -> np.ndarray:
     if not problem.beside_loads:
         return np.asarray(about[: problem.records[0].nuisances.of_modes(problem.model.model.size)])
     # of several records, what adds to readings of one does nothing in the others
-    offset = np.any([(own.nuisances.offset != 0).any(axis=1) for own in problem.records], axis=0)
+    offset = np.any([(record.nuisances.offset != 0).any(axis=1) for record in problem.records], axis=0)
     about[len(nu) - len(offset) :][offset] = 0.0
     return np.asarray(about)
 

@@ -8,14 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.estimation.bank import BankRun
-from strainsight.estimation.conditional import (
-    conditional_states,
-    damped,
-    discrepancy,
-    linear_models,
-    on_loads,
-    tuned,
-)
+from strainsight.estimation.conditional import conditional_states, damped, discrepancy, linear_models, on_loads, tuned
 from strainsight.estimation.consider_smoother import Start, consider_errors, consider_smoothed, smoothed_pieces
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.mixture import KERNEL, removed_of
@@ -24,13 +17,16 @@ from strainsight.estimation.parallel_filters import Data, LinearModels
 from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Keeping, Smoothed, Wanted, smooth, smoother_errors
+from strainsight.estimation.smoother import Keeping, Smoothed, WantedCovariances, smooth, smoother_errors
 from strainsight.estimation.update import covariance_factor, standard_deviation
 from strainsight.loads.histories import instant_values
 
 
 def smooth_bank(
-    record: BankRecord, bank: BankRun, wanted: Wanted | None = None, progress: Callable[[float], None] | None = None
+    record: BankRecord,
+    bank: BankRun,
+    wanted: WantedCovariances | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> Smoothed:
     """Smoothed x* of a record with its covariance, tolerances in it, by the bank that filtered it.
 
@@ -44,17 +40,17 @@ def smooth_bank(
     share of the record that is done.
     Source: Arasaratnam and Haykin, IEEE Trans. Automatic Control 54 (2009).
     """
-    found = points_of(record, bank)
-    offsets, instants, beyond = len(record.biased), record.steps + 1, found.beyond
+    smoother = points_of(record, bank)
+    offsets, instants, beyond = len(record.biased), record.steps + 1, smoother.beyond
     states, model = len(record.mean), record.model
     n = states + len(beyond.at)
     behind = np.arange(states, n)
     order = np.concatenate([conditional_states(model, offsets), behind, np.arange(n)[model.parameter_states]])
     whole, std, keeping = np.zeros((instants, n)), np.zeros((instants, n)), Keeping(wanted, instants, n)
-    for at, x, P, V in _pieces(found):
+    for at, x, P, V in _pieces(smoother):
         mean, spread = np.zeros((len(V), n)), np.zeros((len(V), n, n))
-        wider = beyond.behind(at, x, P, V, found.corrected)
-        mean[:, order], spread[:, order[:, None], order] = _mixed(found, bank, *wider)
+        wider = beyond.behind(at, x, P, V, smoother.corrected)
+        mean[:, order], spread[:, order[:, None], order] = _mixed(smoother, bank, *wider)
         whole[at], std[at] = mean, standard_deviation(spread)
         keeping.take(at, spread)
         if progress is not None:
@@ -63,26 +59,26 @@ def smooth_bank(
 
 
 def _mixed(
-    found: AtPoints, bank: BankRun, x: np.ndarray, P: np.ndarray, V: np.ndarray
+    smoother: AtPoints, bank: BankRun, x: np.ndarray, P: np.ndarray, V: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """Mean (L, n + k) and covariance over the posterior, of x (b, L, n), P (b, L, n, n) at its points and V (L, d, n)."""
-    (points, L, n), k = x.shape, len(found.centre)
+    (points, L, n), k = x.shape, len(smoother.centre)
     middle = x.mean(axis=0)
     off = x - middle
     # regression of the motion on the parameters over the points, for what a nuisance does by way of them
-    cross = np.einsum("bta,bi->tai", off, found.points - found.centre) / points
-    slope = cross @ np.linalg.inv(found.spread) if k else cross
+    cross = np.einsum("bta,bi->tai", off, smoother.points - smoother.centre) / points
+    slope = cross @ np.linalg.inv(smoother.spread) if k else cross
     cov = np.zeros((L, n + k, n + k))
     cov[:, :n, :n] = P.mean(axis=0) + np.einsum("bta,btc->tac", off, off, optimize=True) / points
     # ν has a covariance with itself and with the parameters that the samples leave
-    off_nu, off_p = bank.nu - bank.nuisances[0], bank.point - found.centre
+    off_nu, off_p = bank.nu - bank.nuisances[0], bank.point - smoother.centre
     with_p = (off_p * bank.weight[:, None]).T @ off_nu
     joint = np.einsum("tai,id,tdc->tac", slope, with_p, V, optimize=True)
-    cov[:, :n, :n] += np.swapaxes(V, 1, 2) @ (found.left @ V) - joint - np.swapaxes(joint, 1, 2)
+    cov[:, :n, :n] += np.swapaxes(V, 1, 2) @ (smoother.left @ V) - joint - np.swapaxes(joint, 1, 2)
     cov[:, :n, n:] = cross - np.einsum("tda,id->tai", V, with_p)
     cov[:, n:, :n] = np.swapaxes(cov[:, :n, n:], 1, 2)
-    cov[:, n:, n:] = found.spread
-    return np.concatenate([middle, np.broadcast_to(found.centre, (L, k))], axis=1), cov
+    cov[:, n:, n:] = smoother.spread
+    return np.concatenate([middle, np.broadcast_to(smoother.centre, (L, k))], axis=1), cov
 
 
 @dataclass(frozen=True)
@@ -143,53 +139,48 @@ def points_of(record: BankRecord, bank: BankRun) -> AtPoints:
     return AtPoints(record, points, centre, spread, nu, left, models, record.begun(models), beyond_of(record))
 
 
-def _pieces(found: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
+def _pieces(smoother: AtPoints) -> Iterator[tuple[slice, np.ndarray, np.ndarray, np.ndarray]]:
     """Instants of a piece of the record, x (b, L, n) at the points, P (b, L, n, n) of what no nuisance explains of its error, and
     V (L, d, n), what one of each adds to x̂ˢ − x; where ν is learned the record is one piece."""
-    if not found.considered:
-        yield slice(0, found.record.steps + 1), *_corrected(found, found.points)
+    if not smoother.considered:
+        yield slice(0, smoother.record.steps + 1), *_corrected(smoother, smoother.points)
         return
-    points = len(found.points)
-    for at, states in smoothed_pieces(found.models, found.start, found.data):
+    points = len(smoother.points)
+    for at, states, _ in smoothed_pieces(smoother.models, smoother.start, smoother.data):
         yield at, states.x[:points], states.P[:points], states.V[-1]
 
 
-def smoothed_at_points(found: AtPoints) -> tuple[np.ndarray, np.ndarray]:
+def smoothed_at_points(smoother: AtPoints) -> tuple[np.ndarray, np.ndarray]:
     """x (b + 1, T + 1, n) at the points and behind them at the centre, and V (T + 1, d, n)."""
-    if found.considered:
-        states = consider_smoothed(found.models, found.start, found.data)
-        return np.concatenate([states.x[: len(found.points)], states.x[-1:]]), states.V[-1]
-    x, _, V = _corrected(found, found.points)
-    return np.concatenate([x, _corrected(found, found.centre[None])[0] if len(found.centre) else x]), V
+    if smoother.considered:
+        states = consider_smoothed(smoother.models, smoother.start, smoother.data)
+        return np.concatenate([states.x[: len(smoother.points)], states.x[-1:]]), states.V[-1]
+    x, _, V = _corrected(smoother, smoother.points)
+    return np.concatenate([x, _corrected(smoother, smoother.centre[None])[0] if len(smoother.centre) else x]), V
 
 
-def _corrected(found: AtPoints, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _corrected(smoother: AtPoints, points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """x (b, T + 1, n) at points (b, k), without what the mean of ν (d,) makes of samples and motion; P; V (T + 1, d, n) at the
     centre (k,)."""
-    record, nu, samples = found.record, found.nu, found.data.samples
+    record, nu, samples = smoother.record, smoother.nu, smoother.data.samples
     start, P0, _ = record.begun(linear_models(record.model, points, record.nuisances, record.biased))
 
     def at_points(values: np.ndarray) -> list[Smoothed]:
-        return [_smoothed_at(record, *at, P0, values[:, None]) for at in zip(points, start, strict=True)]
+        runs = (kept_at(record, *at, P0, values[:, None]) for at in zip(points, start, strict=True))
+        return [smooth(core, run, covariance=True) for core, run in runs]
 
     middle = np.mean([each.mean[:, 0] for each in at_points(samples)], axis=0)
-    caused, moved, V = _effects(found, middle)
+    caused, moved, V = _effects(smoother, middle)
     each = at_points(samples - caused @ nu)
     x = np.stack([one.mean[:, 0] for one in each]) + np.einsum("tda,d->ta", moved, nu)
     return x, np.stack([one.covariance_of(np.arange(x.shape[-1])) for one in each]), V
 
 
-def _smoothed_at(
-    record: BankRecord, point: np.ndarray, mean: np.ndarray, covariance: np.ndarray, samples: np.ndarray
-) -> Smoothed:
-    """At parameters p (k,), for runs of samples (T, B, m); mean (n,), covariance (n, n) of the states but the parameters."""
-    return smooth(*kept_at(record, point, mean, covariance, samples), covariance=True)
-
-
 def kept_at(
     record: BankRecord, point: np.ndarray, mean: np.ndarray, covariance: np.ndarray, samples: np.ndarray
 ) -> tuple[StepModel, FilterRun]:
-    """The filter of `_smoothed_at`, behind its model."""
+    """The filter at parameters p (k,), behind its model, for runs of samples (T, B, m); mean (n,), covariance (n, n) of its
+    states."""
     model, _ = tuned(record.model, record.nuisances, point[None])
     if model.model.frequency_factors is not None:
         model = replace(model, model=replace(model.model, frequency_factors=model.model.frequency_factors[0]))
@@ -198,12 +189,12 @@ def kept_at(
     return core, filter_runs(core, mean, covariance, samples, keep="all")
 
 
-def _effects(found: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _effects(smoother: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Along a motion (T + 1, n), at the centre, what one of every nuisance adds to the samples (T, m, d), to the motion
     (T + 1, d, n), and to the error (T + 1, d, n) of states smoothed by those samples that are not missing; beyond the coordinates
     loads displace what the mean of ν makes of them."""
-    record, data = found.record, found.data
-    one = linear_models(record.model, found.centre[None], record.nuisances, record.biased)
+    record, data = smoother.record, smoother.data
+    one = linear_models(record.model, smoother.centre[None], record.nuisances, record.biased)
     steps, d, n = record.steps, one.nuisances, one.H.shape[-1]
     if d == 0:
         nothing = np.zeros((steps + 1, 0, n))
@@ -215,12 +206,12 @@ def _effects(found: AtPoints, motion: np.ndarray) -> tuple[np.ndarray, np.ndarra
     for t in range(steps):
         moved[t + 1, :e] = moved[t, :e] @ one.A[0].T + pushed[t]
     caused = np.einsum("dmn,tn->tdm", one.D, motion[1:])
-    beyond = found.nu[e - len(one.U) : e] * (motion[1:] @ one.U.T + data.known_end @ one.W.T)
+    beyond = smoother.nu[e - len(one.U) : e] * (motion[1:] @ one.U.T + data.known_end @ one.W.T)
     caused += np.einsum("dmp,tp->tdm", one.E, data.known_end) + np.einsum("dmf,tf->tdm", one.B, beyond)
     caused += one.offset + moved[1:] @ one.H[0].T
     samples = np.where(np.isfinite(data.samples)[:, None], caused, np.nan)
     silent = replace(record, known=np.zeros_like(record.known))
-    smoothed = _smoothed_at(silent, found.centre, np.zeros(n), P0, samples)
+    smoothed = smooth(*kept_at(silent, smoother.centre, np.zeros(n), P0, samples))
     return np.swapaxes(caused, 1, 2), moved, smoothed.mean - moved
 
 
@@ -296,21 +287,21 @@ def bank_paths(
     products of curvatures c, which its rule of degree three does not see; and instants belong together as the smoother's errors
     do. A part depends on seed, its number and its size. Source: Durbin and Koopman, Biometrika 89 (2002).
     """
-    found = points_of(record, bank)
-    x, V = smoothed_at_points(found)
+    smoother = points_of(record, bank)
+    x, V = smoothed_at_points(smoother)
     rng = np.random.default_rng(seed)
-    p, nu = _constants(found, bank, count, rng)
+    p, nu = _constants(smoother, bank, count, rng)
     rng = np.random.default_rng((seed, number)) if number else rng
-    beyond = found.beyond
-    points, k, sizes = len(found.points), len(found.centre), found.models.H.shape[-1] + len(beyond.at)
+    beyond = smoother.beyond
+    points, k, sizes = len(smoother.points), len(smoother.centre), smoother.models.H.shape[-1] + len(beyond.at)
     part = max(points, AT_ONCE // ((record.steps + 1) * sizes) // points * points)
-    z = np.linalg.solve(np.linalg.cholesky(found.spread), (p - found.centre).T).T
+    z = np.linalg.solve(np.linalg.cholesky(smoother.spread), (p - smoother.centre).T).T
     middle, slope, bend = _carried(x, k)
-    load, nu_of_loads = beyond.load(x[:points].mean(axis=0)), (nu + found.corrected)[:, beyond.at]
+    load, nu_of_loads = beyond.load(x[:points].mean(axis=0)), (nu + smoother.corrected)[:, beyond.at]
     for start in range(0, count, part):
         span = slice(start, min(start + part, count))
         each = -(-(span.stop - span.start) // points)
-        error = _errors(found, each, rng, states)[: span.stop - span.start]
+        error = _errors(smoother, each, rng, states)[: span.stop - span.start]
         error += middle[None, :, states]
         for i in range(k):
             here = z[span, i, None, None]
@@ -319,11 +310,13 @@ def bank_paths(
         yield Paths(p[span], np.concatenate([error, nu_of_loads[span, None] * load], axis=2))
 
 
-def _constants(found: AtPoints, bank: BankRun, count: int, rng: np.random.Generator) -> tuple[np.ndarray, np.ndarray]:
+def _constants(
+    smoother: AtPoints, bank: BankRun, count: int, rng: np.random.Generator
+) -> tuple[np.ndarray, np.ndarray]:
     """p (N, k) and ν − ν̂ (N, d), together."""
-    k, d = len(found.centre), len(found.nu)
+    k, d = len(smoother.centre), len(smoother.nu)
     joint = np.hstack([bank.point, bank.nu])
-    centre = np.concatenate([found.centre, bank.weight @ bank.nu])
+    centre = np.concatenate([smoother.centre, bank.weight @ bank.nu])
     off = joint - centre
     covariance = (off * bank.weight[:, None]).T @ off
     std = np.sqrt(np.diag(covariance)[:k])
@@ -335,8 +328,8 @@ def _constants(found: AtPoints, bank: BankRun, count: int, rng: np.random.Genera
     factor = covariance_factor(covariance)
     kernel = rng.standard_normal((count, factor.shape[1])) @ factor.T
     drawn = np.sqrt(1 - share) * off[which] + np.sqrt(share) * kernel
-    left = covariance_factor(found.left - covariance[k:, k:]) if d else np.zeros((0, 0))
-    return found.centre + drawn[:, :k], drawn[:, k:] + rng.standard_normal((count, left.shape[1])) @ left.T
+    left = covariance_factor(smoother.left - covariance[k:, k:]) if d else np.zeros((0, 0))
+    return smoother.centre + drawn[:, :k], drawn[:, k:] + rng.standard_normal((count, left.shape[1])) @ left.T
 
 
 def _carried(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -349,14 +342,14 @@ def _carried(x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]
     return x[:-1].mean(axis=0), (ahead - behind) / (2 * np.sqrt(k)), (ahead + behind - 2 * centre) / k
 
 
-def _errors(found: AtPoints, each: int, rng: np.random.Generator, states: slice) -> np.ndarray:
+def _errors(smoother: AtPoints, each: int, rng: np.random.Generator, states: slice) -> np.ndarray:
     """−w (each · points, T + 1, n), the points one after the other."""
-    (x, P, V), record, points = found.start, found.record, len(found.points)
-    if found.considered:
-        models = found.models.of(slice(points))
-        error = consider_errors(models, (x[:points], P, V[:points]), found.data, each, rng)[..., states]
+    (x, P, V), record, points = smoother.start, smoother.record, len(smoother.points)
+    if smoother.considered:
+        models = smoother.models.of(slice(points))
+        error = consider_errors(models, (x[:points], P, V[:points]), smoother.data, each, rng)[..., states]
     else:
-        samples = found.data.samples[:, None]
-        runs = (kept_at(record, *at, P, samples) for at in zip(found.points, x, strict=False))
+        samples = smoother.data.samples[:, None]
+        runs = (kept_at(record, *at, P, samples) for at in zip(smoother.points, x, strict=False))
         error = np.stack([smoother_errors(core, run, each, rng, states) for core, run in runs])
     return np.swapaxes(error, 0, 1).reshape(each * points, *error.shape[2:])

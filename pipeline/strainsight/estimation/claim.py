@@ -19,7 +19,7 @@ CHUNK = 256
 
 
 @dataclass(frozen=True)
-class Step:
+class ErrorStep:
     """From one instant to the next, for errors of x* and of constants ν, of unit size each:
 
         x*⁺ = A x* + pushed ν,   y = H x* + read ν + noise
@@ -39,7 +39,7 @@ class Step:
 
 def steps_along(
     model: FilterModel, trajectory: np.ndarray, u: np.ndarray, nuisances: Nuisances | None, sets: int
-) -> Iterator[Step]:
+) -> Iterator[ErrorStep]:
     """A* and the rows at the motion and θ = guess (p = 0), step by step; with `discrepancy` in the variance of the samples.
 
     trajectory (T + 1, 2n) [q, q̇]; u (T, HOLD, n_u) hold coefficients of all inputs of the model [N], unknown ones too; sets B,
@@ -62,7 +62,7 @@ def steps_along(
         else:
             pushed, read = constants.along(span, trajectory[span], trajectory[1:][span], u[span])
         for k in range(span.start, span.stop):
-            yield Step(
+            yield ErrorStep(
                 (k + 1) * model.h,
                 A[(k - first) % len(A)],
                 pushed[(k - first) % len(pushed)],
@@ -115,7 +115,7 @@ WHITE = (NOISE, PROCESS, START)
 
 
 @dataclass(frozen=True)
-class Claim:
+class ClaimedStd:
     """std (T + 1, B, n*) of x* for B sets of sensors; budget: source → its part (T + 1, n*) of the variance of the first set, the
     sum of which over the sources is that variance."""
 
@@ -129,7 +129,7 @@ def covariance_recursion(
     u: np.ndarray,
     covariance: np.ndarray,
     nuisances: Nuisances | None = None,
-) -> Claim:
+) -> ClaimedStd:
     """Standard deviation of x* that the extended filter will claim along a given motion, for B sets of sensors at once.
 
     The covariance recursion of `run_filter`, which needs no measurement, with A* and the rows at the motion and θ = guess
@@ -159,7 +159,7 @@ def covariance_recursion(
         variance[k] = standard_deviation(errors.P) ** 2 + np.sum(errors.V**2, axis=1)
         part[k], shift[k] = standard_deviation(errors.parts) ** 2, errors.V[0]
     budget = {name: part[:, i] for i, name in enumerate(WHITE)}
-    return Claim(np.sqrt(variance), budget | by_source(source, shift))
+    return ClaimedStd(np.sqrt(variance), budget | by_source(source, shift))
 
 
 def starts(model: FilterModel, covariance: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -206,7 +206,7 @@ def bank_claim(
     covariance: np.ndarray,
     nuisances: Nuisances,
     settled: Settled | None = None,
-) -> Claim:
+) -> ClaimedStd:
     """Standard deviation of x* = [s, p] that the bank will claim along a given motion, for B sets of sensors at once.
 
     Laplace's approximation of its posterior at the guess: that of constants c = [ν, p] beside a Kalman filter of s = [q, q̇, ζ]
@@ -215,9 +215,8 @@ def bank_claim(
         V⁻ = A V − B,   ε = D − H V⁻,   V = V⁻ + K ε,        B = [A_ν x + G_ν w, ∂x⁺/∂p],   D = [D x + E w₁ + o, ∂y/∂p]
         Λ⁻¹ = RᵀR = Λ₀⁻¹ + Σ εᵀS⁻¹ε,                         ĉ = Λ Σ εᵀS⁻¹e = R⁻¹z
 
-    p is estimated with ν integrated out: σ_p² = Λ_pp, beside unknown loads with these free (`with_free_loads`). Where they are,
-    or where gains consider ν, P and V of the states are those of a filter beside it, with loads as stated. Motion and loads
-    follow p̂, and ν̂ as well where it is `learned`:
+    σ_p² = Λ_pp, jointly with unknown loads by free ones (`with_free_loads`). Then, or where gains consider ν, P and V of the
+    states are those of a second filter with loads as stated. Motion and loads follow p̂, and ν̂ where it is `learned`:
 
         σ_s² = diag(P + V C Vᵀ),     C = Λ where ν is learned,   C = [[1, Λ_νp], [Λ_pν, Λ_pp]] otherwise
 
@@ -396,8 +395,8 @@ class _Claimed:
         self.constant[k, :first, :n] += free[0]
         self.constant[k, :, n:] = drawn[:, p]
 
-    def claim(self) -> Claim:
+    def claim(self) -> ClaimedStd:
         d = len(self.source)
         budget = {name: self.white[:, i] for i, name in enumerate(WHITE)}
         budget[START] = budget[START] + np.sum(self.constant[:, d:] ** 2, axis=1)
-        return Claim(self.std, budget | by_source(self.source, self.constant[:, :d]))
+        return ClaimedStd(self.std, budget | by_source(self.source, self.constant[:, :d]))

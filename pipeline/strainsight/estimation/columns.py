@@ -44,7 +44,7 @@ lies in all of them is taken."""
 
 
 @dataclass(frozen=True)
-class Limits:
+class ColumnLimits:
     """Of what columns are good for: off, how far their largest densities are from them; narrow and wide, the variance across, and
     short, that along the line, in units of what they were laid for."""
 
@@ -65,7 +65,7 @@ class Columns:
     centre: np.ndarray
     across: np.ndarray
     precision: np.ndarray
-    limits: Limits = Limits()
+    limits: ColumnLimits = ColumnLimits()
 
     @cached_property
     def stencil(self) -> np.ndarray:
@@ -106,8 +106,8 @@ class Columns:
         for value, (i, j) in zip(np.moveaxis(bent[..., c:], -1, 0), self._pairs, strict=True):
             H[..., i, j] = H[..., j, i] = 0.5 * (value - bent[..., i] - bent[..., j])
         prior = self.across.T @ self.precision @ self.across
-        said, axes = np.linalg.eigh(-H - prior)
-        curvature = prior + (axes * np.maximum(said, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2)
+        added, axes = np.linalg.eigh(-H - prior)
+        curvature = prior + (axes * np.maximum(added, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2)
         C = np.linalg.inv(curvature)
         m = (C @ g[..., None])[..., 0]
         log_mass = a + 0.5 * np.sum(g * m, axis=-1) + 0.5 * np.linalg.slogdet(C)[1]
@@ -115,25 +115,20 @@ class Columns:
 
     def holds(self, log_weight: np.ndarray) -> np.ndarray:
         """Whether the posterior of log-weights (L, B) is still where the columns were laid, as wide and within them."""
-        own, limits = self.weights(log_weight), self.limits
-        size = np.linalg.eigvalsh(own.C)
-        fits = (
-            (np.abs(own.m).max(axis=2) <= limits.off) & (size[..., 0] >= limits.narrow) & (size[..., -1] <= limits.wide)
-        )
-        ends = own.column_mass[:, [0, -1]].max(axis=1) < own.column_mass.max(axis=1) - LEFT
-        return np.asarray((fits | ~own.heavy).all(axis=1) & (own.along >= limits.short) & ends)
+        weights, limits = self.weights(log_weight), self.limits
+        size, mass = np.linalg.eigvalsh(weights.C), weights.column_mass
+        fits = (np.abs(weights.m).max(axis=2) <= limits.off) & (size[..., 0] >= limits.narrow)
+        fits &= size[..., -1] <= limits.wide
+        ends = mass[:, [0, -1]].max(axis=1) < mass.max(axis=1) - LEFT
+        return np.asarray((fits | ~weights.heavy).all(axis=1) & (weights.along >= limits.short) & ends)
 
     def as_they_are(self, log_weight: np.ndarray) -> Columns:
         """With limits that they keep at log-weights (B,)."""
-        own = self.weights(log_weight[None])
-        size = np.linalg.eigvalsh(own.C[own.heavy])
-        limits = Limits(
-            max(OFF, np.abs(own.m[own.heavy]).max() + 0.5),
-            min(NARROW, 0.5 * size[:, 0].min()),
-            max(WIDE, 2 * size[:, -1].max()),
-            min(NARROW, 0.5 * own.along[0]),
-        )
-        return replace(self, limits=limits)
+        weights = self.weights(log_weight[None])
+        size = np.linalg.eigvalsh(weights.C[weights.heavy])
+        off, narrow = max(OFF, np.abs(weights.m[weights.heavy]).max() + 0.5), min(NARROW, 0.5 * size[:, 0].min())
+        wide, short = max(WIDE, 2 * size[:, -1].max()), min(NARROW, 0.5 * weights.along[0])
+        return replace(self, limits=ColumnLimits(off, narrow, wide, short))
 
 
 @dataclass(frozen=True)
@@ -144,6 +139,10 @@ class ColumnWeights:
     column_mass: np.ndarray
     m: np.ndarray
     C: np.ndarray
+
+    @property
+    def point(self) -> np.ndarray:
+        return self.of.point
 
     @property
     def log_mass(self) -> np.ndarray:
@@ -197,16 +196,16 @@ class ColumnWeights:
         y = self.m[-1, :, None] + np.concatenate([ends, -ends], axis=1)
         point = of.centre[:, None] + y @ of.across.T
         at_centre, slope = self._linear(nu[:, None])
-        there = at_centre + y @ slope[:, :, 0]
+        mean = at_centre + y @ slope[:, :, 0]
         weight = np.repeat(self.column[-1] / (2 * c), 2 * c)
-        own = np.repeat(left[:: len(of.stencil)], 2 * c, axis=0)
-        return point.reshape(J * 2 * c, -1), weight, there.reshape(J * 2 * c, -1), own
+        covariance = np.repeat(left[:: len(of.stencil)], 2 * c, axis=0)
+        return point.reshape(J * 2 * c, -1), weight, mean.reshape(J * 2 * c, -1), covariance
 
     def _linear(self, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Values (B, L, n) at the centres (J, L, n), and what a standard deviation across adds to them (J, c, L, n)."""
-        own = values.reshape(len(self.of.centre), len(self.of.stencil), *values.shape[1:])
+        each = values.reshape(len(self.of.centre), len(self.of.stencil), *values.shape[1:])
         c, middle = self.m.shape[-1], 1 + len(self.of.stencil) // 2
-        return own[:, 0], (own[:, 1 : 1 + c] - own[:, middle : middle + c]) / (2 * FINE)
+        return each[:, 0], (each[:, 1 : 1 + c] - each[:, middle : middle + c]) / (2 * FINE)
 
 
 def first_columns(problem: BankProblem) -> LinearStanding[Columns]:
@@ -216,9 +215,9 @@ def first_columns(problem: BankProblem) -> LinearStanding[Columns]:
 
 def next_columns(problem: BankProblem, now: LinearStanding[Columns]) -> LinearStanding[Columns]:
     """For the posterior as it is now."""
-    own = _own(now)
-    middle = own.mean[0] @ now.cover.point
-    return _laid(problem, middle, own.covariance(now.cover.point[:, None], middle)[0], now.step)
+    weights, point = _weights(now), now.cover.point
+    middle = weights.mean[0] @ point
+    return _laid(problem, middle, weights.covariance(point[:, None], middle)[0], now.step)
 
 
 def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> LinearStanding[Columns]:
@@ -228,21 +227,19 @@ def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: 
     along, across = weakest(covariance, problem.prior[1])
     stride = problem.spacing * along
     parts = [_centred(problem, mean, across, step)]
-    top = _own(parts[0]).column_mass[0, 0]
+    top = _weights(parts[0]).column_mass[0, 0]
     for forward in (True, False):
         while True:
             # a bent ridge is followed
             end = parts[-1 if forward else 0].cover.centre[0]
-            beside = (
-                parts[-2 if forward else 1].cover.centre[0]
-                if len(parts) > 1
-                else end - (stride if forward else -stride)
-            )
+            beside = end - (stride if forward else -stride)
+            if len(parts) > 1:
+                beside = parts[-2 if forward else 1].cover.centre[0]
             part = _centred(problem, 2 * end - beside, across, step)
             parts = [*parts, part] if forward else [part, *parts]
-            own = _own(part).column_mass[0, 0]
-            top = max(top, own)
-            if own < top - problem.depth:
+            mass = _weights(part).column_mass[0, 0]
+            top = max(top, mass)
+            if mass < top - problem.depth:
                 break
             if len(parts) > MOST_COLUMNS:
                 raise NumericalError(
@@ -251,8 +248,8 @@ def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: 
                     "standard deviation",
                 )
     cover = Columns(np.concatenate([part.cover.centre for part in parts]), across, parts[0].cover.precision)
-    found = one_standing(cover, parts)
-    return replace(found, cover=cover.as_they_are(found.log_weight))
+    whole = one_standing(cover, parts)
+    return replace(whole, cover=cover.as_they_are(whole.log_weight))
 
 
 def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> tuple[np.ndarray, np.ndarray]:
@@ -265,15 +262,14 @@ def _summit(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step
             move = 0.5 * move
             mean = start + move
             continue
-        own = _own(now)
-        size = np.linalg.eigvalsh(own.C[0, 0])
-        close = CLOSE[0] <= size[0] and size[-1] <= CLOSE[1]
-        m = own.m[0, 0]
-        if close and np.abs(m).max() <= CENTRED:
-            return mean, now.cover.across @ own.C[0, 0] @ now.cover.across.T
+        weights, across = _weights(now), now.cover.across
+        m, C = weights.m[0, 0], weights.C[0, 0]
+        size, covariance = np.linalg.eigvalsh(C), across @ C @ across.T
+        if CLOSE[0] <= size[0] and size[-1] <= CLOSE[1] and np.abs(m).max() <= CENTRED:
+            return mean, covariance
         start, top = mean, now.log_weight[0]
-        move = now.cover.across @ m * min(1.0, STRIDE / np.abs(m).max())
-        mean, covariance = start + move, now.cover.across @ own.C[0, 0] @ now.cover.across.T
+        move = across @ m * min(1.0, STRIDE / np.abs(m).max())
+        mean = start + move
         refuse_lost(problem, mean)
     raise NumericalError(
         f"no largest density of the parameters was found in {MOST_TURNS} steps",
@@ -286,14 +282,14 @@ def _centred(problem: BankProblem, centre: np.ndarray, across: np.ndarray, step:
     precision = np.linalg.inv(problem.prior[1])
     for _ in range(FEW_TURNS):
         now = filtered_at(problem, Columns(centre[None], across, precision), step)
-        m = _own(now).m[0, 0]
+        m = _weights(now).m[0, 0]
         if np.abs(m).max() <= CENTRED:
             break
         centre = centre + across @ m * min(1.0, STRIDE / np.abs(m).max())
     return now
 
 
-def _own(now: LinearStanding[Columns]) -> ColumnWeights:
+def _weights(now: LinearStanding[Columns]) -> ColumnWeights:
     return now.cover.weights(now.log_weight[None])
 
 

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.parallel_filters import LinearModels, Motion, wider
+from strainsight.estimation.parallel_filters import LinearModels, ModalMotion, wider
 from strainsight.rom.modal_step import HOLD, ModalMap, acceleration_map, modal_step, scheme_step
 from strainsight.rom.model import first_of_equal, modal_basis
 
@@ -18,29 +18,24 @@ DIFFERENCE = 1e-3
 
 @dataclass(frozen=True)
 class Nuisances:
-    """Constants ν of mean zero and variance one beside the states and the parameters. d of the readings, for the states
-    x (n,) = [q, q̇, ζ] of the filter and the loads w₁ known at the instant:
+    """Constants ν of mean zero and variance one, jointly with states and parameters. For the states x (n,) = [q, q̇, ζ] of the
+    filter, the loads w₁ known at the instant and all loads u:
 
         y = h(x) + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Σⱼ νⱼBₖⱼuⱼ)
 
-    source (d,): what each stands for; D (d, m, n), E (d, m, n_known), o (d, m), all of a reading; E (d, m, n_known + 1) where
-    something drifts, with t/T behind the loads in w₁ (`known_ends`). Of the motion: damping, σ of
-    ln c of every mode by itself; frequency (k, r), what one of k of ν adds to ln ω of every mode, static responses as they are;
-    stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one
-    of the first f of ν adds to the input shape S [1/√kg] of the motion of r coordinates; the readings that come of it at once
-    are in D and E (`on_loads`). load (f,): the input u [N] that each changes. To νⱼuⱼ is in proportion what they displace beyond
-    the coordinates; behind: whether a smoother has it behind its states; B (d, m, f) what one of every ν reads of it, a
-    misplaced gauge where that has gradients.
-    The parameters are estimated whatever ν is: their posterior has ν integrated out. learned: whether motion and loads are
-    corrected by what the samples say of ν, so that σ holds what they leave open, and not all of it; where not, gains of unknown
-    loads consider ν (`considers`). discrepancy: σ of what else a reading is off by, over its RMS, white: second order of all
-    these, and what the model leaves out. It matters where parameters are estimated under known loads from quiet readings.
-    about (d,), or of the first of ν, the others zero: about which readings are linear in them. ln c of a mode has a σ of 0.4
-    where nobody has measured it, over which a resonance is far from linear; samples often know it to a hundredth. Beside
-    unknown loads products of errors, of gauges and of loads, are not small beside what samples say of parameters
-    (`about_samples`).
-    centre (k,): parameters whose natural frequencies are those about which readings are linear at all other parameters, too
-    (`tuned`); None: each has its own.
+    source (d,): what each of the readings stands for; D (d, m, n), E (d, m, n_known), o (d, m); E (d, m, n_known + 1) where
+    something drifts, with t/T behind the loads in w₁ (`known_ends`).
+    Of the motion, in front of those: damping, σ of ln c of every mode by itself; frequency (k, r), what one of k of ν adds to
+    ln ω of every mode; stiffness, σ of the logarithm of one scale of it all; 0 for neither. shape (f, r, n_u): what one of the
+    first f of the others adds to the input shape S [1/√kg] of r coordinates; what comes of it at once is in D and E
+    (`on_loads`). load (f,): the input u [N] that each changes. What they displace beyond the coordinates is in proportion to
+    νⱼuⱼ; behind: whether a smoother has it behind its states; B (d, m, f): what one of every ν reads of it.
+    learned: whether motion and loads are corrected by the samples' estimate of ν, so that σ holds what they leave open; where
+    not, gains of unknown loads consider ν (`considers`). Parameters have ν integrated out either way. discrepancy: σ of what
+    else a reading is off by, over its RMS, white; it matters where parameters are estimated under known loads.
+    about (d,), or of the first of ν, the others zero: about which readings are linear in them (`about_samples`). centre (k,):
+    parameters whose natural frequencies are those about which readings are linear at all others, too (`tuned`); None: each has
+    its own.
     """
 
     source: tuple[str, ...]
@@ -89,22 +84,23 @@ def each_its_own(nuisances: Nuisances, count: int, renewed: tuple[str, ...]) -> 
     """
     if count == 1:
         return (nuisances,)
-    own = np.array([source in renewed for source in nuisances.source], dtype=bool)
-    found = []
-    for record in range(count):
-        acts = np.repeat(np.arange(count) == record, own.sum())
+    renews = np.array([source in renewed for source in nuisances.source], dtype=bool)
+    shared, own_of = np.flatnonzero(~renews), np.flatnonzero(renews)
+    order = np.concatenate([shared, *[own_of] * count])
 
-        def stacked(rows: np.ndarray, acts: np.ndarray = acts) -> np.ndarray:
-            each = np.concatenate([rows[own]] * count)
-            each[~acts] = 0.0
-            return np.concatenate([rows[~own], each])
+    def of_record(record: int) -> Nuisances:
+        idle = len(shared) + np.flatnonzero(np.repeat(np.arange(count) != record, len(own_of)))
 
-        sources = [source for source in nuisances.source if source not in renewed]
-        sources += [source for source in nuisances.source if source in renewed] * count
+        def stacked(rows: np.ndarray) -> np.ndarray:
+            rows = rows[order]
+            rows[idle] = 0.0
+            return rows
+
         D, E, offset = (stacked(rows) for rows in (nuisances.D, nuisances.E, nuisances.offset))
-        B = None if nuisances.B is None else stacked(nuisances.B)
-        found.append(replace(nuisances, source=tuple(sources), D=D, E=E, offset=offset, B=B))
-    return tuple(found)
+        B, source = None if nuisances.B is None else stacked(nuisances.B), tuple(nuisances.source[i] for i in order)
+        return replace(nuisances, source=source, D=D, E=E, offset=offset, B=B)
+
+    return tuple(of_record(record) for record in range(count))
 
 
 def known_ends(known: np.ndarray, nuisances: Nuisances) -> np.ndarray:
@@ -132,8 +128,8 @@ def discrepancy(model: FilterModel, nuisances: Nuisances, measurement: np.ndarra
     has to follow the samples, and where no parameter is."""
     if model.unknowns.inputs or not model.unknowns.parameters:
         return np.zeros(measurement.shape[1])
-    there = np.maximum(np.isfinite(measurement).sum(axis=0), 1)
-    return nuisances.discrepancy**2 * np.nansum(measurement**2, axis=0) / there
+    count = np.maximum(np.isfinite(measurement).sum(axis=0), 1)
+    return nuisances.discrepancy**2 * np.nansum(measurement**2, axis=0) / count
 
 
 def linear_models(
@@ -161,32 +157,31 @@ def linear_models(
         np.concatenate([np.zeros((e - len(nuisances.shape), *array.shape[1:])), array])
         for array in (nuisances.D, nuisances.E, nuisances.offset, beyond)
     )
-    own = slice(nuisances.of_modes(model.model.size) - len(nuisances.frequency), nuisances.of_modes(model.model.size))
+    of_modes, drifts = nuisances.of_modes(model.model.size), nuisances.E.shape[-1] - F.shape[-1]
+    frequencies = slice(of_modes - len(nuisances.frequency), of_modes)
     if model.accelerometers is not None and len(nuisances.frequency):
         on_states, on_known = _accelerations_by_frequency(model, nuisances, point)
-        D[own, moving], E[own, moving, : F.shape[-1]] = on_states, on_known
-    about, shifts, held = (
-        np.pad(nuisances.about, (0, len(D) - len(nuisances.about))),
-        np.zeros((B, len(D))),
-        np.zeros(len(D)),
-    )
-    shifts[:, own], held[own] = shift, nuisances.centre is not None
+        D[frequencies, moving], E[frequencies, moving, : F.shape[-1]] = on_states, on_known
+    about, shifts = np.pad(nuisances.about, (0, len(D) - len(nuisances.about))), np.zeros((B, len(D)))
+    held = about != 0
+    shifts[:, frequencies] = shift
+    held[frequencies] |= nuisances.centre is not None
     models = LinearModels(
         motion,
         np.broadcast_to(process[:states, :states], (B, states, states)),
         H,
-        np.pad(F, [(0, 0), (0, 0), (0, nuisances.E.shape[-1] - F.shape[-1])]),
+        wider(F, drifts, -1),
         D=D,
         E=E,
         offset=offset,
         B=B_nu,
         U=rows,
-        W=np.pad(fed, [(0, 0), (0, nuisances.E.shape[-1] - fed.shape[-1])]),
+        W=wider(fed, drifts, -1),
         about=about,
         shift=shifts,
-        held=(held > 0) | (about != 0),
+        held=held,
     )
-    models = _linear_about(models, own.stop)
+    models = _linear_about(models, of_modes)
     return models if biased is None or not len(biased) else _with_offsets(models, biased)
 
 
@@ -220,11 +215,11 @@ def damped(model: FilterModel, nuisances: Nuisances) -> FilterModel:
     """With the damping about which the nuisances are linear, c exp(σν) of every mode."""
     if nuisances.damping == 0 or not nuisances.about.any():
         return model
-    own = model.model.damping
+    damping = model.model.damping
     factors = np.exp(nuisances.damping * nuisances.about[: model.model.size]) * (
-        np.array(own.factors) if own.factors else 1.0
+        np.array(damping.factors) if damping.factors else 1.0
     )
-    return replace(model, model=replace(model.model, damping=own.scaled(factors.tolist())))
+    return replace(model, model=replace(model.model, damping=damping.scaled(factors.tolist())))
 
 
 def tuned(model: FilterModel, nuisances: Nuisances, point: np.ndarray) -> tuple[FilterModel, np.ndarray]:
@@ -238,18 +233,21 @@ def tuned(model: FilterModel, nuisances: Nuisances, point: np.ndarray) -> tuple[
 
     where slopes at ν = 0 reach a fraction of the width of a resonance.
     """
-    own = nuisances.frequency
-    shift, about = np.zeros((len(point), len(own))), np.pad(nuisances.about, (0, model.model.size + len(own)))
-    about = about[nuisances.of_modes(model.model.size) - len(own) :][: len(own)]
-    if not own.any() or (nuisances.centre is None and not about.any()):
+    frequency = nuisances.frequency
+    shift, about = (
+        np.zeros((len(point), len(frequency))),
+        np.pad(nuisances.about, (0, model.model.size + len(frequency))),
+    )
+    about = about[nuisances.of_modes(model.model.size) - len(frequency) :][: len(frequency)]
+    if not frequency.any() or (nuisances.centre is None and not about.any()):
         return model, shift
     lam, _ = modal_basis(model.model, theta_at(model, point))
     lam = np.broadcast_to(lam, (len(point), model.model.size))
     if nuisances.centre is not None:
-        there, _ = modal_basis(model.model, theta_at(model, nuisances.centre[None]))
-        felt = (own != 0).sum(axis=0) == (own != 0).sum(axis=0).max()
-        shift = 0.5 * np.log(there / lam)[:, felt] @ np.linalg.pinv(own[:, felt])
-    factors = np.exp(np.einsum("bk,kbj->bj", shift + about, own[:, first_of_equal(lam)]))
+        of_centre, _ = modal_basis(model.model, theta_at(model, nuisances.centre[None]))
+        felt = (frequency != 0).sum(axis=0) == (frequency != 0).sum(axis=0).max()
+        shift = 0.5 * np.log(of_centre / lam)[:, felt] @ np.linalg.pinv(frequency[:, felt])
+    factors = np.exp(np.einsum("bk,kbj->bj", shift + about, frequency[:, first_of_equal(lam)]))
     return replace(model, model=replace(model.model, frequency_factors=factors)), shift
 
 
@@ -266,8 +264,8 @@ def _accelerations_by_frequency(
     shape = np.broadcast_to(model.rows_at(theta), (1, *model.H.shape))[:, moving, : model.model.size]
 
     def read(nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        own = replace(model.model, frequency_factors=factors * np.exp(nu))
-        on_states, on_known = acceleration_rows(replace(model, model=own), theta, shape)
+        changed = replace(model.model, frequency_factors=factors * np.exp(nu))
+        on_states, on_known = acceleration_rows(replace(model, model=changed), theta, shape)
         return on_states[0], on_known[0]
 
     slopes = []
@@ -313,9 +311,9 @@ def _with_batch(modal: ModalMap, count: int = 1) -> ModalMap:
     """With an axis of parameter values, also where the model has no parameter at all: `count` times the same then."""
     if modal.transition.ndim > 2:
         return modal
-    own = (modal.transition, modal.input, modal.shape, modal.eigenvalue, modal.modes, modal.dual)
+    parts = (modal.transition, modal.input, modal.shape, modal.eigenvalue, modal.modes, modal.dual)
     tables = (np.repeat(each[:, :, None], count, axis=2) for each in (modal.table, modal.table_slope))
-    return ModalMap(*(np.repeat(each[None], count, axis=0) for each in own), *(*tables, modal.table_damped))
+    return ModalMap(*(np.repeat(each[None], count, axis=0) for each in parts), *(*tables, modal.table_damped))
 
 
 def _columns(model: FilterModel) -> tuple[list[int], list[int]]:
@@ -323,14 +321,14 @@ def _columns(model: FilterModel) -> tuple[list[int], list[int]]:
     return model.unknowns.input_columns(model.model), [model.model.inputs.index(name) for name in model.known_inputs]
 
 
-def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Mapping[str, np.ndarray]) -> Motion:
+def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Mapping[str, np.ndarray]) -> ModalMotion:
     """A step in the coordinates of the modes, and σ times its derivative in ln c of each of them, in their frequencies, in the
     logarithm of the stiffness, and in the input shape.
 
     Every mode of a step is a function of its own λ and c: on the damping of mode j its row of the step alone depends, and those
     of the same frequency.
     """
-    own, q, lam = model.model.damping.at(theta), model.model.size, modal.eigenvalue
+    damping, q, lam = model.model.damping.at(theta), model.model.size, modal.eigenvalue
     unknown, known = _columns(model)
     B, n, held, moving = len(lam), model.parameter_states.start, HOLD, 2 * q
     zeta = model.hold.reshape(held * len(unknown), n - moving)
@@ -352,18 +350,18 @@ def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Ma
     beside[:, :, moving:] = model.transition.T
     slopes: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
     if nuisances.damping > 0:
-        table = nuisances.damping * _slope(lambda s: scheme_step(lam, own.scaled(1 + s), model.h, model.scheme)[0])
+        table = nuisances.damping * _slope(lambda s: scheme_step(lam, damping.scaled(1 + s), model.h, model.scheme)[0])
         same = first_of_equal(lam)
         slopes += [step(table * (same == j), forces) for j in range(q)]
     if len(nuisances.frequency):
         # λ → λ(1 + s)² and forces → (1 + s)² times them, damped as at that λ
         table = _slope(
-            lambda s: _with_forces(scheme_step(lam * (1 + s) ** 2, own, model.h, model.scheme)[0], (1 + s) ** 2)
+            lambda s: _with_forces(scheme_step(lam * (1 + s) ** 2, damping, model.h, model.scheme)[0], (1 + s) ** 2)
         )
         slopes += [step(table * each[first_of_equal(lam)], forces) for each in nuisances.frequency]
     if nuisances.stiffness > 0:
         # λ → λ(1 + s) of every mode, damped as at that λ
-        table = nuisances.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), own, model.h, model.scheme)[0])
+        table = nuisances.stiffness * _slope(lambda s: scheme_step(lam * (1 + s), damping, model.h, model.scheme)[0])
         slopes.append(step(table, forces))
     for change in nuisances.shape:
         _, pushed, loaded = step(modal.table, Phi_T @ change)
@@ -373,7 +371,7 @@ def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Ma
         basis[:, own_states, own_states], inverse[:, own_states, own_states] = modal.modes, modal.dual
     none = [(pairs[:, None][:, :0], beside[:, None][:, :0], fed[:, None][:, :0])]
     by_nu = [np.stack(each, axis=1) for each in zip(*slopes, strict=True)] if slopes else none[0]
-    return Motion(basis, inverse, pairs, beside, fed, *by_nu)
+    return ModalMotion(basis, inverse, pairs, beside, fed, *by_nu)
 
 
 def _with_forces(table: np.ndarray, factor: float) -> np.ndarray:

@@ -21,7 +21,7 @@ from strainsight.estimation.update import covariance_factor, symmetric, transpos
 
 Start = tuple[np.ndarray, np.ndarray, np.ndarray]
 """x (B, n), P (n, n) and V (B, d, n) at t = 0."""
-SAID = 1e-8
+NEGLIGIBLE = 1e-8
 
 
 def consider_smoothed(models: LinearModels, start: Start, data: Data) -> States:
@@ -41,17 +41,7 @@ def consider_smoothed(models: LinearModels, start: Start, data: Data) -> States:
     start: x (B, n), P (n, n), V (B, d, n) at t = 0; the noise of the data has their discrepancy in it.
     Source: Bierman, Fixed interval smoothing with discrete measurements, Int. J. Control 18 (1973).
     """
-    return joined([states for _, states in smoothed_pieces(models, start, data)][::-1], axis=1)
-
-
-def smoothed_pieces(models: LinearModels, start: Start, data: Data) -> Iterator[tuple[slice, States]]:
-    """`consider_smoothed` piece by piece, the last first: the instants of a piece, and the states there.
-
-    Memory does not hold every covariance of a long record. The filters go through it once, and through each piece again, from
-    where they stood when it began. Arguments as there.
-    """
-    for instants, states, _ in _smoothed(models, start, data, 0, np.random.default_rng(0)):
-        yield instants, states
+    return joined([states for _, states, _ in smoothed_pieces(models, start, data)][::-1], axis=1)
 
 
 def consider_errors(models: LinearModels, start: Start, data: Data, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -61,15 +51,19 @@ def consider_errors(models: LinearModels, start: Start, data: Data, count: int, 
     of covariance P at every instant, and of that between instants which the smoother's errors have. Arguments as there.
     Source: Durbin and Koopman, Biometrika 89 (2002).
     """
-    pieces = [error for _, _, error in _smoothed(models, start, data, count, rng)]
+    pieces = [error for _, _, error in smoothed_pieces(models, start, data, count, rng)]
     return np.moveaxis(np.concatenate(pieces[::-1]), 0, 2)
 
 
-def _smoothed(
-    models: LinearModels, start: Start, data: Data, count: int, rng: np.random.Generator
+def smoothed_pieces(
+    models: LinearModels, start: Start, data: Data, count: int = 0, rng: np.random.Generator | None = None
 ) -> Iterator[tuple[slice, States, np.ndarray]]:
-    """Pieces from the last to the first: instants, the smoother there, and draws (L, B, count, n) of its errors, of which there
-    are none where none are drawn."""
+    """`consider_smoothed` piece by piece, the last first: the instants of a piece, the states there, and `count` draws
+    (L, B, count, n) of their errors.
+
+    Memory does not hold every covariance of a long record. The filters go through it once, and through each piece again, from
+    where they stood when it began.
+    """
     # filters move what they begin with
     filters = filters_of(models, start[0].copy(), start[1], start[2].copy(), consider=True)
     steps, m = data.samples.shape
@@ -87,7 +81,7 @@ def _smoothed(
     before = []
     for span in spans:
         before.append(filters.copy())
-        if count:
+        if rng is not None:
             _filter_errors(models, advanced(filters, span), span, data, error, innovation, rng)
         elif span.stop < steps:
             advance(models, filters, data.of(span), keep=False)
@@ -150,7 +144,7 @@ def _filter_errors(
 
 def _gain(P: np.ndarray, V: np.ndarray, L: np.ndarray, N: np.ndarray, U: np.ndarray) -> np.ndarray:
     """C (B, n, n), by way of Fᵀλ with F Fᵀ = P + V Vᵀ: its covariance is the share of the variance that the samples ahead explain
-    in each direction, and less than SAID of it is nothing. P where there is no constant."""
+    in each direction, and less than NEGLIGIBLE of it is nothing. P where there is no constant."""
     if V.shape[1] == 0:
         return P
     whole = P + transposed(V) @ V
@@ -158,9 +152,9 @@ def _gain(P: np.ndarray, V: np.ndarray, L: np.ndarray, N: np.ndarray, U: np.ndar
     std = np.where(std > 0, std, 1.0)
     share, axes = np.linalg.eigh(whole / (std[:, :, None] * std[:, None]))
     F = std[:, :, None] * axes * np.sqrt(np.maximum(share, 0.0))[:, None]
-    said = transposed(F) @ (L @ P @ transposed(L) + transposed(N) @ N + U) @ F + SAID * np.eye(P.shape[1])
+    information = transposed(F) @ (L @ P @ transposed(L) + transposed(N) @ N + U) @ F + NEGLIGIBLE * np.eye(P.shape[1])
     cross = (P @ transposed(L) + transposed(V) @ N) @ F
-    return -transposed(np.linalg.solve(symmetric(said), transposed(cross))) @ transposed(F)
+    return -transposed(np.linalg.solve(symmetric(information), transposed(cross))) @ transposed(F)
 
 
 @dataclass(frozen=True)

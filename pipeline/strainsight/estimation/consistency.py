@@ -79,35 +79,37 @@ def verdict(whitened: np.ndarray) -> Verdict:
     """
     samples = int(np.isfinite(whitened).sum())
     if not samples:
-        return Verdict(
-            np.nan, (np.nan, np.nan), np.nan, np.nan, False, "nothing was measured: there is nothing to judge"
-        )
-    ratio = float(np.sqrt(np.nansum(whitened**2) / samples))
+        text = "nothing was measured: there is nothing to judge"
+        return Verdict(np.nan, (np.nan, np.nan), np.nan, np.nan, False, text)
+    power, chance = np.nansum(whitened**2), whiteness_band(samples, 1)
+    ratio = float(np.sqrt(power / samples))
     size = judged(ratio, samples)
-    power = np.nansum(whitened**2)
-    neighbours = np.nan_to_num(whitened[1:]) * np.nan_to_num(whitened[:-1])
     if not power:
         text = "all innovations are zero, as of channels that are not connected: check the readings of the record"
-        return Verdict(0.0, size.band, 0.0, whiteness_band(samples, 1), False, text)
-    correlation, chance = float(neighbours.sum() / power), whiteness_band(samples, 1)
+        return Verdict(0.0, size.band, 0.0, chance, False, text)
+    correlation = float(whiteness(whitened.reshape(len(whitened), -1)))
     large, small = size.verdict == OVERCONFIDENT, size.verdict == TOO_CAUTIOUS
     alike, opposed = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
     if large:
-        said = f"the innovations are {ratio:.1f} times larger than the noise you stated"
+        finding = f"the innovations are {ratio:.1f} times larger than the noise you stated"
         advice = CHECK
     elif small:
-        said = f"the innovations are {1 / ratio:.1f} times smaller than the noise you stated"
+        finding = f"the innovations are {1 / ratio:.1f} times smaller than the noise you stated"
         advice = f"lower {NOISE if alike else PROCESS if opposed else f'{NOISE} or {PROCESS}'}"
     else:
-        said = "the innovations are as large as the noise you stated"
+        finding = "the innovations are as large as the noise you stated"
         advice = CHECK if alike or opposed else ""
     if alike:
-        said += f" and each resembles the one before (correlation {correlation:.2f}): the model lags or lacks something"
+        finding += (
+            f" and each resembles the one before (correlation {correlation:.2f}): the model lags or lacks something"
+        )
     elif opposed:
-        said += f" and each undoes the one before (correlation {correlation:.2f}): the filter overreacts"
+        finding += f" and each undoes the one before (correlation {correlation:.2f}): the filter overreacts"
     elif not advice:
-        said += " and independent of one another: nothing speaks against the claimed σ"
-    text = f"{said}: {advice}" if advice and not (alike or opposed) else f"{said}; {advice}" if advice else said
+        finding += " and independent of one another: nothing speaks against the claimed σ"
+    text = (
+        f"{finding}: {advice}" if advice and not (alike or opposed) else f"{finding}; {advice}" if advice else finding
+    )
     return Verdict(ratio, size.band, correlation, chance, not advice, text)
 
 
@@ -115,27 +117,27 @@ NONE = 1e-9
 """Share of its amplitude up to which a load is zero: what rounding leaves in a file of it."""
 
 
-def load_scale(truth: np.ndarray, amplitude: float, burn_in: float = 0.1) -> tuple[float, bool]:
+def load_scale(truth: np.ndarray, amplitude: float) -> tuple[float, bool]:
     """What errors of a load are relative to [N], √(mean u²) after the first tenth, or its amplitude where that is zero; and
     whether it is.
 
-    truth (T + 1,) [N]; amplitude [N], positive: what the filter takes as the size of the load; burn_in: the share left out.
+    truth (T + 1,) [N]; amplitude [N], positive: what the filter takes as the size of the load.
     """
-    rms = float(np.sqrt(np.mean(after_start(truth, burn_in) ** 2)))
+    rms = float(np.sqrt(np.mean(after_start(truth) ** 2)))
     return (rms, False) if rms > NONE * amplitude else (amplitude, True)
 
 
-def input_error(error: np.ndarray, scale: float, burn_in: float = 0.1) -> np.ndarray:
+def input_error(error: np.ndarray, scale: float) -> np.ndarray:
     """RMS of a load's error, or of its claimed σ, after the first tenth and over its scale, √(mean e²) / s.
 
     error (T + 1, ...), estimate less truth, or σ, and scale, of `load_scale`, in one unit. Returns (...).
     """
-    return np.asarray(np.sqrt(np.mean(after_start(error, burn_in) ** 2, axis=0)) / scale)
+    return np.asarray(np.sqrt(np.mean(after_start(error) ** 2, axis=0)) / scale)
 
 
-def after_start(history: np.ndarray, burn_in: float = 0.1) -> np.ndarray:
+def after_start(history: np.ndarray) -> np.ndarray:
     """A history (T + 1, ...) without its first tenth, which no error counts."""
-    return history[int(np.ceil(burn_in * len(history))) :]
+    return history[int(np.ceil(0.1 * len(history))) :]
 
 
 def settling_time(time: np.ndarray, estimate: np.ndarray, truth: float, share: float) -> float:
@@ -219,10 +221,12 @@ def tune(
         )
     # worse than anywhere on the way, and no more: the search interpolates, and next to infinity would leave it no step
     hopeless = abs(first) - first + 1.0
-    found = minimize(negative, start, jac=True, method="L-BFGS-B", bounds=[(-bound, bound)] * count)
-    factors = {str(part): float(np.exp(value)) for part, value in zip(parts, found.x, strict=True)}
-    at_limit = tuple(str(part) for part, value in zip(parts, found.x, strict=True) if abs(value) > bound - 1e-6)
-    return Tuning(factors, float(-found.fun - first), at_limit)
+    best = minimize(negative, start, jac=True, method="L-BFGS-B", bounds=[(-bound, bound)] * count)
+    logarithms = {str(part): float(value) for part, value in zip(parts, best.x, strict=True)}
+    at_limit = tuple(part for part, value in logarithms.items() if abs(value) > bound - 1e-6)
+    return Tuning(
+        {part: float(np.exp(value)) for part, value in logarithms.items()}, float(-best.fun - first), at_limit
+    )
 
 
 def _lost(value: np.ndarray, count: int) -> bool:
@@ -234,9 +238,9 @@ def _slope(value: np.ndarray, count: int) -> np.ndarray:
     """Central differences (count,) of value (1 + 2 count,): at a point, beside it, and on the other side; of one side only
     where the run on the other is lost."""
     beside = value[1:].reshape(2, count)
-    there = np.isfinite(beside)
-    above, below = np.where(there, beside, value[0])
-    return np.asarray((above - below) / (DIFFERENCE * there.sum(axis=0)))
+    finite = np.isfinite(beside)
+    above, below = np.where(finite, beside, value[0])
+    return np.asarray((above - below) / (DIFFERENCE * finite.sum(axis=0)))
 
 
 def scale_noise(model: FilterModel, factors: Mapping[str, float]) -> FilterModel:

@@ -300,18 +300,18 @@ def out_of_range(
     }
 
 
-def without_sigma(own: T) -> T:
+def without_sigma(result: T) -> T:
     """With NaN for every array that is a σ by its name, `std` or `…_std`, in parts and mappings of a dataclass, too."""
-    if isinstance(own, dict):
-        return {name: without_sigma(part) for name, part in own.items()}  # type: ignore[return-value]
-    if not is_dataclass(own) or isinstance(own, type):
-        return own
+    if isinstance(result, dict):
+        return {name: without_sigma(part) for name, part in result.items()}  # type: ignore[return-value]
+    if not is_dataclass(result) or isinstance(result, type):
+        return result
     changed = {}
-    for part in fields(own):
-        value = getattr(own, part.name)
+    for part in fields(result):
+        value = getattr(result, part.name)
         is_sigma = part.name == "std" or part.name.endswith("_std")
         changed[part.name] = _nothing(value) if is_sigma else without_sigma(value)
-    return replace(own, **changed)
+    return replace(result, **changed)
 
 
 def _nothing(std: Any) -> Any:

@@ -41,7 +41,7 @@ FEWEST = 3
 
 
 @dataclass(frozen=True)
-class Finding:
+class Diagnosis:
     """Whether a record contradicts its model, and why.
 
     as_it_is: the record without a fault; check: every channel against what all others foresee of it, or one step ahead by all
@@ -67,8 +67,8 @@ class Finding:
         """What explains the record best among the faults of one channel, None where none makes it believable, or none is better
         than no fault."""
         tried = (one for one in self.tried if one.fault is not None and channel in one.fault.channels)
-        own = [one for one in tried if one.ratio <= BELIEVABLE]
-        best = max(own, key=lambda one: one.evidence, default=None)
+        believable = [one for one in tried if one.ratio <= BELIEVABLE]
+        best = max(believable, key=lambda one: one.evidence, default=None)
         return best if best is not None and best.evidence > self.as_it_is.evidence else None
 
 
@@ -77,7 +77,7 @@ def examined(
     discrepancy: float = 0.0,
     progress: Callable[[float], None] = lambda share: None,
     first: tuple[Explained, BankRun | None] | None = None,
-) -> Finding:
+) -> Diagnosis:
     """Whether a record contradicts its model, and which faults explain it, looked for where `suspected`; first: the record
     without a fault, where that is known already.
 
@@ -87,12 +87,12 @@ def examined(
     """
     as_it_is, bank = first or explained(suspect, None)
     if bank is not None and not suspected(as_it_is, bank):
-        return Finding(False, as_it_is, _check_ahead(suspect, bank), searched=False)
-    found = diagnosed(suspect, progress, (as_it_is, bank))
+        return Diagnosis(False, as_it_is, _check_ahead(suspect, bank), searched=False)
+    finding = diagnosed(suspect, progress, (as_it_is, bank))
     beyond = not as_it_is.ratio <= BELIEVABLE and missed_of(bank) > discrepancy
     more_channels = suspect.samples.shape[1] > len(suspect.model.unknowns.inputs)
-    shifted = shifted_mode(suspect, bank) if more_channels and not (found.contradicts or beyond) else None
-    return replace(found, contradicts=found.contradicts or beyond or shifted is not None, shifted=shifted)
+    shifted = shifted_mode(suspect, bank) if more_channels and not (finding.contradicts or beyond) else None
+    return replace(finding, contradicts=finding.contradicts or beyond or shifted is not None, shifted=shifted)
 
 
 def _check_ahead(suspect: Suspect, bank: BankRun) -> ChannelCheck:
@@ -108,15 +108,13 @@ def diagnosed(
     suspect: Suspect,
     progress: Callable[[float], None] = lambda share: None,
     first: tuple[Explained, BankRun | None] | None = None,
-) -> Finding:
+) -> Diagnosis:
     """Try every fault of a known load and of a channel on a record; first: what it is without a fault.
 
-    Faults of loads are ranked by filters that take everything else for exact (`load_faults`), and the best are weighed with all
-    tolerances (`explained`). One that makes the record believable, and that FEWEST channels speak of, explains it: no fault of
-    a channel does what it does to all of them.
-    A channel is wrong alone only if the record without it is believable: its faults are ranked by what the other channels
-    foresee of it (`roughly`), and the best are weighed likewise, with swaps of those channels that are
-    best left out. None is named or a candidate where there are no more channels than unknown loads.
+    Faults of loads are ranked by filters that take everything else for exact (`load_faults`), those of a channel without which
+    the record is believable by what the other channels foresee of it (`roughly`); the best are weighed with all tolerances
+    (`explained`), with swaps of those channels that are best left out. A fault of a load that FEWEST channels speak of is none
+    of a channel. None is named or a candidate where there are no more channels than unknown loads.
     """
     m = suspect.samples.shape[1]
     as_it_is, bank = explained(suspect, None) if first is None else first
@@ -127,14 +125,14 @@ def diagnosed(
     named, candidates = chosen(as_it_is.evidence, tried)
     if bank is not None and innovations is not None and _of_loads_alone(innovations, candidates):
         check = _check_ahead(suspect, bank)
-        return Finding(bool(candidates), as_it_is, check, tried=tuple(tried), named=named, candidates=candidates)
+        return Diagnosis(bool(candidates), as_it_is, check, tried=tuple(tried), named=named, candidates=candidates)
     left_out = _each_left_out(suspect, lambda share: progress(0.4 * share))
     check, without = _by_others(suspect, left_out)
     order = np.argsort(np.where(np.isfinite(without), without, np.inf), kind="stable")
     alone = np.flatnonzero(without <= BELIEVABLE)
     if m <= len(suspect.model.unknowns.inputs):
         # any reading is some load's: only what is stated of loads speaks against it
-        return Finding(False, as_it_is, check, without)
+        return Diagnosis(False, as_it_is, check, without)
     if m == 1:
         # nothing else says whether it is the channel or the load
         wanted = [_of_channel(one.fault) for one in candidates if one.fault is not None and one.fault.kind != "swapped"]
@@ -147,7 +145,7 @@ def diagnosed(
         progress(0.4 + 0.6 * (k + 1) / len(wanted))
     tried += _later_of_all(suspect, wanted, tried)
     named, candidates = chosen(as_it_is.evidence, tried)
-    return Finding(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates)
+    return Diagnosis(bool(candidates), as_it_is, check, without, tuple(tried), named, candidates)
 
 
 def _loads_tried(suspect: Suspect) -> tuple[list[Explained], Innovations | None]:
@@ -177,26 +175,23 @@ def checked_by_others(suspect: Suspect, progress: Callable[[float], None]) -> tu
     return _by_others(suspect, _each_left_out(suspect, progress))
 
 
-def _each_left_out(suspect: Suspect, progress: Callable[[float], None]) -> list[LeftOut]:
-    left_out = []
-    for j in range(suspect.samples.shape[1]):
+def _each_left_out(suspect: Suspect, progress: Callable[[float], None]) -> list[PredictedChannel]:
+    left_out, m = [], suspect.samples.shape[1]
+    for j in range(m):
         left_out.append(_left_out(suspect, j))
-        progress((j + 1) / suspect.samples.shape[1])
+        progress((j + 1) / m)
     return left_out
 
 
-def _by_others(suspect: Suspect, left_out: Sequence[LeftOut]) -> tuple[ChannelCheck, np.ndarray]:
+def _by_others(suspect: Suspect, left_out: Sequence[PredictedChannel]) -> tuple[ChannelCheck, np.ndarray]:
     span = slice(*suspect.span or (None,))
-    check = channel_check(
-        suspect.samples[span],
-        np.column_stack([own.predicted for own in left_out])[span],
-        np.column_stack([np.hypot(own.std, suspect.noise[j]) for j, own in enumerate(left_out)])[span],
-    )
-    return check, np.array([own.ratio for own in left_out])
+    predicted = np.column_stack([one.predicted for one in left_out])[span]
+    std = np.hypot(np.column_stack([one.std for one in left_out]), suspect.noise)[span]
+    return channel_check(suspect.samples[span], predicted, std), np.array([one.ratio for one in left_out])
 
 
 @dataclass(frozen=True)
-class LeftOut:
+class PredictedChannel:
     """A channel as all others foresee it: predicted, std (T,) [unit], turned (T, angles); ratio and evidence of the others'
     innovations."""
 
@@ -207,24 +202,24 @@ class LeftOut:
     evidence: float
 
 
-def _left_out(suspect: Suspect, j: int) -> LeftOut:
-    own, bank = explained(suspect, Fault("dead", j))
+def _left_out(suspect: Suspect, j: int) -> PredictedChannel:
+    without, bank = explained(suspect, Fault("dead", j))
     if bank is None:
         none = np.full(len(suspect.samples), np.nan)
-        return LeftOut(none, none, np.full((len(none), len(ANGLES)), np.nan), np.inf, -np.inf)
+        return PredictedChannel(none, none, np.full((len(none), len(ANGLES)), np.nan), np.inf, -np.inf)
     n, sampled = suspect.model.parameter_states.start, suspect.sampled
     states = bank.run.mean[1:, 0][sampled, :n]
     predicted, std = bank.run.gauge_mean[sampled, 0, j], bank.run.gauge_std[sampled, 0, j]
-    others = own.evidence - dead_density(suspect.samples[:, j], float(suspect.noise[j]))
-    return LeftOut(predicted, std, states @ suspect.turned_rows[j, :, :n].T, own.ratio, others)
+    others = without.evidence - dead_density(suspect.samples[:, j], float(suspect.noise[j]))
+    return PredictedChannel(predicted, std, states @ suspect.turned_rows[j, :, :n].T, without.ratio, others)
 
 
-def _worth_it(suspect: Suspect, left_out: Sequence[LeftOut], channels: np.ndarray) -> list[Fault]:
+def _worth_it(suspect: Suspect, left_out: Sequence[PredictedChannel], channels: np.ndarray) -> list[Fault]:
     """Faults of some channels that are worth a closer look."""
     ranked: list[tuple[float, Fault]] = []
     for j in channels:
         ranked += _ranked(suspect, left_out[j], int(j))
-    ranked.sort(key=lambda own: -own[0])
+    ranked.sort(key=lambda one: -one[0])
     wanted = [fault for _, fault in ranked[:CLOSELY]]
     for j in channels:
         wanted += [fault for _, fault in ranked if fault.channel == j][:EACH]
@@ -236,55 +231,44 @@ def _worth_it(suspect: Suspect, left_out: Sequence[LeftOut], channels: np.ndarra
 
 def _later_of_all(suspect: Suspect, wanted: Sequence[Fault], tried: Sequence[Explained]) -> list[Explained]:
     """Delays beyond those that were tried of each channel or load, as long as the last one is the best."""
-    more = []
-    for family in dict.fromkeys(fault.family for fault in wanted if fault.kind == "late"):
-        more += _later(suspect, [own for own in tried if own.fault and own.fault.family == family])
-    return more
-
-
-def _later(suspect: Suspect, tried: Sequence[Explained]) -> list[Explained]:
-    """Delays of one channel or load beyond those that were tried, as long as the last one is the best."""
-    known = {own.fault.amount: own for own in tried if own.fault is not None}
-    first = next(own.fault for own in tried if own.fault is not None)
     more: list[Explained] = []
-    while len(more) < MOST_LATE:
-        best = max(known, key=lambda n: known[n].evidence)
-        beside = [n for n in (best - 1, best + 1) if n and n not in known and abs(n) <= 2 * MOST_LATE]
-        if not beside or not np.isfinite(known[best].evidence):
-            break
-        known[beside[0]] = explained(suspect, replace(first, amount=beside[0]))[0]
-        more.append(known[beside[0]])
+    for family in dict.fromkeys(fault.family for fault in wanted if fault.kind == "late"):
+        known = {one.fault.amount: one for one in tried if one.fault and one.fault.family == family}
+        first = next(fault for fault in wanted if fault.family == family)
+        for _ in range(MOST_LATE):
+            best = max(known, key=lambda n: known[n].evidence)
+            beside = [n for n in (best - 1, best + 1) if n and n not in known and abs(n) <= 2 * MOST_LATE]
+            if not beside or not np.isfinite(known[best].evidence):
+                break
+            known[beside[0]] = explained(suspect, replace(first, amount=beside[0]))[0]
+            more.append(known[beside[0]])
     return more
 
 
-def _ranked(suspect: Suspect, own: LeftOut, j: int) -> list[tuple[float, Fault]]:
+def _ranked(suspect: Suspect, others: PredictedChannel, j: int) -> list[tuple[float, Fault]]:
+    """Faults of a channel, with ln of their density, by what the others foresee of it."""
     y, noise = suspect.samples[:, j], float(suspect.noise[j])
-    if not np.isfinite(own.predicted).all() or not np.isfinite(y).any():
+    if not np.isfinite(others.predicted).all() or not np.isfinite(y).any():
         return []
-    faults = [Fault("sign", j), *(Fault("scale", j, s) for s in SCALES), Fault("offset", j), Fault("drift", j)]
-    late = delay(y, own.predicted, own.std, noise)
-    faults += [] if late is None else [replace(late, channel=j)]
-    faults += [Fault("clipped", j)] if at_limit(y).any() else []
-    faults += [
-        replace(fault, channel=j, spans=tuple((j, *span[1:]) for span in fault.spans))
-        for fault in faults_for_a_time(y, own.predicted, own.std, noise)
-    ]
-    if np.nanstd(y) <= max(FAINT * np.sqrt(np.mean(own.predicted**2)), QUIET * noise):
-        faults.append(Fault("dead", j))
-    found = []
-    for fault in faults:
-        alone = replace(fault, channel=0, spans=tuple((0, *span[1:]) for span in fault.spans))
-        found.append((own.evidence + roughly(alone, y, own.predicted, own.std, noise, suspect.begin), fault))
+    faults = [Fault("sign", 0), *(Fault("scale", 0, s) for s in SCALES), Fault("offset", 0), Fault("drift", 0)]
+    late = delay(y, others.predicted, others.std, noise)
+    faults += [] if late is None else [late]
+    faults += [Fault("clipped", 0)] if at_limit(y).any() else []
+    faults += faults_for_a_time(y, others.predicted, others.std, noise)
+    if np.nanstd(y) <= max(FAINT * np.sqrt(np.mean(others.predicted**2)), QUIET * noise):
+        faults.append(Fault("dead", 0))
+
+    def density(fault: Fault, predicted: np.ndarray, begin: int) -> float:
+        return others.evidence + roughly(fault, y, predicted, others.std, noise, begin)
+
+    ranked = [(density(fault, others.predicted, suspect.begin), fault.of_channel(j)) for fault in faults]
     turns = [
-        (
-            own.evidence + roughly(Fault("angle", 0, angle), y, own.turned[:, k], own.std, noise),
-            Fault("angle", j, angle),
-        )
+        (density(Fault("angle", 0, angle), others.turned[:, k], 0), Fault("angle", j, angle))
         for k, angle in enumerate(ANGLES)
         # noise alone is a dead channel: some angle at which there is no strain would explain it as well
-        if np.isfinite(own.turned[:, k]).all() and np.nanstd(y) > QUIET * noise
+        if np.isfinite(others.turned[:, k]).all() and np.nanstd(y) > QUIET * noise
     ]
-    return found + sorted(turns, key=lambda one: -one[0])[:TURNS]
+    return ranked + sorted(turns, key=lambda one: -one[0])[:TURNS]
 
 
 def _alike(suspect: Suspect, i: int, j: int) -> bool:

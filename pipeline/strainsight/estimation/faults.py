@@ -63,6 +63,10 @@ class Fault:
     of_load: bool = False
     spans: tuple[tuple[int, int, int], ...] = ()
 
+    def of_channel(self, channel: int) -> Fault:
+        """The same fault of another channel."""
+        return replace(self, channel=channel, spans=tuple((channel, first, behind) for _, first, behind in self.spans))
+
     def later(self, samples: int) -> Fault:
         """The same in a record that begins so many samples earlier."""
         return replace(self, spans=tuple((j, first + samples, behind + samples) for j, first, behind in self.spans))
@@ -70,12 +74,8 @@ class Fault:
     @property
     def family(self) -> tuple[str, int, float, bool]:
         """The same for faults that are one and the same to whoever has to correct it: delays of one channel, turns of one."""
-        return (
-            self.kind,
-            self.channel,
-            0.0 if self.kind in ("late", "angle", "shift") else abs(self.amount),
-            self.of_load,
-        )
+        amount = 0.0 if self.kind in ("late", "angle", "shift") else abs(self.amount)
+        return self.kind, self.channel, amount, self.of_load
 
     @property
     def wrong(self) -> tuple[int, ...]:
@@ -96,24 +96,24 @@ def undone(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
     A sample that is left out, at the end of a delayed channel, of a dead or a clipped one, is NaN. Offset, drift and angle are
     no change of the samples but one of the model.
     """
-    own, j = samples.copy(), fault.channel
-    there = float(np.isfinite(samples[:, j]).sum())
+    corrected, j = samples.copy(), fault.channel
     if fault.kind == "sign":
-        own[:, j] *= -1
+        corrected[:, j] *= -1
     elif fault.kind == "scale":
-        own[:, j] /= fault.amount
-        return own, -there * float(np.log(fault.amount))
+        corrected[:, j] /= fault.amount
+        return corrected, -float(np.isfinite(samples[:, j]).sum()) * float(np.log(fault.amount))
     elif fault.kind == "swapped":
-        own[:, fault.channels] = samples[:, fault.channels[::-1]]
+        corrected[:, fault.channels] = samples[:, fault.channels[::-1]]
     elif fault.kind == "late":
-        own[:, j] = shifted(samples[:, j], int(fault.amount))
+        corrected[:, j] = shifted(samples[:, j], int(fault.amount))
     elif fault.kind == "dead":
-        own[:, j] = np.nan
+        corrected[:, j] = np.nan
     elif fault.kind == "clipped":
-        own[at_limit(samples[:, j]), j] = np.nan
+        corrected[at_limit(samples[:, j]), j] = np.nan
     for channel, first, behind in fault.spans:
-        own[first:behind, channel] = samples[first:behind, channel] - fault.amount if fault.kind == "shift" else np.nan
-    return own, -PRICE * len(fault.spans)
+        span = slice(first, behind), channel
+        corrected[span] = samples[span] - fault.amount if fault.kind == "shift" else np.nan
+    return corrected, -PRICE * len(fault.spans)
 
 
 def of_any_size(fault: Fault, samples: np.ndarray, noise: np.ndarray) -> float:
@@ -134,8 +134,8 @@ def misfits(z: np.ndarray) -> list[tuple[int, int]]:
     score = np.where(np.isfinite(z), 0.5 * np.nan_to_num(z) ** 2 - STEP, 0.0)
     parts: list[tuple[int, int]] = []
     total, most, first, best = 0.0, 0.0, 0, 0
-    for k, own in enumerate([*score.tolist(), -np.inf]):
-        total += own
+    for k, value in enumerate([*score.tolist(), -np.inf]):
+        total += value
         if total > most:
             most, best = total, k
         elif total <= 0 or total < most - DROP:
@@ -167,14 +167,13 @@ def _step_in(residual: np.ndarray, std: np.ndarray) -> tuple[int, int, float]:
 
     Its gain in ln p is (Σ r/σ²)²/(2 Σ 1/σ²) over the part; ends are sought on a grid, then beside it.
     """
-    there = np.isfinite(residual)
-    weight = np.where(there, 1 / std**2, 0.0)
-    sums, weights = (
-        np.concatenate([[0.0], np.cumsum(own)]) for own in (weight * np.where(there, residual, 0.0), weight)
-    )
+    measured = np.isfinite(residual)
+    weight = np.where(measured, 1 / std**2, 0.0)
+    moment = weight * np.where(measured, residual, 0.0)
+    sums, weights = (np.concatenate([[0.0], np.cumsum(values)]) for values in (moment, weight))
 
     def best(begins: np.ndarray, ends: np.ndarray) -> tuple[int, int]:
-        total, over = ends_less(sums, begins, ends), ends_less(weights, begins, ends)
+        total, over = (values[ends] - values[begins][:, None] for values in (sums, weights))
         gain = np.where((ends > begins[:, None]) & (over > 0), total**2 / np.where(over > 0, over, 1.0), 0.0)
         i, k = np.unravel_index(int(np.argmax(gain)), gain.shape)
         return int(begins[i]), int(ends[k])
@@ -185,11 +184,6 @@ def _step_in(residual: np.ndarray, std: np.ndarray) -> tuple[int, int, float]:
     near = (np.arange(max(0, at - step), min(T, at + step) + 1) for at in best(grid, grid))
     first, behind = best(*near)
     return first, behind, float((sums[behind] - sums[first]) / max(weights[behind] - weights[first], 1e-300))
-
-
-def ends_less(values: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> np.ndarray:
-    """Differences (begins, ends) of values at some ends and those at some beginnings."""
-    return np.asarray(values[ends] - values[begins][:, None])
 
 
 def _longest_still(values: np.ndarray) -> tuple[int, int] | None:
@@ -207,12 +201,12 @@ def at_limit(values: np.ndarray) -> np.ndarray:
     known = values[np.isfinite(values)]
     if not len(known) or known.min() == known.max():
         return none
-    found = none.copy()
+    limited = none.copy()
     for limit in (known.min(), known.max()):
         edges = np.flatnonzero(np.diff(np.concatenate([[False], values == limit, [False]]).astype(int)))
         for begin, end in zip(edges[::2], edges[1::2], strict=True):
-            found[begin:end] = end - begin >= RUN
-    return found if found.sum() >= CLIPPED * len(known) else none
+            limited[begin:end] = end - begin >= RUN
+    return limited if limited.sum() >= CLIPPED * len(known) else none
 
 
 @dataclass(frozen=True)
@@ -228,15 +222,15 @@ class ChannelCheck:
 def channel_check(measured: np.ndarray, predicted: np.ndarray, std: np.ndarray) -> ChannelCheck:
     """measured, predicted, std (T, m) of the residual [unit of the channel], NaN where missing. NaN of a channel without
     samples, and the correlation of one that does not move."""
-    there = np.isfinite(measured) & np.isfinite(predicted)
-    count = np.where(there.any(axis=0), there.sum(axis=0), np.nan)
-    y, p = (np.where(there, own, 0.0) for own in (measured, predicted))
+    both = np.isfinite(measured) & np.isfinite(predicted)
+    count = np.where(both.any(axis=0), both.sum(axis=0), np.nan)
+    y, p = (np.where(both, values, 0.0) for values in (measured, predicted))
 
     def mean(values: np.ndarray) -> np.ndarray:
         return np.asarray(values.sum(axis=0) / count)
 
-    z = (y - p) / np.where(there, std, 1.0)
-    moving_y, moving_p = (np.where(there, own - mean(own), 0.0) for own in (y, p))
+    z = (y - p) / np.where(both, std, 1.0)
+    moving_y, moving_p = (np.where(both, values - mean(values), 0.0) for values in (y, p))
     with np.errstate(invalid="ignore", divide="ignore"):
         together = mean(moving_y * moving_p) / np.sqrt(mean(moving_y**2) * mean(moving_p**2))
     return ChannelCheck(np.sqrt(mean(y**2)), np.sqrt(mean(p**2)), np.sqrt(mean(z**2)), together)
@@ -252,16 +246,15 @@ def roughly(
     by what is looked at closely.
     """
     y, change = undone(fault, samples[:, None])
-    own, wide = y[:, 0], np.hypot(std, noise)
     change += of_any_size(fault, samples[:, None], np.array([noise]))
     if fault.kind == "dead":
         return dead_density(samples, noise)
-    there = np.isfinite(own) & np.isfinite(predicted)
-    missing = int(np.isfinite(samples).sum() - there.sum())
-    residual, wide = (own - predicted)[there], wide[there]
+    both = np.isfinite(y[:, 0]) & np.isfinite(predicted)
+    missing = int(np.isfinite(samples).sum() - both.sum())
+    residual, wide = (y[:, 0] - predicted)[both], np.hypot(std, noise)[both]
     if fault.kind in ("offset", "drift"):
         shape = np.ones(len(samples)) if fault.kind == "offset" else begin + np.arange(1.0, len(samples) + 1)
-        shape = shape[there] / wide
+        shape = shape[both] / wide
         residual = residual - shape * wide * (shape @ (residual / wide)) / max(float(shape @ shape), 1e-300)
     fit = -0.5 * np.sum((residual / wide) ** 2 + np.log(2 * np.pi * (wide / noise) ** 2))
     return float(fit + change + missing * FORESEEN)
@@ -270,10 +263,10 @@ def roughly(
 def dead_density(samples: np.ndarray, noise: float) -> float:
     """ln of the density of samples (T,) as a constant and white noise, both as they fit best; in units of the stated noise, and
     no quieter than a tenth of it."""
-    own = samples[np.isfinite(samples)]
-    spread = max(float(np.std(own)) if len(own) else 0.0, 0.1 * noise)
-    rest = float(np.sum((own - own.mean()) ** 2)) / spread**2 if len(own) else 0.0
-    return -0.5 * rest - len(own) * float(np.log(np.sqrt(2 * np.pi) * spread / noise))
+    known = samples[np.isfinite(samples)]
+    spread = max(float(np.std(known)) if len(known) else 0.0, 0.1 * noise)
+    rest = float(np.sum((known - known.mean()) ** 2)) / spread**2 if len(known) else 0.0
+    return -0.5 * rest - len(known) * float(np.log(np.sqrt(2 * np.pi) * spread / noise))
 
 
 def delay(samples: np.ndarray, predicted: np.ndarray, std: np.ndarray, noise: float) -> Fault | None:
@@ -298,21 +291,21 @@ class Explained:
     point: tuple[float, ...] = ()
 
 
-def chosen(as_it_is: float, found: Sequence[Explained]) -> tuple[Explained | None, tuple[Explained, ...]]:
+def chosen(as_it_is: float, tried: Sequence[Explained]) -> tuple[Explained | None, tuple[Explained, ...]]:
     """The one fault that makes a record believable, where no other family does as well, and all that do, best first.
 
     as_it_is: evidence of the record without a fault. A fault is a candidate where its evidence beats that by MARGIN, its ratio
     is believable, and its evidence is within APART of the best of those. Named is one alone. Believable is a ratio within SLACK
     of what the verdict allows, 1, or of the least that any fault leaves, and at most BELIEVABLE.
     """
-    well = [own for own in found if np.isfinite(own.evidence) and own.evidence - as_it_is >= MARGIN]
-    least = min((own.ratio for own in well), default=np.inf)
+    well = [one for one in tried if np.isfinite(one.evidence) and one.evidence - as_it_is >= MARGIN]
+    least = min((one.ratio for one in well), default=np.inf)
     limit = min(BELIEVABLE, (1 + SLACK) * max(1.0, least))
-    well = sorted((own for own in well if own.ratio <= limit), key=lambda own: -own.evidence)
+    well = sorted((one for one in well if one.ratio <= limit), key=lambda one: -one.evidence)
     families: dict[tuple[str, int, float, bool], Explained] = {}
-    for own in well:
-        assert own.fault is not None
-        if well[0].evidence - own.evidence < APART:
-            families.setdefault(own.fault.family, own)
+    for one in well:
+        assert one.fault is not None
+        if well[0].evidence - one.evidence < APART:
+            families.setdefault(one.fault.family, one)
     candidates = tuple(families.values())
     return (candidates[0] if len(candidates) == 1 else None), candidates

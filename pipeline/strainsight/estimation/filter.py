@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.model import FilterModel, StepModel
 from strainsight.estimation.reduced import driven_with_offsets
-from strainsight.estimation.run import FilterRun, Keep, Record
+from strainsight.estimation.run import FilterRun, Keep, RunArrays
 from strainsight.estimation.update import Form, Transition, apply, belief_of, transposed, whiten
 
 HALVINGS = 12
@@ -30,7 +30,7 @@ the first order leaves out is no larger than that."""
 
 
 @dataclass(frozen=True)
-class Refined:
+class RefinedState:
     """Where the iteration ended: x (B, n) after the step; A, H (b, n, n), (b, m, n) there; innovation (B, m) of the
     linear model along them, y − h(x) − H(x̂⁻ − x) with x̂⁻ = f(ξ) + A(x̂ − ξ); iterations (B,) taken."""
 
@@ -52,7 +52,7 @@ def refine(
     most: int,
     damped: bool = True,
     restored: bool = False,
-) -> Refined:
+) -> RefinedState:
     """The most probable start ξ and disturbance w of a step, given its measurement, by damped Gauss-Newton:
 
         min ½(ξ − x̂)ᵀ prior⁻¹(ξ − x̂) + ½wᵀ process⁻¹ w + ½(y − h(f(ξ) + w))ᵀR⁻¹(y − h(f(ξ) + w))
@@ -123,7 +123,7 @@ def refine(
         going &= share == 0
         if not going.any():
             break
-    return Refined(after, A, H, effective, taken)
+    return RefinedState(after, A, H, effective, taken)
 
 
 def _duals(
@@ -215,9 +215,8 @@ def filter_runs(
     covariance is left as it is; a step with the constraints inside and an update through it need none, but save a step with it.
     progress: called with
     every step that begins; watch: with every instant k, x (B, n) and P (b, n, n) after the update, the start (k = 0) first.
-    No scaling of the states: products and factors commute with a diagonal scaling, and P is never inverted. A covariance
-    that no run changes (linear, one set of sensors, the same samples missing in all) is computed once for all runs, and
-    not again once it is steady, as long as no sample is missing and the noise is the same.
+    A covariance that no run changes (linear, one set of sensors, the same samples missing in all) is computed once for all runs,
+    and not again once it is steady, as long as no sample is missing and the noise is the same.
     Raises NumericalError where every run diverges and `refuse`, or where HPHᵀ + R is not positive definite.
     """
     y = measurement if measurement.ndim == 3 else measurement[:, None, :]
@@ -233,7 +232,7 @@ def filter_runs(
     start, belief = (x.copy(), P.copy()), belief_of(form, P)
     # a model of one set of noises that has one for every run has found them on the way, and `process` will not tell later
     each = model.sets == 1 and model.process(0).ndim == 3
-    record = Record(model, len(y), runs, b, keep, iterating, each=each)
+    record = RunArrays(model, len(y), runs, b, keep, iterating, each=each)
     record.state(0, x, P)
     if watch is not None:
         watch(0, x, P)

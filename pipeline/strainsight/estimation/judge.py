@@ -1,14 +1,9 @@
-"""What parameters beside unknown loads are judged by: the readings that no load could cause.
+"""Likelihood by which parameters are weighed jointly with unknown loads: of loads that are free, less its mean over noise alone.
 
-    ln p(y | θ, ν) of loads that are free, less what it is on average of readings that are the noise of the gauges alone
-
-An unknown load is modelled as a walk, and a real one is none: a sine is smoother and of another size. A likelihood counts how
-large readings are, so that a walk of another size speaks for parameters at which readings are larger or smaller, and how white
-the steps of the load are, which those of a sine are not. So the walk is made free enough to follow a line in the spectrum. But
-then it would read more than is there, wherever no line is: noise, which is all there is, would speak for constants at which
-loads are felt less, as with more damping. On average it is to say nothing: of the parameters by the likelihood of loads alone,
-of ν by `noise_alone`.
-Source: Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010).
+An unknown load is modelled as a random walk, and a real one is none. The likelihood of the walk as stated depends on the size of
+the readings, and speaks for parameters at which they are larger or smaller. So the walk is free enough to follow a line in the
+spectrum, and what noise of the gauges alone adds to the likelihood on average is taken off: of the parameters by a filter of
+loads alone (`judged`), of ν by `noise_alone`. Source: Francke, Koopman and de Vos, J. Time Series Analysis 31 (2010).
 """
 
 from __future__ import annotations
@@ -98,7 +93,7 @@ SETTLED = 1e-9
 
 
 @dataclass(frozen=True)
-class _Step:
+class _NoiseStep:
     """Of one step of a filter on noise: P (n, n) as claimed and Π (n, n) by noise alone of its prediction; gain K (n, m),
     weight S⁻¹ (m, m) of the innovations, zero where none is; variance R (m,) of the samples, zero where there is none."""
 
@@ -112,10 +107,8 @@ class _Step:
 def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray, every: int = 1) -> np.ndarray:
     """β (T, d), of which the sum is the mean of Σₜ εₜᵀ Sₜ⁻¹ eₜ over records that are the noise of gauges alone.
 
-    ε are the slopes of innovations e in ν (`parallel_filters.advance`). Innovations that are as the filter claims are
-    independent of the motion that is predicted, and so of ε: β = 0. Those of readings that are quieter are not: what a
-    prediction has followed of the noise is taken back in the next steps, and ε goes with it. Under noise alone, with
-    Φ = A(1 − KH) from prediction to prediction,
+    ε are the slopes of innovations e in ν (`parallel_filters.advance`). β = 0 where innovations are as the filter claims, and so
+    independent of ε; readings that are quieter have others. Under noise alone, with Φ = A(1 − KH) from prediction to prediction,
 
         Π⁺ = ΦΠΦᵀ + AKRKᵀAᵀ = E x̂x̂ᵀ,   Y = ΦᵀY⁺Φ + HᵀS⁻¹H
         β_k = ⟨KᵀAᵀY⁺ΦΠ − S⁻¹HΠ, D_k⟩ − ⟨Y⁺(ΦΠ(1 − KH)ᵀ + AKRKᵀ), A_k⟩
@@ -126,31 +119,33 @@ def noise_alone(models: LinearModels, covariance: np.ndarray, noise: np.ndarray,
     """
     A, H, A_nu = models.A[0], models.H[0], models.A_nu[0]
     steps = _forward(A, H, models.Q[0], covariance, noise, every)
-    Y, one, found = [np.zeros_like(A)] * (len(steps) + 1), np.eye(len(A)), np.zeros((len(noise), models.nuisances))
+    Y, one, beta = [np.zeros_like(A)] * (len(steps) + 1), np.eye(len(A)), np.zeros((len(noise), models.nuisances))
     for t in reversed(range(len(steps))):
         now, after, later = steps[t], Y[t + 1], t + every
         if later < len(steps) and now is steps[later] and _settled(after, Y[later + 1], after):
-            Y[t], found[t] = Y[later], found[later]
+            Y[t], beta[t] = Y[later], beta[later]
             continue
         kept = one - now.gain @ H
         loop = A @ kept
         seen = loop @ now.covariance
         on_rows = (A @ now.gain).T @ after @ seen - now.weight @ H @ now.covariance
         on_motion = after @ (seen @ kept.T + A @ (now.gain * now.noise) @ now.gain.T)
-        found[t] = np.tensordot(models.D, on_rows)
-        found[t, : len(A_nu)] -= np.tensordot(A_nu, on_motion)
+        beta[t] = np.tensordot(models.D, on_rows)
+        beta[t, : len(A_nu)] -= np.tensordot(A_nu, on_motion)
         Y[t] = loop.T @ after @ loop + H.T @ now.weight @ H
-    return found
+    return beta
 
 
-def _forward(A: np.ndarray, H: np.ndarray, Q: np.ndarray, P: np.ndarray, noise: np.ndarray, every: int) -> list[_Step]:
+def _forward(
+    A: np.ndarray, H: np.ndarray, Q: np.ndarray, P: np.ndarray, noise: np.ndarray, every: int
+) -> list[_NoiseStep]:
     """Every step of the filter, from rest; where nothing changes any more it is the one a sample before."""
-    steps: list[_Step] = []
+    steps: list[_NoiseStep] = []
     one, by_noise = np.eye(len(A)), np.zeros_like(A)
     for t, variance in enumerate(noise):
         P, by_noise = A @ P @ A.T + Q, A @ by_noise @ A.T
-        there = np.isfinite(variance)
-        R = np.where(there, variance, 0.0)
+        measured = np.isfinite(variance)
+        R = np.where(measured, variance, 0.0)
         before = steps[t - every] if t >= every else None
         if (
             before is not None
@@ -160,9 +155,9 @@ def _forward(A: np.ndarray, H: np.ndarray, Q: np.ndarray, P: np.ndarray, noise: 
         ):
             now = before
         else:
-            weight, seen = np.zeros((len(H), len(H))), H[there]
-            weight[np.ix_(there, there)] = np.linalg.inv(seen @ P @ seen.T + np.diag(R[there]))
-            now = _Step(P, by_noise, P @ H.T @ weight, weight, R)
+            weight, seen = np.zeros((len(H), len(H))), H[measured]
+            weight[np.ix_(measured, measured)] = np.linalg.inv(seen @ P @ seen.T + np.diag(R[measured]))
+            now = _NoiseStep(P, by_noise, P @ H.T @ weight, weight, R)
         steps.append(now)
         left, fed = one - now.gain @ H, (now.gain * now.noise) @ now.gain.T
         P, by_noise = left @ now.P @ left.T + fed, left @ now.covariance @ left.T + fed

@@ -55,9 +55,9 @@ class Lattice:
         """Of every point the next ones along the axes (B, 2, k), ahead and behind; −1 where there is none."""
         k = self.node.shape[1]
         nodes = [tuple(z) for z in self.node.tolist()]
-        there = {z: i for i, z in enumerate(nodes)}
-        found = [there.get((*z[:a], z[a] + s, *z[a + 1 :]), -1) for z in nodes for s in (1, -1) for a in range(k)]
-        return np.array(found, dtype=int).reshape(len(nodes), 2, k)
+        index = {z: i for i, z in enumerate(nodes)}
+        neighbours = [index.get((*z[:a], z[a] + s, *z[a + 1 :]), -1) for z in nodes for s in (1, -1) for a in range(k)]
+        return np.array(neighbours, dtype=int).reshape(len(nodes), 2, k)
 
     @property
     def edge(self) -> np.ndarray:
@@ -66,8 +66,8 @@ class Lattice:
 
     def beside(self, which: np.ndarray) -> np.ndarray:
         """Neighbours z (any, k) of some points (B,) of bool that are not in the lattice, each once, in order."""
-        there = {tuple(z) for z in self.node.tolist()}
-        wanted = {tuple(own) for z in self.node[which] for own in _beside(z).tolist()} - there
+        present = {tuple(z) for z in self.node.tolist()}
+        wanted = {tuple(node) for z in self.node[which] for node in _beside(z).tolist()} - present
         return np.array(sorted(wanted), dtype=int).reshape(-1, self.node.shape[1])
 
     def width(self, log_weight: np.ndarray) -> np.ndarray:
@@ -103,20 +103,20 @@ class Lattice:
     def peaks(self, log_weight: np.ndarray, depth: float) -> list[np.ndarray]:
         """Points within exp(−depth) of the largest density that hang together, indices by peak, the highest first."""
         heavy = log_weight > log_weight.max() - depth
-        left, found = set(np.flatnonzero(heavy).tolist()), []
+        left, each = set(np.flatnonzero(heavy).tolist()), []
         for start in np.argsort(-log_weight).tolist():
             if start not in left:
                 continue
             left.discard(start)
-            own, open_ = [start], [start]
+            peak, open_ = [start], [start]
             while open_:
                 for other in self.neighbour[open_.pop()].ravel().tolist():
                     if other in left:
                         left.discard(other)
-                        own.append(other)
+                        peak.append(other)
                         open_.append(other)
-            found.append(np.array(sorted(own)))
-        return found
+            each.append(np.array(sorted(peak)))
+        return each
 
     def nearest(self, point: np.ndarray) -> np.ndarray:
         """Nodes (any, k) nearest to points (q, k), each once, in order."""
@@ -130,8 +130,8 @@ class Lattice:
 
     def with_nodes(self, node: np.ndarray) -> Lattice:
         """With those of some nodes (any, k) that it does not have yet."""
-        there = {tuple(z) for z in self.node.tolist()}
-        new = [z for z in node.tolist() if tuple(z) not in there]
+        present = {tuple(z) for z in self.node.tolist()}
+        new = [z for z in node.tolist() if tuple(z) not in present]
         return self.grown(np.array(new, dtype=int).reshape(-1, self.node.shape[1]))
 
     def grown(self, node: np.ndarray) -> Lattice:
@@ -172,6 +172,12 @@ def one_point(point: np.ndarray) -> Lattice:
     """A lattice of one point (k,)."""
     k = len(point)
     return Lattice(point, np.eye(k), np.zeros((1, k), dtype=int))
+
+
+def loose_points(point: np.ndarray) -> Lattice:
+    """Points (B, k) as they are, that are no lattice."""
+    k = point.shape[1]
+    return Lattice(np.zeros(k), np.eye(k), point)
 
 
 def moments(point: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -13,8 +13,8 @@ from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.consistency import whiteness_band
 from strainsight.estimation.decision import SLACK
 from strainsight.estimation.faults import LOAD_SCALES, MOST_LATE, Fault
+from strainsight.estimation.lattice import loose_points
 from strainsight.estimation.parallel_filters import KEPT
-from strainsight.estimation.peak import Points
 from strainsight.estimation.record import BankRecord
 
 R = TypeVar("R", bound=BankRecord)
@@ -125,12 +125,12 @@ def innovations_of(record: BankRecord, load: np.ndarray) -> Innovations:
 def _whitened(record: BankRecord, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Innovations (B, T, m) over their σ, zero where no sample is, and ln of the density of the points and of that σ (B,)."""
     problem = BankProblem((record,))
-    now, parts = filtered_at(problem, Points(point), 0), []  # type: ignore[type-var]
+    now, parts = filtered_at(problem, loose_points(point), 0), []
     while now.step < record.steps:
         ahead = min(record.steps - now.step, max(1, KEPT // now.models.kept_a_step))
-        passage = passed(problem, now, ahead, keep=True)  # type: ignore[type-var]
-        parts.append((passage.own.expected, passage.own.S))
-        now = on(now, passage, ahead)  # type: ignore[type-var]
+        passage = passed(problem, now, ahead, keep=True)
+        parts.append((passage.passage.expected, passage.passage.S))
+        now = on(now, passage, ahead)
     expected, S = (np.concatenate(each, axis=1)[:, record.sampled] for each in zip(*parts, strict=True))
     e = record.samples - expected
     measured = np.isfinite(e)
@@ -168,13 +168,9 @@ LARGEST = 3.0
 
 @dataclass(frozen=True)
 class ResidualPattern:
-    """A pattern of channels in which innovations exceed their claimed covariance.
-
-    size         their RMS along it over the claim
-    correlation  of neighbouring samples along it
-    share        (m,) of each channel in the pattern, by its square in units of the reading's noise
-    gain         of ln p by a first-order autoregression along the pattern in place of white noise of unit variance
-    """
+    """A pattern of channels in which innovations exceed their claimed covariance: their RMS along it over the claim, correlation
+    of neighbouring samples, share (m,) of each channel by its square in units of the reading's noise, and gain of ln p by a
+    first-order autoregression along it in place of white noise of unit variance."""
 
     size: float
     correlation: float

@@ -10,38 +10,37 @@ import numpy as np
 from strainsight.columns import Column
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import conditional_states
-from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import LinearModels, Passage, States
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.update import standard_deviation
 
 
 class Weights(Protocol):
-    """What B points say of the posterior of the parameters at L instants."""
+    """Posterior weights of B points of the parameters at L instants."""
+
+    @property
+    def point(self) -> np.ndarray:
+        """(B, k)."""
 
     @property
     def mean(self) -> np.ndarray:
         """(L, B) that give the mean over the posterior of what is known at the points, of sum one."""
-        ...
 
     @property
     def positive(self) -> np.ndarray:
         """(L, B) of sum one for what has to stay positive."""
-        ...
 
     @property
     def log_mass(self) -> np.ndarray:
         """Logarithm of the integral (L,) of the density, but for a constant."""
-        ...
 
     def covariance(self, values: np.ndarray, middle: np.ndarray) -> np.ndarray:
         """(L, n, n) over the posterior, of values (B, L, n) with the mean (L, n)."""
-        ...
 
     def sampled(self, nu: np.ndarray, left: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Points (b, k) of positive weights (b,) with the moments of the posterior at the last instant, and mean (b, d) and
         covariance (b, d, d) of ν there; nu (B, d), left (B, d, d) at the points of the bank."""
-        ...
 
 
 class Cover(Protocol):
@@ -50,20 +49,16 @@ class Cover(Protocol):
     @property
     def point(self) -> np.ndarray:
         """(B, k)."""
-        ...
 
     @property
     def step(self) -> np.ndarray:
         """From point to point along every parameter (k,); infinite where the points are no lattice."""
-        ...
 
     def weights(self, log_weight: np.ndarray) -> Weights:
         """Of points with log-densities (L, B), but for a constant, at L instants."""
-        ...
 
     def holds(self, log_weight: np.ndarray) -> np.ndarray:
         """Whether these points are still good for the posterior (L,)."""
-        ...
 
 
 C = TypeVar("C", bound=Cover)
@@ -101,85 +96,78 @@ ROUNDING = 1e-12
 
 
 class Mixture:
-    """The arrays of a bank while it runs: T steps of a model with d nuisances. With keep "parameters" all else is NaN after
+    """Mean and covariance over the points of a bank along a record, while it runs. With keep "parameters" all else is NaN after
     t = 0."""
 
-    def __init__(
-        self, model: FilterModel, mean: np.ndarray, covariance: np.ndarray, steps: int, learned: bool, keep: Keep
-    ):
-        n, m = len(mean), model.H.shape[-2]
-        at = conditional_states(model, n - model.size)
-        self.model, self.steps, self.states_of_filters, self.learned = model, steps, len(at), learned
+    def __init__(self, record: BankRecord, keep: Keep):
+        model, steps, n, m = record.model, record.steps, len(record.mean), record.samples.shape[1]
+        at = conditional_states(model, len(record.biased))
+        self.record, self.size, self.learned = record, len(at), record.nuisances.learned
         self.parameters_alone = keep == "parameters"
         # states of the filters first, then the parameters; x* has them the other way round where there are offsets
-        self.order = np.concatenate([at, np.arange(n)[model.parameter_states]])
-        self.back = np.argsort(self.order)
+        order = np.concatenate([at, np.arange(n)[model.parameter_states]])
+        self.back = np.argsort(order)
         self.unknowns = self.back[model.position]
         self.mean, self.std = np.full((2, steps + 1, n), np.nan)
         self.unknown_covariance = np.full((steps + 1, len(self.unknowns), len(self.unknowns)), np.nan)
         self.covariance = np.zeros((steps + 1, n, n)) if keep == "all" else None
-        self.mean[0] = mean[self.order]
-        self._keep(slice(0, 1), covariance[np.ix_(self.order, self.order)][None])
+        self.mean[0] = record.mean[order]
+        self._keep(slice(0, 1), record.covariance[np.ix_(order, order)][None])
         self.gauge_mean, self.gauge_variance, self.innovation, self.whitened = np.full((4, steps, m), np.nan)
         self.log_likelihood = 0.0
 
-    def states(
-        self,
-        span: slice,
-        point: np.ndarray,
-        weights: Weights,
-        found: States,
-        models: LinearModels,
-        known_end: np.ndarray,
-    ) -> None:
-        """After L steps of these numbers: points (B, k) with their weights, filters at the ends, loads known there (L, p₁)."""
+    def states(self, span: slice, weights: Weights, states: States, models: LinearModels) -> None:
+        """After L steps of these numbers: states of the filters at their ends."""
         after = slice(span.start + 1, span.stop + 1)
         if self.parameters_alone:
-            self._parameters(after, point, weights)
+            self._parameters(after, weights)
             return
-        x, P, at, covariance = self._moments(after, point, weights, found)
-        y = np.einsum("bmn,btn->btm", models.H, x) + np.einsum("bmp,tp->btm", models.F, known_end)
+        x, P, at, covariance = self._moments(after, weights, states)
+        y = np.einsum("bmn,btn->btm", models.H, x)
+        y = y + np.einsum("bmp,tp->btm", models.F, self.record.data.known_end[span])
         self.gauge_mean[span] = np.einsum("tb,btm->tm", weights.mean, y)
         H = models.H[at, None]
-        own = np.sum((H @ P) * H, axis=-1)
         among = weights.covariance(y, self.gauge_mean[span])
-        self.gauge_variance[span] = np.einsum("tb,btm->tm", weights.positive[:, at], own)
+        self.gauge_variance[span] = np.einsum("tb,btm->tm", weights.positive[:, at], np.sum((H @ P) * H, axis=-1))
         self.gauge_variance[span] += np.diagonal(among, axis1=1, axis2=2)
         if not self.learned:
-            self._as_they_read(after, weights, found, models, covariance)
+            nu, removed = self._motion_as_read(after, weights, states, models.about, covariance)
+            read = np.einsum("tb,btdm->tdm", weights.mean, states.V @ np.swapaxes(models.H, 1, 2)[:, None])
+            self.gauge_mean[span] += np.einsum("tdm,td->tm", read, nu)
+            self.gauge_variance[span] += np.sum(read * (removed @ read), axis=1)
         self._keep(after, covariance)
 
-    def begin(self, point: np.ndarray, weights: Weights, found: States, models: LinearModels, informed: bool) -> None:
-        """At t = 0, of points (B, k) with their weights; informed: whether records before said something of ν."""
+    def begin(self, weights: Weights, states: States, models: LinearModels, informed: bool) -> None:
+        """At t = 0; informed: whether records before said something of ν."""
         if self.parameters_alone:
-            self._parameters(slice(0, 1), point, weights)
+            self._parameters(slice(0, 1), weights)
             return
-        covariance = self._moments(slice(0, 1), point, weights, found)[-1]
+        covariance = self._moments(slice(0, 1), weights, states)[-1]
         if informed and not self.learned:
-            self._motion_as_read(slice(0, 1), weights, found, models.about, covariance)
+            self._motion_as_read(slice(0, 1), weights, states, models.about, covariance)
         self._keep(slice(0, 1), covariance)
 
-    def _parameters(self, at: slice, point: np.ndarray, weights: Weights) -> None:
-        """At L instants, of points (B, k)."""
-        of, mean = slice(self.states_of_filters, None), weights.mean @ point
+    def _parameters(self, at: slice, weights: Weights) -> None:
+        """At L instants."""
+        point, of = weights.point, slice(self.size, None)
+        mean = weights.mean @ point
         each = np.broadcast_to(point[:, None], (len(point), *mean.shape))
         self.mean[at, of], self.std[at, of] = mean, standard_deviation(weights.covariance(each, mean))
 
     def _moments(
-        self, at: slice, point: np.ndarray, weights: Weights, found: States
+        self, at: slice, weights: Weights, states: States
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
         """Mean of the states at L instants; returns x (B, L, n) of every filter, P (b, L, n, n) of those numbers (b,) that have a
         positive weight, and the covariance (L, n + k, n + k) of states and parameters."""
-        V, states = found.V, self.states_of_filters
         # what the samples say of ν moves every estimate, and leaves the rest of it in P
-        x = found.x - np.einsum("btda,btd->bta", V, found.nu)
+        x = states.x - np.einsum("btda,btd->bta", states.V, states.nu)
         heavy = np.flatnonzero((weights.positive > 0).any(axis=0))
-        V, left = V[heavy], found.left[heavy]
-        P = found.P[heavy] + np.swapaxes(V, 2, 3) @ (left @ V)
+        V, left, point = states.V[heavy], states.left[heavy], weights.point
+        P = states.P[heavy] + np.swapaxes(V, 2, 3) @ (left @ V)
         whole = np.concatenate([x, np.broadcast_to(point[:, None], (*x.shape[:2], point.shape[1]))], axis=2)
         self.mean[at] = np.einsum("tb,btn->tn", weights.mean, whole)
         covariance = weights.covariance(whole, self.mean[at])
-        covariance[:, :states, :states] += np.einsum("tb,btac->tac", weights.positive[:, heavy], P)
+        covariance[:, : self.size, : self.size] += np.einsum("tb,btac->tac", weights.positive[:, heavy], P)
         return x, P, heavy, covariance
 
     def _keep(self, at: slice, covariance: np.ndarray) -> None:
@@ -189,60 +177,44 @@ class Mixture:
         if self.covariance is not None:
             self.covariance[at] = covariance
 
-    def _as_they_read(
-        self, after: slice, weights: Weights, found: States, models: LinearModels, covariance: np.ndarray
-    ) -> None:
-        """Motion and loads as they were before the samples' mean of ν corrected them, and σ as well:
-
-        x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them (`removed_of`)
-        """
-        span, w = slice(after.start - 1, after.stop - 1), weights.mean
-        nu, gone = self._motion_as_read(after, weights, found, models.about, covariance)
-        sensed = np.einsum("tb,btdm->tdm", w, found.V @ np.swapaxes(models.H, 1, 2)[:, None])
-        self.gauge_mean[span] += np.einsum("tdm,td->tm", sensed, nu)
-        self.gauge_variance[span] += np.sum(sensed * (gone @ sensed), axis=1)
-
     def _motion_as_read(
-        self, at: slice, weights: Weights, found: States, about: np.ndarray, covariance: np.ndarray
+        self, at: slice, weights: Weights, states: States, about: np.ndarray, covariance: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Motion and loads, and their covariance (L, n + k, n + k) in place; returns ν̂ (L, d), with what it is counted from, and
-        1 − Λ (L, d, d)."""
-        states, w = self.states_of_filters, weights.mean
-        nu = np.einsum("tb,btd->td", w, found.nu)
-        left = np.einsum("tb,btdk->tdk", weights.positive, found.left) + weights.covariance(found.nu, nu)
-        nu = nu + about
-        gone = removed_of(left)
-        V = np.einsum("tb,btda->tda", w, found.V)
-        self.mean[at, :states] += np.einsum("tda,td->ta", V, nu)
-        covariance[:, :states, :states] += np.swapaxes(V, 1, 2) @ (gone @ V)
-        return nu, gone
+        """Motion and loads as they were before the samples' mean of ν corrected them, and their covariance in place:
+
+            x̂ + V ν̂,     P + V (1 − Λ) Vᵀ,     Λ the covariance of ν by the samples, 1 that without them (`removed_of`)
+
+        Returns ν̂ (L, d), with what it is counted from, and 1 − Λ (L, d, d)."""
+        size, w = self.size, weights.mean
+        nu = np.einsum("tb,btd->td", w, states.nu)
+        left = np.einsum("tb,btdk->tdk", weights.positive, states.left) + weights.covariance(states.nu, nu)
+        nu, removed, V = nu + about, removed_of(left), np.einsum("tb,btda->tda", w, states.V)
+        self.mean[at, :size] += np.einsum("tda,td->ta", V, nu)
+        covariance[:, :size, :size] += np.swapaxes(V, 1, 2) @ (removed @ V)
+        return nu, removed
 
     def innovations(
-        self,
-        span: slice,
-        weights: Weights,
-        before: tuple[np.ndarray, np.ndarray],
-        passage: Passage,
-        samples: np.ndarray,
+        self, span: slice, weights: Weights, before: tuple[np.ndarray, np.ndarray], passage: Passage
     ) -> None:
         """Of L steps of these numbers: weights of the points before each; before the first, mean (B, 1, d) and covariance
-        (B, 1, d, d) of ν by each filter; what they found, samples (L, m)."""
+        (B, 1, d, d) of ν by each filter."""
         if self.parameters_alone:
             return
-        L = len(samples)
-        own, slope = passage.states, passage.slope[:, :L]
-        known, unsure = (
+        samples = self.record.data.samples[span]
+        L, states = len(samples), passage.states
+        slope = passage.slope[:, :L]
+        nu, left = (
             np.concatenate([start, each[:, : L - 1]], axis=1)
-            for start, each in zip(before, (own.nu, own.left), strict=True)
+            for start, each in zip(before, (states.nu, states.left), strict=True)
         )
-        foreseen = passage.expected[:, :L] + np.einsum("btmd,btd->btm", slope, known)
-        spread = passage.S[:, :L] + slope @ unsure @ np.swapaxes(slope, 2, 3)
+        foreseen = passage.expected[:, :L] + np.einsum("btmd,btd->btm", slope, nu)
+        spread = passage.S[:, :L] + slope @ left @ np.swapaxes(slope, 2, 3)
         expected = np.einsum("tb,btm->tm", weights.mean, foreseen)
         S = np.einsum("tb,btmk->tmk", weights.positive, spread) + weights.covariance(foreseen, expected)
         self.innovation[span] = samples - expected
-        there = np.isfinite(samples)
+        measured = np.isfinite(samples)
         # a channel without a sample is one by itself
-        S = np.where(there[:, :, None] & there[:, None], S, np.eye(S.shape[-1]))
+        S = np.where(measured[:, :, None] & measured[:, None], S, np.eye(S.shape[-1]))
         try:
             factor = np.linalg.cholesky(S)
         except np.linalg.LinAlgError:
@@ -250,14 +222,14 @@ class Mixture:
                 f"the readings of step {span.start + _first_indefinite(S)} differ in size beyond what a number can hold",
                 remedy="check the units and scales of the channels",
             ) from None
-        z = np.linalg.solve(factor, np.where(there, self.innovation[span], 0.0)[..., None])[..., 0]
-        self.whitened[span] = np.where(there, z, np.nan)
+        z = np.linalg.solve(factor, np.where(measured, self.innovation[span], 0.0)[..., None])[..., 0]
+        self.whitened[span] = np.where(measured, z, np.nan)
 
     def finished(self) -> FilterRun:
         """As a filter's run, of one run, with σ and covariances that hold what the nuisances add."""
         back = self.back
         return FilterRun(
-            time=self.model.h * np.arange(self.steps + 1),
+            time=self.record.model.h * np.arange(self.record.steps + 1),
             mean=self.mean[:, None, back],
             std=self.std[:, None, back],
             unknown_covariance=self.unknown_covariance[:, None],
@@ -275,9 +247,9 @@ class Mixture:
 
 def _first_indefinite(S: np.ndarray) -> int:
     """Of matrices (L, m, m), one of which has no Cholesky factor, the first that has none."""
-    for t, own in enumerate(S):
+    for t, matrix in enumerate(S):
         try:
-            np.linalg.cholesky(own)
+            np.linalg.cholesky(matrix)
         except np.linalg.LinAlgError:
             return t
     return 0
@@ -288,14 +260,14 @@ def removed_of(left: np.ndarray) -> np.ndarray:
 
     Zero along a direction in which it is larger than before them: parameters that are all still likely ask for different ν.
     """
-    found = np.eye(left.shape[-1]) - left
+    removed = np.eye(left.shape[-1]) - left
     try:
         # a factor says in a fourth of the time that there is no such direction
-        np.linalg.cholesky(found + ROUNDING * np.eye(left.shape[-1]))
+        np.linalg.cholesky(removed + ROUNDING * np.eye(left.shape[-1]))
     except np.linalg.LinAlgError:
-        size, axes = np.linalg.eigh(found)
-        found = (axes * np.maximum(size, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2)
-    return np.asarray(found)
+        size, axes = np.linalg.eigh(removed)
+        removed = (axes * np.maximum(size, 0.0)[..., None, :]) @ np.swapaxes(axes, -1, -2)
+    return np.asarray(removed)
 
 
 VALUES = 401

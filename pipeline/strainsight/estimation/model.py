@@ -36,9 +36,8 @@ class FilterModel:
     h [s] time step; quantity (m,) or (B, m): what every channel measures, STRAIN where not given;
     change (m, n) or (B, m, n): what θ adds to the first n columns of H, which is then that of the reference, where a free
     thickness moves the faces that gauges sit on;
-    free_loads: whether a bank judges parameters by what no unknown load could cause (`judge`), or by how likely readings are
-    under loads that move as Q says;
-    scheme of the step; every: a sample is taken at the end of every `every`-th step, at every·h, 2 every·h …
+    free_loads: whether a bank weighs parameters by what no unknown load could cause (`judge`), or under loads as Q says;
+    scheme of the step; every: a sample is taken at every·h, 2 every·h …
     Raises ConfigError for an input both known and unknown, or a parameter neither fixed nor estimated.
     """
 
@@ -249,9 +248,7 @@ def process_covariance(F: np.ndarray, Q: np.ndarray, h: float) -> np.ndarray:
 
         Q_h = ∫₀ʰ exp(F s) Q exp(F s)ᵀ ds,     by Q_2s = Q_s + Φ_s Q_s Φ_sᵀ from a part of the step in which little turns
 
-    Q h alone would leave the motion that an unknown load causes while it drifts within the step: next to nothing for a
-    strain, but an accelerometer reads the load at the end of the step, which has not moved the structure yet, and a filter
-    that does not know of it is overconfident. For h → 0 it is Q h.
+    With Q h alone an accelerometer, which reads the load at once, would make the filter overconfident. For h → 0 it is Q h.
     F (n, n) [1/s]; Q (..., n, n) intensity; h [s]. Source: Van Loan, IEEE Trans. Automatic Control 23 (1978).
     """
     n = len(F)
@@ -311,31 +308,24 @@ class StepModel(Protocol):
 
     def begin(self, x: np.ndarray, k: int) -> None:
         """Step k begins at x (B, n): what a model makes of that holds for all trials and for the noise of this step."""
-        ...
 
     def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """f(x) and A = ∂f/∂x in step k: x (B, n) → (B, n) and (B or 1, n, n). A step that fails leaves NaN in its run."""
-        ...
 
     def measure(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """h(x) and J = ∂h/∂x at the end of step k: x (B, n) → (B, m) and (B or 1, m, n)."""
-        ...
 
     def process(self, k: int) -> np.ndarray:
         """Covariance (n, n) or (B, n, n) that is added after step k."""
-        ...
 
     def before(self, k: int) -> np.ndarray | None:
         """Covariance (n, n) or (B, n, n) that is added before step k; None for none."""
-        ...
 
     def noise(self, k: int) -> np.ndarray:
         """Variances (m,) or (B, m) of the measurement at the end of step k."""
-        ...
 
     def lost(self, x: np.ndarray) -> np.ndarray:
         """Which runs (B,) have left what the model holds for, x (B, n)."""
-        ...
 
 
 def constant_step(model: FilterModel) -> ModalMap | None:
@@ -450,18 +440,13 @@ def _rates(
 ) -> np.ndarray:
     """∂q̈/∂x* (..., n, n*)."""
     inputs = np.zeros((1, len(model.amplitude), model.input_states.stop - model.input_states.start))
-    own = model.position[: len(model.amplitude)] - model.input_states.start
-    inputs[0, range(len(own)), own] = model.amplitude
+    columns = model.position[: len(model.amplitude)] - model.input_states.start
+    inputs[0, range(len(columns)), columns] = model.amplitude
     return _map_jacobian(model, modal, theta, state, u, inputs)
 
 
 def _map_jacobian(
-    model: FilterModel,
-    modal: ModalMap,
-    theta: Mapping[str, Any],
-    state: np.ndarray,
-    u: np.ndarray,
-    hold: np.ndarray,
+    model: FilterModel, modal: ModalMap, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray, hold: np.ndarray
 ) -> np.ndarray:
     """Derivative of a modal map in x*; hold (J, n_ũ, k): its input vectors as rows on ζ. Returns (..., rows, n*)."""
     names = model.unknowns.parameters

@@ -14,7 +14,7 @@ from strainsight.parallel import threads
 
 
 @dataclass(frozen=True)
-class Motion:
+class ModalMotion:
     """How B models of n states move in a step, and what e constants ν change of it, in coordinates z of the states x = T z in
     which q modes are apart:
 
@@ -40,17 +40,17 @@ class Motion:
         shapes = "basis Bnn, inverse Bnn, pairs B4q, beside Bsn, pairs_nu Be4q, beside_nu Besn, fed_nu Benp"
         agree(self, shapes, {"B": B, "n": n, "p": p, "q": q, "e": e, "s": n - 2 * q, "4": 4})
 
-    def of(self, points: slice) -> Motion:
+    def of(self, points: slice) -> ModalMotion:
         """Of some of the models."""
-        return Motion(*(getattr(self, entry.name)[points] for entry in fields(self)))
+        return ModalMotion(*(getattr(self, entry.name)[points] for entry in fields(self)))
 
-    def about(self, nu: np.ndarray) -> Motion:
+    def about(self, nu: np.ndarray) -> ModalMotion:
         """That at ν (e,), in which it is linear."""
         slopes = {"pairs": self.pairs_nu, "beside": self.beside_nu, "fed": self.fed_nu}
         moved = {name: getattr(self, name) + np.tensordot(slope, nu, (1, 0)) for name, slope in slopes.items()}
         return replace(self, **moved)
 
-    def with_constants(self, count: int) -> Motion:
+    def with_constants(self, count: int) -> ModalMotion:
         """With as many more states that stay as they are."""
         if count == 0:
             return self
@@ -60,7 +60,9 @@ class Motion:
         for each in (basis, inverse, beside):
             each[:, constants, constants] = 1.0
         beside_nu, fed_nu = wider(self.beside_nu, count, -1, -2), wider(self.fed_nu, count, -2)
-        return Motion(basis, inverse, self.pairs, beside, wider(self.fed, count, -2), self.pairs_nu, beside_nu, fed_nu)
+        return ModalMotion(
+            basis, inverse, self.pairs, beside, wider(self.fed, count, -2), self.pairs_nu, beside_nu, fed_nu
+        )
 
     @cached_property
     def transition(self) -> np.ndarray:
@@ -93,13 +95,6 @@ def _full(pairs: np.ndarray, beside: np.ndarray) -> np.ndarray:
     return full
 
 
-def plain_motion(A: np.ndarray, G: np.ndarray, A_nu: np.ndarray, G_nu: np.ndarray) -> Motion:
-    """Of full matrices A (B, n, n), G (B, n, p), A_ν (B, e, n, n) and G_ν (B, e, n, p), no mode apart."""
-    one, pairs = np.tile(np.eye(A.shape[-1]), (len(A), 1, 1)), np.zeros((len(A), 4, 0))
-    pairs_nu = np.zeros((*A_nu.shape[:2], 4, 0))
-    return Motion(one, one, pairs, np.swapaxes(A, -1, -2), G, pairs_nu, np.swapaxes(A_nu, -1, -2), G_nu)
-
-
 def wider(array: np.ndarray, count: int, *axes: int) -> np.ndarray:
     """With as many more zeros along some axes, numbered from the last."""
     return np.pad(array, [(0, count if axis - array.ndim in axes else 0) for axis in range(array.ndim)])
@@ -122,7 +117,7 @@ class LinearModels:
     held (d,): whether slopes are those there.
     """
 
-    motion: Motion
+    motion: ModalMotion
     Q: np.ndarray
     H: np.ndarray
     F: np.ndarray
@@ -186,10 +181,10 @@ class LinearModels:
     @cached_property
     def compiled(self) -> tuple[tuple[np.ndarray, ...], tuple[np.ndarray, ...], tuple[np.ndarray, ...]]:
         """As `take_steps` takes them: motion, readings, and what is beyond the coordinates."""
-        own, acts = self.motion, (self.D != 0).any(axis=2) | (self.E != 0).any(axis=2)
-        Q = own.inverse @ self.Q @ np.swapaxes(own.inverse, 1, 2)
-        motion = own.pairs, own.beside, own.fed, Q, own.pairs_nu, own.beside_nu, own.fed_nu, own.basis
-        reading = self.H @ own.basis, self.F, self.D, self.E, self.offset, acts
+        modal, acts = self.motion, (self.D != 0).any(axis=2) | (self.E != 0).any(axis=2)
+        Q = modal.inverse @ self.Q @ np.swapaxes(modal.inverse, 1, 2)
+        motion = modal.pairs, modal.beside, modal.fed, Q, modal.pairs_nu, modal.beside_nu, modal.fed_nu, modal.basis
+        reading = self.H @ modal.basis, self.F, self.D, self.E, self.offset, acts
         beyond = self.B, self.U, self.W, self.held.astype(float)
 
         return compilable(*motion), compilable(*reading), compilable(*beyond)
@@ -246,8 +241,8 @@ class Filters:
     @property
     def states(self) -> States:
         """As they are, at one instant; by the gains that consider ν, where there are some."""
-        own = (self.x_c, self.P_c, self.V_c) if self.x_c.size else (self.x, self.P, self.V)
-        x, P, V = _of_states(self.basis, *(each[:, None] for each in own))
+        parts = (self.x_c, self.P_c, self.V_c) if self.x_c.size else (self.x, self.P, self.V)
+        x, P, V = _of_states(self.basis, *(each[:, None] for each in parts))
         return States(x, P, V, self.nu[:, None].copy(), self.left[:, None].copy())
 
     def copy(self) -> Filters:
@@ -304,8 +299,7 @@ class Data:
 
     def of(self, span: slice) -> Data:
         """Of some steps."""
-        parts = (each[span] for each in (self.known, self.known_end, self.samples, self.noise))
-        return Data(*parts, self.discrepancy)
+        return Data(self.known[span], self.known_end[span], self.samples[span], self.noise[span], self.discrepancy)
 
 
 @dataclass(frozen=True)
@@ -331,17 +325,12 @@ def filters_of(
     x, P, V = (x[:, None] @ T)[:, 0], inverse @ covariance @ T, V @ T
     gain, variance, S, calm = np.zeros((B, m, n)), np.zeros((B, m)), np.zeros((B, m, m)), np.zeros(B, dtype=np.int64)
     nu, left = -models.about - models.shift, np.tile(np.eye(models.nuisances), (B, 1, 1))
-    considering = (each[:second].copy() for each in (x, P, V))
-    return Filters(x, P, V, gain, variance, S, calm, nu, left, *considering, models.motion.basis)
+    x_c, P_c, V_c = (each[:second].copy() for each in (x, P, V))
+    return Filters(x, P, V, gain, variance, S, calm, nu, left, x_c, P_c, V_c, models.motion.basis)
 
 
 def advance(
-    models: LinearModels,
-    filters: Filters,
-    data: Data,
-    keep: bool,
-    states: bool = True,
-    less: np.ndarray | None = None,
+    models: LinearModels, filters: Filters, data: Data, keep: bool, states: bool = True, less: np.ndarray | None = None
 ) -> Passage:
     """Take the filters L steps on, each a prediction and an update by every channel that measured (1.57-1.60):
 
@@ -349,15 +338,11 @@ def advance(
 
     the error that constants ν make in a filter that does not know of them. Its innovations are e = ε ν + white noise, and least
     squares on them give mean ν̂ and covariance of ν (Friedland's separate filter of a bias), and the likelihood of the samples
-    with ν integrated out. Linear in ν about the motion that is predicted: an innovation is independent of that, so that noise
-    makes no bias.
-    The states that are kept are of a second filter where `filters` has one, with the gains of Schmidt, of least variance among
-    those that do not learn ν:
+    with ν integrated out. It is linear about the predicted motion, of which innovations are independent: noise makes no bias.
+    States that are kept are of a second filter where `filters` has one, with the gains of Schmidt, which consider ν:
 
         K = (P⁻Hᵀ − V⁻εᵀ)(H P⁻Hᵀ + ε εᵀ + R)⁻¹,   P = (I − K H)P⁻(I − K H)ᵀ + K R Kᵀ
 
-    where a filter that takes its readings for exact would follow what gauges make of their tolerances the more, the quieter
-    they are.
     keep: whether states are returned, S of which is without the discrepancy; states: and not mean and covariance of ν alone;
     less (L, d): information on ν that is taken off in every step (`noise_alone`). Changes `filters` in place.
     Sources: Friedland, IEEE Trans. Automatic Control 14 (1969); Schmidt, Advances in Control Systems 3 (1966).

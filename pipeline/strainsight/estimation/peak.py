@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.estimation.bank_filters import BankProblem, BankRecord, about_samples, filtered_at
-from strainsight.estimation.lattice import Lattice, one_point
+from strainsight.estimation.bank_filters import BankProblem, about_samples, filtered_at
+from strainsight.estimation.lattice import Lattice, loose_points, one_point
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import LOST
 from strainsight.rom.model import modal_basis
 
@@ -41,14 +42,7 @@ GRID = 3
 
 
 @dataclass(frozen=True)
-class Points:
-    """Parameters (B, k) at which filters run: no lattice."""
-
-    point: np.ndarray
-
-
-@dataclass(frozen=True)
-class Peak:
+class PosteriorPeak:
     """point (k,) where the posterior of the parameters is largest, density ln p(y, point) there, and evidence ln p(y).
 
     about: the ν about which readings are linear, as of `Nuisances`; None where it is that of the search's arguments."""
@@ -59,15 +53,14 @@ class Peak:
     about: np.ndarray | None = None
 
 
-def peak_of(record: BankRecord) -> Peak:
+def peak_of(record: BankRecord) -> PosteriorPeak:
     """The most likely parameters of a record, and its evidence:
 
         ln p(y) ≈ ln p(y, p̂) + ½ ln det Σ − ½ ln det P₀,     Σ⁻¹ = −∂² ln p(y, p)/∂p² at its largest value p̂
 
-    p(y | p) by a filter at p, tolerances integrated out. A scan of the prior, as fine as resonances are wide, then Newton's
-    method from the best of it, on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A lattice
-    follows a posterior to wherever a wrong record drives it; this gives up. A settled motion is far from linear in the damping
-    from its first sample on: the search is done again, linear about the damping that the samples speak for.
+    p(y | p) by a filter at p, tolerances integrated out: a scan of the prior, as fine as resonances are wide, then Newton's
+    method on differences over a σ of the posterior, in 1 + 2k + k(k − 1)/2 filters a round. A settled motion is far from linear
+    in the damping: the search is done again, linear about the damping that the samples speak for.
     """
     problem = BankProblem((record,))
     peak = _best(peaks_of_problem(problem))
@@ -86,28 +79,28 @@ def peak_of(record: BankRecord) -> Peak:
     return peak
 
 
-def peak_of_records(records: Sequence[BankRecord]) -> Peak:
+def peak_of_records(records: Sequence[BankRecord]) -> PosteriorPeak:
     """The same of records that share their parameters and ν, as of `filter_records`."""
     return _best(peaks_of_problem(BankProblem(tuple(records))))
 
 
-def _best(peaks: Sequence[Peak]) -> Peak:
+def _best(peaks: Sequence[PosteriorPeak]) -> PosteriorPeak:
     return max(peaks, key=lambda peak: peak.evidence)
 
 
-def peaks_of_problem(problem: BankProblem) -> list[Peak]:
+def peaks_of_problem(problem: BankProblem) -> list[PosteriorPeak]:
     """Where the posterior at the end of all records is largest, and other peaks that were tried."""
     centre, prior = problem.prior
     density = density_of(problem)
     if not len(centre):
         value = float(density(centre[None])[0])
-        return [Peak(centre, value, value)]
+        return [PosteriorPeak(centre, value, value)]
     lattice = scan_lattice(centre, prior, resonance_widths(problem.records), RADIUS)
     starts = _scanned(lattice, density, problem.first[-1])
-    peaks: list[Peak] = []
+    peaks: list[PosteriorPeak] = []
     for start, value in starts:
         # a peak stands as far above its grid point as the first one, or a few times as far
-        if not peaks or value + RISE * (peaks[0].density - starts[0][1]) + DEPTH >= max(own.density for own in peaks):
+        if not peaks or value + RISE * (peaks[0].density - starts[0][1]) + DEPTH >= max(peak.density for peak in peaks):
             peaks.append(_refined(density, centre, prior, start, 0.5 * lattice.step))
     return peaks
 
@@ -116,7 +109,7 @@ def density_of(problem: BankProblem) -> Density:
     """Of the parameters, by filters from the start of the first record on."""
 
     def density(point: np.ndarray, steps: int = problem.first[-1]) -> np.ndarray:
-        value = filtered_at(problem, Points(point), steps).log_weight  # type: ignore[type-var]
+        value = filtered_at(problem, loose_points(point), steps).log_weight
         return np.where(np.isfinite(value), value, -np.finfo(float).max)
 
     return density
@@ -146,7 +139,9 @@ def _scanned(lattice: Lattice, density: Density, steps: int) -> list[tuple[np.nd
     return [(lattice.point[which[i]], float(value[i])) for i in starts[:MOST_STARTS]]
 
 
-def _refined(density: Density, centre: np.ndarray, prior: np.ndarray, start: np.ndarray, step: np.ndarray) -> Peak:
+def _refined(
+    density: Density, centre: np.ndarray, prior: np.ndarray, start: np.ndarray, step: np.ndarray
+) -> PosteriorPeak:
     """Newton's method from a point (k,), with differences over `step` (k,) at first. A move to a lower point is taken back, and
     none leaves a stencil that brackets the summit."""
     k = len(centre)
@@ -165,8 +160,8 @@ def _refined(density: Density, centre: np.ndarray, prior: np.ndarray, start: np.
         up, down = value[1 : k + 1], value[k + 1 : 2 * k + 1]
         slope, curve = (up - down) / 2, up + down - 2 * value[0]
         scaled = np.diag(curve)
-        for own, (i, j) in zip(value[2 * k + 1 :], pairs, strict=True):
-            scaled[i, j] = scaled[j, i] = own - up[i] - up[j] + value[0]
+        for both, (i, j) in zip(value[2 * k + 1 :], pairs, strict=True):
+            scaled[i, j] = scaled[j, i] = both - up[i] - up[j] + value[0]
         size, axes = np.linalg.eigh(-scaled)
         if size[0] <= FLATTEST * np.max(np.abs(value[0]), initial=1.0):
             at, step = best, (1.5 if top else 0.5) * step
@@ -183,7 +178,7 @@ def _refined(density: Density, centre: np.ndarray, prior: np.ndarray, start: np.
         step = np.clip(spread, 0.05 * step, 4.0 * step)
     sign, logdet = np.linalg.slogdet(-hessian)
     wide = -logdet if sign > 0 else 0.0
-    return Peak(best, highest + 0.5 * wide - 0.5 * float(np.linalg.slogdet(prior)[1]), highest)
+    return PosteriorPeak(best, highest + 0.5 * wide - 0.5 * float(np.linalg.slogdet(prior)[1]), highest)
 
 
 def resonance_widths(records: Sequence[BankRecord]) -> np.ndarray:
@@ -195,11 +190,15 @@ def resonance_widths(records: Sequence[BankRecord]) -> np.ndarray:
     more than 1/T. Farther apart than that, likelihoods of two values have hardly anything to do with each other.
     """
     model = records[0].model
-    rom, names, h = model.model, model.unknowns.parameters, min(own.model.h * own.model.every for own in records)
+    rom, names, h = (
+        model.model,
+        model.unknowns.parameters,
+        min(record.model.h * record.model.every for record in records),
+    )
     theta = {**model.fixed, **{name: float(model.unknowns.guess[name]) for name in names}}
     lam, phi = modal_basis(rom, theta)
     omega = np.sqrt(np.maximum(lam, 0.0))
-    longest = max(own.steps * own.model.h for own in records)
+    longest = max(record.steps * record.model.h for record in records)
     rate = np.maximum(0.5 * rom.damping.at(theta).viscous(lam)[0], 1 / longest)
     seen = (omega > 0) & (omega * h < np.pi)
     width = np.full(len(names), 2.0)
@@ -224,7 +223,7 @@ def scan_lattice(mean: np.ndarray, covariance: np.ndarray, width: np.ndarray, ra
     while (whole := float(np.prod(2 * radius / share + 1))) > MOST_SCANNED and np.any(share < 1.0):
         share = np.minimum(1.0, share * 1.01 * (whole / MOST_SCANNED) ** (1 / k))
     factor = np.linalg.cholesky(covariance)
-    node = np.indices([2 * int(radius / own) + 1 for own in share]).reshape(k, -1).T
+    node = np.indices([2 * int(radius / part) + 1 for part in share]).reshape(k, -1).T
     node -= (radius / share).astype(int)
     frame = share[:, None] * factor
     inside = np.sum(np.linalg.solve(factor, frame @ node.T) ** 2, axis=0) <= radius**2

@@ -75,7 +75,7 @@ def start_errors(
     and parameter adds to the error of the states before the parameters."""
     n = model.parameter_states.start
     k = model.size - n
-    ends = DIFFERENCE * np.concatenate([np.zeros((1, k)), *(own * np.eye(k) for own in (-2, -1, 1, 2))])
+    ends = DIFFERENCE * np.concatenate([np.zeros((1, k)), *(step * np.eye(k) for step in (-2, -1, 1, 2))])
     x, _, V = beginning(model, linear_models(model, ends, nuisances), np.zeros(n), covariance[:n, :n], settled)
     far, near, nearer, farther = x[1:].reshape(4, k, n)
     by_parameters = (8 * (nearer - near) - (farther - far)) / (12 * DIFFERENCE)

@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.decision import judged
-from strainsight.estimation.fault_search import Finding, checked_by_others, examined
+from strainsight.estimation.fault_search import Diagnosis, checked_by_others, examined
 from strainsight.estimation.faults import APART, BELIEVABLE, MARGIN, Explained, Fault, chosen
 from strainsight.estimation.load_faults import ResidualPattern, residual_pattern
 from strainsight.estimation.suspect import (
@@ -52,7 +52,8 @@ SILENT = 3
 SUDDEN = 1e6
 """Factor on the intensity of unknown loads, with which they may change from one sample to the next."""
 
-Fit = Callable[[Suspect], tuple[Explained, BankRun | None]]
+Fit = tuple[Explained, BankRun | None]
+"""How a record fits, and what its bank estimated, None where that fails."""
 Progress = Callable[[float], None]
 
 
@@ -61,7 +62,7 @@ class RecordCheck:
     """What was found in the stretch that shows most; worst: sample of the record and channel of the largest innovation, and its
     size over σ; part: the samples of the record that the check of channels is of, the first and the one behind the last."""
 
-    finding: Finding
+    finding: Diagnosis
     stretch: Suspect
     worst: tuple[int, int, float]
     part: tuple[int, int]
@@ -101,26 +102,25 @@ def _check_stretch(part: Suspect, whole: Suspect, discrepancy: float, progress: 
         as_it_is = explained(part, None)
         worst = _worst_of(part, as_it_is[1])
     if worst[2] > SPIKE and (spikes := spikes_of(part)) is not None:
-        fault, without, cleaned = spikes
-        best = replace(cleaned, fault=fault)
+        without, best = spikes
         check, ratios = checked_by_others(without, progress)
-        finding = Finding(True, as_it_is[0], check, ratios, (best,), best, (best,))
+        finding = Diagnosis(True, as_it_is[0], check, ratios, (best,), best, (best,))
         return RecordCheck(finding, part, worst, _moving(part))
     finding = examined(part, discrepancy, progress, as_it_is)
     if finding.searched and (pattern := _unmodelled_load(part, as_it_is, finding)) is not None:
         finding = replace(finding, contradicts=True, named=None, candidates=(), shifted=None, pattern=pattern)
-    if len(part.samples) == len(whole.samples) or len(finding.candidates) < 2:
-        return RecordCheck(finding, part, worst, _moving(part))
-    later = part.begin - whole.begin
-    faults = [one.fault.later(later) for one in finding.candidates if one.fault is not None]
-    tried = [explained(whole, fault)[0] for fault in faults]
-    named, candidates = chosen(explained(whole, None)[0].evidence, tried)
-    if not candidates:
-        return RecordCheck(finding, part, worst, _moving(part))
-    return RecordCheck(replace(finding, named=named, candidates=candidates), whole, worst, _moving(part))
+    stretch = part
+    if len(part.samples) < len(whole.samples) and len(finding.candidates) > 1:
+        later = part.begin - whole.begin
+        faults = [one.fault.later(later) for one in finding.candidates if one.fault is not None]
+        tried = [explained(whole, fault)[0] for fault in faults]
+        named, candidates = chosen(explained(whole, None)[0].evidence, tried)
+        if candidates:
+            finding, stretch = replace(finding, named=named, candidates=candidates), whole
+    return RecordCheck(finding, stretch, worst, _moving(part))
 
 
-def _unmodelled_load(part: Suspect, fit: tuple[Explained, BankRun | None], finding: Finding) -> ResidualPattern | None:
+def _unmodelled_load(part: Suspect, fit: Fit, finding: Diagnosis) -> ResidualPattern | None:
     """The pattern of a load that the model does not have.
 
     None where a fault leaves innovations as large as claimed, where a fault or loads of the model that change faster than stated
@@ -142,7 +142,7 @@ def _unmodelled_load(part: Suspect, fit: tuple[Explained, BankRun | None], findi
     return pattern if evidence > max([as_it_is.evidence + MARGIN, *(other + APART for other in others)]) else None
 
 
-def _agrees(part: Suspect, fit: tuple[Explained, BankRun | None]) -> bool:
+def _agrees(part: Suspect, fit: Fit) -> bool:
     return not suspected(*fit) and _worst_of(part, fit[1])[2] <= SPIKE
 
 
@@ -174,8 +174,8 @@ def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: flo
     named = check.finding.named if _has_spikes(check.finding) else None
     point = np.array((named or check.finding.as_it_is).point)
 
-    def fit(own: Suspect) -> tuple[Explained, BankRun | None]:
-        return _filtered_at(own, point)
+    def fit(record: Suspect) -> Fit:
+        return _filtered_at(record, point)
 
     whole = fit(suspect)
     worst = _worst_of(suspect, whole[1])
@@ -183,9 +183,8 @@ def _check_all(suspect: Suspect, checks: Sequence[RecordCheck], discrepancy: flo
     if not too_large(*whole) and worst[2] <= SPIKE:
         return check
     if worst[2] > SPIKE and (spikes := spikes_of(suspect, fit)) is not None:
-        fault, _, cleaned = spikes
-        named = replace(cleaned, fault=fault)
-        finding = Finding(True, whole[0], check.finding.check, tried=(named,), named=named, candidates=(named,))
+        named = spikes[1]
+        finding = Diagnosis(True, whole[0], check.finding.check, tried=(named,), named=named, candidates=(named,))
         return RecordCheck(finding, suspect, worst, check.part)
     if named is not None:
         return check
@@ -223,7 +222,7 @@ def _stretch_elsewhere(suspect: Suspect, bank: BankRun, checks: Sequence[RecordC
     return max([begin, *(b for _, b in checked if b <= k)]), min([end, *(a for a, _ in checked if a > k)])
 
 
-def _filtered_at(suspect: Suspect, point: np.ndarray) -> tuple[Explained, BankRun | None]:
+def _filtered_at(suspect: Suspect, point: np.ndarray) -> Fit:
     """How a record fits with its parameters known: ratio of innovations over the LONGEST samples where it is largest."""
     record = replace(suspect, nuisances=replace(suspect.nuisances, learned=True)).known_at(point)
     try:
@@ -251,7 +250,7 @@ def _worst_of(suspect: Suspect, bank: BankRun | None) -> tuple[int, int, float]:
     return suspect.begin + k, int(np.argmax(each[k])), float(size[k])
 
 
-def _has_spikes(finding: Finding) -> bool:
+def _has_spikes(finding: Diagnosis) -> bool:
     fault = None if finding.named is None else finding.named.fault
     return fault is not None and fault.kind == "spikes"
 
@@ -265,21 +264,23 @@ def sizes_of(suspect: Suspect, bank: BankRun) -> tuple[np.ndarray, np.ndarray]:
     return size, innovation / usual
 
 
-def spikes_of(suspect: Suspect, fit: Fit = lambda own: explained(own, None)) -> tuple[Fault, Suspect, Explained] | None:
-    """Few samples without which a record agrees with its model, the record without them, and how it fits; None where it does not
-    come to agree. fit: how a record does.
+def spikes_of(
+    suspect: Suspect, fit: Callable[[Suspect], Fit] = lambda record: explained(record, None)
+) -> tuple[Suspect, Explained] | None:
+    """The record without few samples, without which it agrees with its model, and how it fits with that fault; None where it does
+    not come to agree. fit: how a record does.
 
     They are sought beside unknown loads that may change at once, which channels then show together. The first sample of every
     disturbance is that of the channel whose innovation is largest; what follows it is what the filter made of it.
     """
     marked: list[tuple[int, int]] = []
     free, samples = _with_sudden_loads(suspect), suspect.samples.copy()
-    found = fit(free)
+    fitted = fit(free)
     most = max(ALWAYS, int(MOST_SHARE * samples.size))
     for _ in range(ROUNDS):
-        if found[1] is None:
+        if fitted[1] is None:
             return None
-        size, each = sizes_of(suspect, found[1])
+        size, each = sizes_of(suspect, fitted[1])
         rows = np.flatnonzero(size > max(SPIKE, 0.1 * size.max()))
         if not len(rows):
             break
@@ -290,7 +291,7 @@ def spikes_of(suspect: Suspect, fit: Fit = lambda own: explained(own, None)) -> 
         if len(marked) > most:
             return None
         samples[tuple(np.transpose(marked)[::-1])] = np.nan
-        found = fit(replace(free, samples=samples))
+        fitted = fit(replace(free, samples=samples))
     else:
         return None
     without = replace(suspect, samples=samples)
@@ -301,7 +302,7 @@ def spikes_of(suspect: Suspect, fit: Fit = lambda own: explained(own, None)) -> 
     if suspected(*as_stated):
         return None
     spans = _joined(marked)
-    return Fault("spikes", spans[0][0], 0.0, spans=spans), without, as_stated[0]
+    return without, replace(as_stated[0], fault=Fault("spikes", spans[0][0], 0.0, spans=spans))
 
 
 def _with_sudden_loads(suspect: Suspect) -> Suspect:

@@ -1,22 +1,21 @@
-"""The reduced parametric model under known loads as a `StepModel`, its offsets, and simulated truth."""
+"""The reduced parametric model under known loads as a `StepModel`, and offsets of its channels."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
 
 from strainsight.estimation.model import FilterModel, StepModel, constant_acceleration, constant_step, measure, step
-from strainsight.estimation.update import apply, covariance_factor
+from strainsight.estimation.update import apply
 
 LOST = 10.0
 """A run diverges when a parameter has left its guess by a factor of exp(LOST)."""
 
 
 @dataclass(frozen=True)
-class Driven:
+class DrivenModel:
     """`StepModel` of a FilterModel: known (T, HOLD, n_known) hold coefficients [N] of its known inputs.
 
     Where no parameter is estimated, the step and the measurement are linear: their matrices are built once and the known
@@ -115,34 +114,18 @@ class Biased:
     base: StepModel
     at: np.ndarray
     walk: np.ndarray | None = None
+    size: int = field(init=False)
+    channels: int = field(init=False)
+    h: float = field(init=False)
+    sets: int = field(init=False)
+    linear: bool = field(init=False)
+    position: np.ndarray = field(init=False)
+    loss: str = field(init=False)
 
-    @property
-    def size(self) -> int:
-        return self.base.size + len(self.at)
-
-    @property
-    def channels(self) -> int:
-        return self.base.channels
-
-    @property
-    def h(self) -> float:
-        return self.base.h
-
-    @property
-    def sets(self) -> int:
-        return self.base.sets
-
-    @property
-    def linear(self) -> bool:
-        return self.base.linear
-
-    @property
-    def position(self) -> np.ndarray:
-        return self.base.position
-
-    @property
-    def loss(self) -> str:
-        return self.base.loss
+    def __post_init__(self) -> None:
+        for name in ("channels", "h", "sets", "linear", "position", "loss"):
+            object.__setattr__(self, name, getattr(self.base, name))
+        object.__setattr__(self, "size", self.base.size + len(self.at))
 
     def begin(self, x: np.ndarray, k: int) -> None:
         self.base.begin(x[:, : self.base.size], k)
@@ -176,7 +159,7 @@ class Biased:
 
 def driven_with_offsets(model: FilterModel, known: np.ndarray, biased: np.ndarray | None = None) -> StepModel:
     """The reduced model under known loads (T, HOLD, n_known) [N]; biased (b,): channels with an offset, None for none."""
-    driven = Driven(model, known)
+    driven = DrivenModel(model, known)
     return driven if biased is None or not len(biased) else Biased(driven, biased)
 
 
@@ -186,30 +169,3 @@ def bordered(A: np.ndarray, corner: np.ndarray) -> np.ndarray:
     whole = np.zeros((*A.shape[:-2], n + k, n + k))
     whole[..., :n, :n], whole[..., n:, n:] = A, corner
     return whole
-
-
-def draw_truth(
-    model: FilterModel, mean: np.ndarray, covariance: np.ndarray, known: np.ndarray, seeds: Sequence[int]
-) -> tuple[np.ndarray, np.ndarray]:
-    """One run of the filter's own model a seed:
-
-        x*₀ ~ N(mean, P₀),   x*ₖ₊₁ = f(x*ₖ, u) + wₖ,   yₖ = h(x*ₖ) + vₖ,   wₖ ~ N(0, Q_h),   vₖ ~ N(0, R)
-
-    mean (n*,) and covariance P₀ (n*, n*) as the filter is given them (P₀, Q may be singular); known (T, HOLD, n_known)
-    hold coefficients [N]; the H and r of the model may be one set a run, its Q may not.
-    A run depends on its own seed alone. Returns truth x* (T + 1, B, n*) and measurement (T/every, B, m).
-    """
-    steps, size = len(known), model.size
-    first, walk = covariance_factor(covariance), covariance_factor(model.process)
-    generators = [np.random.default_rng(seed) for seed in seeds]
-    x = mean + np.stack([first @ rng.standard_normal(first.shape[1]) for rng in generators])
-    disturbance = np.stack([rng.standard_normal((steps, walk.shape[1])) @ walk.T for rng in generators], axis=1)
-    noise = np.stack([rng.standard_normal((steps, model.H.shape[-2])) for rng in generators], axis=1)
-    noise *= np.sqrt(model.noise)
-    driven = Driven(model, known)
-    truth, measurement = np.empty((steps + 1, len(seeds), size)), np.empty_like(noise)
-    truth[0] = x
-    for k in range(steps):
-        truth[k + 1] = driven.step(truth[k], k)[0] + disturbance[k]
-        measurement[k] = driven.measure(truth[k + 1], k)[0] + noise[k]
-    return truth, measurement[model.every - 1 :: model.every]

@@ -56,7 +56,7 @@ class FilterRun:
     fit: np.ndarray | None = None
 
 
-class Record:
+class RunArrays:
     """The arrays of a FilterRun while it runs: B runs, b covariances, T steps of a model; iterating: whether the
     innovations of the last linearisation are other than the first; regressed: whether `noises` are to be kept, too; each:
     whether the process noise is."""

@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.estimation.filter import filter_runs, samples_by_step
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.reduced import driven_with_offsets
-from strainsight.estimation.run import FilterRun, Keep, Record
+from strainsight.estimation.run import FilterRun, Keep, RunArrays
 from strainsight.estimation.update import Form, Transition, apply, belief_of, symmetric, transposed, whiten
 
 Outcome = tuple[np.ndarray, np.ndarray]
@@ -52,8 +52,7 @@ def regression(
         mean = Σ wᵢ fᵢ,   slope C = Σ wᵢ fᵢ zᵢᵀ,   slope e = Σ wᵢ Jᵢ e,   fᵢ = f(x̂ + C zᵢ)
         rest = Σ wᵢ (rᵢ rᵢᵀ + (Jᵢ − J̄) Σ (Jᵢ − J̄)ᵀ),   rᵢ = fᵢ − mean − slope C zᵢ
 
-    Points spread over p alone, as e is integrated in closed form: exact in e, of degree five in p. A sum of congruences: rest is
-    positive semidefinite, and so is slope P slopeᵀ + rest, the covariance of f.
+    Exact in e, of degree five in p. rest is positive semidefinite, and so is slope P slopeᵀ + rest, the covariance of f.
     of: x (N B, n) point by point → f (N B, r) and J = ∂f/∂x (N B or 1, r, n), of which columns of p are not used;
     x (B, n), P (B, n, n). A direction of p without variance has no spread and no slope.
     Sources: Morelande and Ristić, Proc. SPIE 6236 (2006); Lefebvre, Bruyninckx and De Schutter, IEEE Trans. Automatic Control
@@ -95,11 +94,9 @@ def run_sigma_points(
 
         x̂⁻ = mean_f,   P⁻ = A P Aᵀ + Q + rest_f,     S = H P⁻ Hᵀ + R + rest_h,   x̂ = x̂⁻ + P⁻Hᵀ S⁻¹ (y − mean_h)
 
-    with A, H their slopes: the covariance of the extended filter, by Joseph's form or a square root, and what the product of the
-    errors of parameter and motion adds, which that neglects. A reading of strain or displacement is linear, but where a
-    thickness is free, and no regression is needed. The density of parameter and motion is taken as normal after every step,
-    which it is not. Arguments as of `run_filter`; biased (b,): channels with an unknown offset, behind x* in mean, covariance
-    and all that is found. Parameters drift by what Q says, else they are constants. Without a parameter it is the Kalman
+    with A, H their slopes: the covariance of the extended filter, and what the product of the errors of parameter and motion
+    adds, which that neglects. A reading that is linear needs no regression. The density of parameter and motion is taken as
+    normal after every step. Arguments as of `run_filter`. Parameters drift by what Q says. Without a parameter it is the Kalman
     filter. Raises ValueError where the known loads end before the samples, and as `filter_runs`.
     """
     y = samples_by_step(model, known, measurement)
@@ -115,7 +112,7 @@ def run_sigma_points(
     x = np.broadcast_to(mean, (runs, core.size)).astype(float)
     P = np.broadcast_to(covariance, (runs, core.size, core.size)).astype(float)
     start, belief = (x.copy(), P.copy()), belief_of(form, P)
-    record = Record(core, len(y), runs, runs, keep, regressed=True)
+    record = RunArrays(core, len(y), runs, runs, keep, regressed=True)
     record.state(0, x, P)
     for k in range(len(y)):
         moved = _constant(regression(lambda at, k=k: many.step(at, k), x, P, parameters, points), x, parameters)  # type: ignore[misc]

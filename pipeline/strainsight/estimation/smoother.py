@@ -8,7 +8,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from strainsight.estimation.model import FilterModel, StepModel
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.update import (
     apply,
@@ -26,7 +26,7 @@ from strainsight.rom.modal_step import HOLD
 
 
 @dataclass(frozen=True)
-class Wanted:
+class WantedCovariances:
     """Covariances that are kept of a smoother: rows (r, n*), or (T + 1, r, n*) where they change, of which σ is wanted at every
     instant; states (k,), their
     covariance with one another at every instant; instants (i,), all of it there."""
@@ -40,7 +40,7 @@ class Wanted:
 class Kept:
     """What was wanted: std (T + 1, r), covariance (T + 1, k, k) and then (i, n*, n*)."""
 
-    wanted: Wanted
+    wanted: WantedCovariances
     std: np.ndarray
     covariance: np.ndarray
     then: np.ndarray
@@ -108,7 +108,7 @@ def _places(wanted: np.ndarray, available: np.ndarray) -> np.ndarray:
 class Keeping:
     """The arrays of the covariances that are kept while a smoother runs over T + 1 instants of n* states."""
 
-    def __init__(self, wanted: Wanted | None, instants: int, n: int):
+    def __init__(self, wanted: WantedCovariances | None, instants: int, n: int):
         self.covariance = np.zeros((instants, 1, n, n)) if wanted is None else None
         self.kept: Kept | None = None
         if wanted is not None:
@@ -144,7 +144,7 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
     covariances, jacobian, all_rows, adjusted = map(_kept, (run.covariance, run.jacobian, run.rows, run.adjusted))
     if covariances.shape[1] != run.unknown_covariance.shape[1]:
         raise ValueError("only the first run was kept")
-    core = Driven(model, np.zeros((0, HOLD, 0))) if isinstance(model, FilterModel) else model
+    core = DrivenModel(model, np.zeros((0, HOLD, 0))) if isinstance(model, FilterModel) else model
     steps, runs, channels = run.innovation.shape
     b, size = covariances.shape[1:3]
     missing = np.isnan(adjusted) if b > 1 else np.isnan(adjusted).all(axis=1, keepdims=True)

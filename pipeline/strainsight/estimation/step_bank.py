@@ -47,7 +47,7 @@ class StepBank:
 
 
 @dataclass(frozen=True)
-class Histories:
+class PointHistories:
     """Of B points through t steps: mean, variance (t + 1, B, n) of x, joint covariance (t + 1, B, q, q) of `position`, nis and
     fit (t, B) as of a FilterRun."""
 
@@ -62,7 +62,7 @@ class Histories:
 class Followed(Standing[Lattice]):
     """Points of a lattice with their histories, which reach beyond `step`."""
 
-    own: Histories
+    histories: PointHistories
 
 
 @dataclass(frozen=True)
@@ -107,24 +107,24 @@ def filter_constants(
     mean[0], variance[0] = bank.mean, np.diagonal(bank.covariance)
     joint[0] = bank.covariance[np.ix_(bank.position, bank.position)]
 
-    def mix(span: slice, own: Followed, log_weight: np.ndarray) -> None:
-        found = _mixed(bank, own, span, log_weight)
-        mean[span], variance[span], joint[span], nis[span.start - 1 : span.stop - 1] = found
+    def mix(span: slice, points: Followed, log_weight: np.ndarray) -> None:
+        moments = _mixed(bank, points, span, log_weight)
+        mean[span], variance[span], joint[span], nis[span.start - 1 : span.stop - 1] = moments
 
     while now.step < T:
         if progress is not None:
             progress(now.step)
         first = now.step
-        if first == len(now.own.fit):
+        if first == len(now.histories.fit):
             now = _followed(bank, samples, now.cover, first)
-        after = now.prior + np.cumsum(now.own.fit, axis=0)[first:]
+        after = now.prior + np.cumsum(now.histories.fit, axis=0)[first:]
         alive = int(np.append(np.isfinite(after.max(axis=1)), False).argmin())
         if not alive:
             raise _none_left(first + 1)
         good = now.cover.holds(after[:alive])
         used = alive if good.all() else int(np.argmin(good)) + 1
         mix(slice(first + 1, first + used + 1), now, after[:used])
-        now = replace(now, fit=now.own.fit[: first + used].sum(axis=0), step=first + used)
+        now = replace(now, fit=now.histories.fit[: first + used].sum(axis=0), step=first + used)
         if used < len(after) or not good.all():
             now, laid = next_lattice(laying, now), laid + 1
             # the last of these steps, which the points before are no longer good for
@@ -138,20 +138,20 @@ def _followed(bank: StepBank, samples: np.ndarray, lattice: Lattice, step: int) 
     """The filters at the points of a lattice after `step` steps, from the start, and AHEAD times as many, for the next ones."""
     point = lattice.point
     x, P = bank.begin(point)
-    there = np.isfinite(x.sum(axis=1))
-    prior = np.where(there, log_normal(point, *bank.prior), -np.inf)
-    if not there.any():
+    started = np.isfinite(x.sum(axis=1))
+    prior = np.where(started, log_normal(point, *bank.prior), -np.inf)
+    if not started.any():
         raise _none_left(0)
-    instead = int(np.argmax(there))  # filtered in its place, without weight
+    instead = int(np.argmax(started))  # filtered in its place, without weight
     run = bank.filters(
-        np.where(there[:, None], x, x[instead]),
-        np.where(there[:, None, None], P, P[instead]),
+        np.where(started[:, None], x, x[instead]),
+        np.where(started[:, None, None], P, P[instead]),
         samples[: int(AHEAD * step) + 2],
     )
     assert run.fit is not None
     joint = np.broadcast_to(run.unknown_covariance, (*run.mean.shape[:2], *run.unknown_covariance.shape[2:]))
     now = Followed(
-        lattice, prior, run.fit[:step].sum(axis=0), step, Histories(run.mean, run.std**2, joint, run.nis, run.fit)
+        lattice, prior, run.fit[:step].sum(axis=0), step, PointHistories(run.mean, run.std**2, joint, run.nis, run.fit)
     )
     if np.isneginf(now.log_weight).all():
         raise _none_left(step)
@@ -161,7 +161,7 @@ def _followed(bank: StepBank, samples: np.ndarray, lattice: Lattice, step: int) 
 def _joined(lattice: Lattice, parts: Sequence[Followed]) -> Followed:
     """Parts of one lattice, in the order of its points."""
     prior, fit = (np.concatenate([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
-    return Followed(lattice, prior, fit, parts[0].step, joined([part.own for part in parts], axis=1))
+    return Followed(lattice, prior, fit, parts[0].step, joined([part.histories for part in parts], axis=1))
 
 
 def _mixed(
@@ -170,7 +170,8 @@ def _mixed(
     """Mean and variance (L, n), joint covariance (L, q, q) and NIS (L,) at the instants of a span, points weighed by log_weight
     (L, B). What has diverged is NaN and weighs nothing."""
     w = now.cover.weights(log_weight).mean
-    x, variance, joint = (np.nan_to_num(own[span]) for own in (now.own.mean, now.own.variance, now.own.joint))
+    of = now.histories
+    x, variance, joint = (np.nan_to_num(values[span]) for values in (of.mean, of.variance, of.joint))
     mean = np.einsum("tb,tbn->tn", w, x)
     off = x - mean[:, None]
     among = off[..., bank.position]
@@ -178,7 +179,7 @@ def _mixed(
         mean,
         np.einsum("tb,tbn->tn", w, variance + off**2),
         np.einsum("tb,tbij->tij", w, joint) + np.einsum("tb,tbi,tbj->tij", w, among, among, optimize=True),
-        np.einsum("tb,tb->t", w, np.nan_to_num(now.own.nis[span.start - 1 : span.stop - 1])),
+        np.einsum("tb,tb->t", w, np.nan_to_num(now.histories.nis[span.start - 1 : span.stop - 1])),
     )
 
 

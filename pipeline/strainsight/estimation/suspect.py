@@ -62,9 +62,8 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
 
         ln p(y | fault) = ln p(T y) + ln |det T|,    y in units of the noise of a sample
 
-    p(T y): parameters, motion, loads and all tolerances integrated out; innovations are those at the most likely parameters.
-    Offset and drift are one more of its constants ν, whose σ is BROAD times the RMS of the channel, so that a fault with a free
-    size pays for it. A dead channel has the density of a constant and white noise.
+    p(T y): all integrated out; innovations are those at the most likely parameters. Offset and drift are one more of its
+    constants ν, of σ BROAD times the RMS of the channel. A dead channel has the density of a constant and white noise.
     """
     record, change, unit = suspect, 0.0, 0.0
     if fault is not None and fault.of_load:
@@ -135,8 +134,9 @@ def _with_zero(nuisances: Nuisances, fault: Fault, unit: float, suspect: Suspect
 def ratio_of(bank: BankRun, part: slice = slice(None)) -> float:
     """Innovations over their claim, RMS, of all steps or of a part of them, the larger; NaN where nothing was measured."""
     squares = bank.run.whitened**2
-    found = [np.sqrt(np.mean(own[np.isfinite(own)])) for own in (squares, squares[part]) if np.isfinite(own).any()]
-    return float(max(found)) if found else np.nan
+    parts = [each[np.isfinite(each)] for each in (squares, squares[part])]
+    ratios = [np.sqrt(np.mean(each)) for each in parts if each.size]
+    return float(max(ratios)) if ratios else np.nan
 
 
 def missed_of(bank: BankRun | None) -> float:
@@ -145,9 +145,9 @@ def missed_of(bank: BankRun | None) -> float:
         return np.inf
     read = bank.run.innovation[:, 0]
     foreseen = bank.run.gauge_mean[:, 0]
-    there = np.isfinite(read)
-    of = np.where(there, read, 0.0), np.where(there, foreseen, 0.0)
-    missed, whole = (np.sqrt(np.sum(own**2, axis=0)) for own in (of[0], np.hypot(*of)))
+    finite = np.isfinite(read)
+    of = np.where(finite, read, 0.0), np.where(finite, foreseen, 0.0)
+    missed, whole = (np.sqrt(np.sum(each**2, axis=0)) for each in (of[0], np.hypot(*of)))
     return float(np.max(missed / np.maximum(whole, np.finfo(float).tiny), initial=0.0))
 
 
@@ -196,10 +196,10 @@ def loudest_stretches(suspect: Suspect) -> tuple[tuple[int, int], ...]:
     if count <= LONGEST:
         return ((0, count),)
     stretches = [_loudest(_second_largest(energy))]
-    of_channels = [(_loudest(own), own) for own in energy.T]
-    for stretch, own in sorted(of_channels, key=lambda one: one[0]):
-        there = max(float(own[slice(*each)].sum()) for each in stretches)
-        if len(stretches) < MOST and there < 0.5 * float(own[slice(*stretch)].sum()):
+    of_channels = [(_loudest(of_channel), of_channel) for of_channel in energy.T]
+    for stretch, of_channel in sorted(of_channels, key=lambda one: one[0]):
+        covered = max(float(of_channel[slice(*each)].sum()) for each in stretches)
+        if len(stretches) < MOST and covered < 0.5 * float(of_channel[slice(*stretch)].sum()):
             stretches.append(stretch)
     return tuple(stretches)
 
@@ -222,7 +222,7 @@ def loudest_channel(part: Suspect) -> int:
 
 def with_intensity(part: Suspect, factor: float) -> Suspect:
     """A stretch whose unknown loads are less intense by a factor: Q and the covariance of the motion are multiplied by it."""
-    n, size = part.model.parameter_states.start, np.sqrt(factor)
+    n = part.model.parameter_states.start
 
     def scaled(model: FilterModel) -> FilterModel:
         Q = model.Q.copy()
@@ -233,10 +233,16 @@ def with_intensity(part: Suspect, factor: float) -> Suspect:
         model, nuisances = part.turned(channel, angle)
         return scaled(model), nuisances
 
-    covariance = part.covariance.copy()
-    covariance[:n] *= size
-    covariance[:, :n] *= size
+    covariance = _wider_motion(part.covariance, n, np.sqrt(factor))
     return replace(part, model=scaled(part.model), covariance=covariance, turned=turned)
+
+
+def _wider_motion(covariance: np.ndarray, n: int, factor: float) -> np.ndarray:
+    """With σ of the first n states times a factor."""
+    P = covariance.copy()
+    P[:n] *= factor
+    P[:, :n] *= factor
+    return P
 
 
 def moving_part_of(part: Suspect) -> Suspect:
@@ -338,7 +344,4 @@ def _unknown_motion(suspect: Suspect, samples: np.ndarray) -> np.ndarray:
     if model.accelerometers is not None:
         use &= ~model.accelerometers
     wider = max(1.0, float(np.median(largest[use] / foreseen[use]))) if use.any() else 1.0
-    P = covariance.copy()
-    P[:n] *= wider
-    P[:, :n] *= wider
-    return P
+    return _wider_motion(covariance, n, wider)

@@ -9,7 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.by_region import region_operator, targets
+from strainsight.fem.by_region import by_element, cut, poisson_ratios, region_operator, some_of, targets
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.elasticity import (
     anisotropic_regions,
@@ -89,37 +89,17 @@ def assemble_stiffness(mesh: Mesh) -> sparse.csr_array:
     return _stiffness(mesh, regions, _pattern(mesh, regions))
 
 
-def _parts(mesh: Mesh, regions: Mapping[int, float]) -> list[CellBlock]:
-    """The blocks, cut down to the elements in these regions."""
-    parts = []
+def chunks(mesh: Mesh, regions: Mapping[int, float], size: int | None = CHUNK) -> Iterator[CellBlock]:
+    """The elements in these regions, a few at a time."""
     for block in mesh.blocks:
-        inside = np.isin(block.region, list(regions))
-        if inside.any():
-            parts.append(_some(block, inside))
-    return parts
-
-
-def _some(block: CellBlock, which: np.ndarray | slice) -> CellBlock:
-    return CellBlock(block.kind, block.ids[which], block.nodes[which], block.region[which])
-
-
-def chunks(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[CellBlock]:
-    """The elements in these regions, a few at a time, in the order of `_parts`."""
-    for block in _parts(mesh, regions):
-        for start in range(0, len(block.ids), CHUNK):
-            yield _some(block, slice(start, start + CHUNK))
-
-
-def factors(part: CellBlock, regions: Mapping[int, float]) -> np.ndarray:
-    """(e, 1): the value of each element's region."""
-    return np.array([regions[int(number)] for number in part.region])[:, None]
+        yield from cut(block, regions, size)
 
 
 def _pattern(mesh: Mesh, regions: Mapping[int, float]) -> Pattern:
     """Node pairs of every element in these regions, each unordered pair once (a ≤ b locally)."""
     nodes = len(mesh.position)
     keys, flips = [], []
-    for part in _parts(mesh, regions):
+    for part in chunks(mesh, regions, None):
         a, b = np.triu_indices(part.nodes.shape[1])
         first, second = part.nodes[:, a].ravel(), part.nodes[:, b].ravel()
         flips.append(first > second)
@@ -136,9 +116,9 @@ def _stiffness(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sp
         if not own.any():
             return _isotropic(mesh, part, position)
         K = np.empty((len(part.ids), position.shape[1] * (position.shape[1] + 1) // 2, 9))
-        K[own] = _anisotropic(mesh, _some(part, own), position[own])
+        K[own] = _anisotropic(mesh, some_of(part, own), position[own])
         if not own.all():
-            K[~own] = _isotropic(mesh, _some(part, ~own), position[~own])
+            K[~own] = _isotropic(mesh, some_of(part, ~own), position[~own])
         return K
 
     blocks = _accumulate(mesh, regions, pattern, kernel, 9).reshape(-1, 3, 3)
@@ -146,7 +126,7 @@ def _stiffness(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sp
 
 
 def _isotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
-    nu = np.array([mesh.materials[mesh.regions[int(number)].material].poisson_ratio for number in part.region])
+    nu = poisson_ratios(mesh, part.region)
     return element_stiffnesses(kind_of(part.kind), position, nu, part.ids)
 
 
@@ -178,7 +158,7 @@ def _accumulate(
     local = np.empty((len(pattern.place), width))
     at = 0
     for part in chunks(mesh, regions):
-        values = kernel(mesh.position[part.nodes], part) * factors(part, regions)[:, :, None]
+        values = kernel(mesh.position[part.nodes], part) * by_element(part, regions)[:, None, None]
         local[at : at + values.shape[0] * values.shape[1]] = values.reshape(-1, width)
         at += values.shape[0] * values.shape[1]
     if width == 9:

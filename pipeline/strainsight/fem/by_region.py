@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from functools import reduce
 from itertools import count
 from typing import TypeVar
@@ -24,6 +25,7 @@ BEYOND = 0.1
 """How far beyond its range a parameter acts, as a share of its value there."""
 
 Operator = TypeVar("Operator", np.ndarray, sparse.csr_array)
+Block = TypeVar("Block", bound=CellBlock | ShellBlock | BeamBlock)
 
 
 def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequence[Parameter]) -> AffineOperator:
@@ -40,7 +42,8 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
     a sparse matrix, so that no motion is too small to count, and over max |X| of an array.
     Raises UserError where degree MOST is not enough. Source: Chkifa, Cohen and Schwab, Found. Comput. Math. 14 (2014).
     """
-    points = [_points(own) for own in parameters]
+    axes = [_Axis(own) for own in parameters]
+    names = [own.name for own in axes]
     first = of({own.name: own.reference for own in parameters})
     scale = _scales(first)
     span: list[np.ndarray] = []
@@ -51,47 +54,30 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
         if not tried:
             break
         if degree > MOST:
-            names = [own.name for own in parameters]
             raise UserError(
                 f"over the range of {' and '.join(names)} the stiffness is no polynomial of degree {MOST}",
                 remedy=f"narrow {' or '.join(f'parameters.{name}.range' for name in names)}",
             )
         for index in tried:
-            theta = {own.name: _value(own, z[k]) for own, z, k in zip(parameters, points, index, strict=True)}
+            theta = {own.name: own.theta(k) for own, k in zip(axes, index, strict=True)}
             w = _seen_in((_data(of(theta)) - _data(first)) * scale, span)
             for other, less in found.items():
                 if all(a <= b for a, b in zip(other, index, strict=True)):
-                    w[: len(less)] -= _value_at(points, parameters, other, index) * less
-            found[index] = w / _value_at(points, parameters, index, index)
+                    w[: len(less)] -= _value_at(axes, other, index) * less
+            found[index] = w / _value_at(axes, index, index)
             change = np.abs(sum((a * B for a, B in zip(found[index], span, strict=True)), np.zeros(1))).max()
-            if (
-                change * np.prod([_largest(own, z[:k]) for own, z, k in zip(parameters, points, index, strict=True)])
-                > TOLERANCE
-            ):
+            if change * np.prod([own.largest(k) for own, k in zip(axes, index, strict=True)]) > TOLERANCE:
                 kept.add(index)
-    return _made(first, [B / scale for B in span], {index: found[index] for index in kept}, parameters, points)
-
-
-def _made(
-    first: Operator,
-    span: Sequence[np.ndarray],
-    weights: Mapping[tuple[int, ...], np.ndarray],
-    parameters: Sequence[Parameter],
-    points: Sequence[Sequence[float]],
-) -> AffineOperator:
-    shape: list[int] = (np.max(list(weights), axis=0) + 1).tolist()
-    w = np.zeros((len(span), int(np.prod(shape))))
-    for index, seen in weights.items():
-        w[: len(seen), np.ravel_multi_index(index, shape)] = seen
-    bases = tuple(
-        Newton(own.name, tuple(z[: m - 1]), _scale(own), _range(own), BEYOND, _logarithm(own))
-        for own, z, m in zip(parameters, points, shape, strict=True)
-    )
-    labels = [f"{' '.join(own.name for own in parameters)} ({k + 1})" for k in range(len(span))]
+    shape: list[int] = (np.max(list(kept), axis=0) + 1).tolist()
+    weights = np.zeros((len(span), *shape))
+    for degrees in kept:
+        weights[(slice(len(found[degrees])), *degrees)] = found[degrees]
+    bases = tuple(own.newton(m - 1) for own, m in zip(axes, shape, strict=True))
+    labels = [f"{' '.join(names)} ({k + 1})" for k in range(len(span))]
     return AffineOperator(
         first,
-        {label: _like(first, B) for label, B in zip(labels, span, strict=True)},
-        {label: Coefficient(bases, each.reshape(shape)) for label, each in zip(labels, w, strict=True)},
+        {label: _like(first, B / scale) for label, B in zip(labels, span, strict=True)},
+        {label: Coefficient(bases, each) for label, each in zip(labels, weights, strict=True)},
     )
 
 
@@ -128,14 +114,10 @@ def _scales(X: Operator) -> np.ndarray:
     return np.where(product > 0, 1 / np.where(product > 0, product, 1.0), 1 / product.max())
 
 
-def _value_at(
-    points: Sequence[Sequence[float]], parameters: Sequence[Parameter], index: tuple[int, ...], at: tuple[int, ...]
-) -> float:
+def _value_at(axes: Sequence[_Axis], index: tuple[int, ...], at: tuple[int, ...]) -> float:
     """Π_j N_{index_j} at the points `at`."""
-    factors = [
-        (points[j][at[j]] - points[j][i]) / _scale(own) for j, own in enumerate(parameters) for i in range(index[j])
-    ]
-    return float(np.prod(factors))
+    each = zip(axes, index, at, strict=True)
+    return float(np.prod([(own.points[b] - own.points[i]) / own.scale for own, k, b in each for i in range(k)]))
 
 
 def _below(index: tuple[int, ...]) -> Iterator[tuple[int, ...]]:
@@ -155,54 +137,45 @@ def _of_degree(dimensions: int, degree: int) -> Iterator[tuple[int, ...]]:
             yield (first, *rest)
 
 
-def _logarithm(own: Parameter) -> bool:
-    return own.property in ("youngs_modulus", *PLY_MODULI)
+class _Axis:
+    """A parameter as it is interpolated, in x = ln θ of a modulus, or else x = θ: its range, with the reference; ends of x, with
+    BEYOND; scale, a quarter between these, for which N_k neither grows nor vanishes with k; Leja points of x: the reference, and
+    each next one where the product of the distances to those before is greatest."""
 
+    def __init__(self, own: Parameter):
+        assert own.range is not None, f"parameter {own.name} has no range"
+        self.name, self.reference = own.name, own.reference
+        self.logarithm = own.property in ("youngs_modulus", *PLY_MODULI)
+        low, high = self.range = min(own.range[0], own.reference), max(own.range[1], own.reference)
+        assert low < high, f"the range of parameter {own.name} is empty"
+        self.ends = self._x((1 - BEYOND) * low), self._x((1 + BEYOND) * high)
+        low, high = self.ends
+        self.scale = (high - low) / 4
+        grid = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.linspace(0, np.pi, 401))
+        self.points = [self._x(own.reference)]
+        distance = np.abs(grid - self.points[0]) / self.scale
+        while len(self.points) <= MOST:
+            self.points.append(float(grid[np.argmax(distance)]))
+            distance *= np.abs(grid - self.points[-1]) / self.scale
 
-def _value(own: Parameter, x: float) -> float:
-    """θ of x; the reference to the last digit."""
-    if not _logarithm(own):
-        return x
-    return own.reference if x == np.log(own.reference) else float(np.exp(x))
+    def _x(self, theta: float) -> float:
+        return float(np.log(theta)) if self.logarithm else theta
 
+    def theta(self, k: int) -> float:
+        """θ at point k; the reference to the last digit."""
+        x = self.points[k]
+        return self.reference if k == 0 else float(np.exp(x)) if self.logarithm else x
 
-def _range(own: Parameter) -> tuple[float, float]:
-    """That of a parameter, with its reference."""
-    assert own.range is not None, f"parameter {own.name} has no range"
-    low, high = min(own.range[0], own.reference), max(own.range[1], own.reference)
-    assert low < high, f"the range of parameter {own.name} is empty"
-    return low, high
+    def largest(self, k: int) -> float:
+        """max |N_k| over the interval."""
+        x = np.linspace(*self.ends, 401)
+        return float(
+            np.abs(np.prod([(x - root) / self.scale for root in self.points[:k]] or [np.ones(1)], axis=0)).max()
+        )
 
-
-def _whole(own: Parameter) -> tuple[float, float]:
-    """x at the ends of the range, and how far beyond it a parameter acts."""
-    low, high = _range(own)
-    ends = (1 - BEYOND) * low, (1 + BEYOND) * high
-    return (float(np.log(ends[0])), float(np.log(ends[1]))) if _logarithm(own) else ends
-
-
-def _scale(own: Parameter) -> float:
-    """A quarter of the interval, for which N_k neither grows nor vanishes with k."""
-    low, high = _whole(own)
-    return (high - low) / 4
-
-
-def _points(own: Parameter) -> list[float]:
-    """x at Leja points: the reference, and each next one where the product of the distances to those before is greatest."""
-    low, high = _whole(own)
-    grid = 0.5 * (low + high) - 0.5 * (high - low) * np.cos(np.linspace(0, np.pi, 401))
-    found = [float(np.log(own.reference)) if _logarithm(own) else own.reference]
-    distance = np.abs(grid - found[0]) / _scale(own)
-    while len(found) <= MOST:
-        found.append(float(grid[np.argmax(distance)]))
-        distance *= np.abs(grid - found[-1]) / _scale(own)
-    return found
-
-
-def _largest(own: Parameter, roots: Sequence[float]) -> float:
-    """max |N_k| over the interval."""
-    x = np.linspace(*_whole(own), 401)
-    return float(np.abs(np.prod([(x - root) / _scale(own) for root in roots] or [np.ones(1)], axis=0)).max())
+    def newton(self, degree: int) -> Newton:
+        """N_0 to N_degree."""
+        return Newton(self.name, tuple(self.points[:degree]), self.scale, self.range, BEYOND, self.logarithm)
 
 
 def region_operator(
@@ -330,6 +303,30 @@ def targets(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[str,
 def modulus_of(mesh: Mesh, region: int) -> float:
     """Young's modulus [Pa] that the stiffness of a region is multiplied with; 1 where it has several, `without_modulus`."""
     return 1.0 if without_modulus(mesh, region) else mesh.materials[mesh.regions[region].material].youngs_modulus
+
+
+def some_of(block: Block, which: np.ndarray) -> Block:
+    """Some elements of a block."""
+    columns = {name: own for name, own in vars(block).items() if isinstance(own, np.ndarray)}
+    return replace(block, **{name: own[which] for name, own in columns.items() if len(own) == len(block.ids)})
+
+
+def cut(block: Block, regions: Mapping[int, float], size: int | None = None) -> Iterator[Block]:
+    """The elements of a block in these regions, so many at a time, None: all of them."""
+    inside = np.flatnonzero(np.isin(block.region, list(regions)))
+    size = size or len(inside) or 1
+    for start in range(0, len(inside), size):
+        yield some_of(block, inside[start : start + size])
+
+
+def by_element(block: CellBlock | ShellBlock | BeamBlock, regions: Mapping[int, float]) -> np.ndarray:
+    """(e,): the value of each element's region."""
+    return np.array([regions[int(number)] for number in block.region])
+
+
+def poisson_ratios(mesh: Mesh, region: np.ndarray) -> np.ndarray:
+    """ν (e,) of the materials of regions (e,)."""
+    return np.array([mesh.materials[mesh.regions[int(number)].material].poisson_ratio for number in region])
 
 
 def density_of(mesh: Mesh, region: int) -> float:

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import DeckError
 from strainsight.fem.beam_matrices import GAUSS, beam_strains
+from strainsight.fem.by_region import poisson_ratios
 from strainsight.fem.equations import (
     Equations,
     Rows,
@@ -20,6 +21,7 @@ from strainsight.fem.equations import (
     relation_terms,
     rigid_rows,
     rotation_rows,
+    translation_rows,
     turned_nodes,
 )
 from strainsight.fem.springs import sprung_rows
@@ -76,7 +78,7 @@ def constraint_transform(
 
     if supported is None:
         supported = np.zeros(rows.size, dtype=bool)
-        supported[rows.translations(mesh.nodes_of_elements)] = True
+        supported[translation_rows(mesh.nodes_of_elements)] = True
         supported[sprung_rows(mesh, rows.first)] = True
         supported[3 * mesh.own_nodes : 3 * n] = False  # arms follow their nodes
         for node in set(mesh.turning.tolist()) & rows.first.keys():
@@ -181,7 +183,7 @@ def _check_carried(mesh: Mesh, rows: Rows, T: sparse.csr_array, carried: np.ndar
             )
     attached = {int(node) for node, _ in mesh.fixed}
     for point in mesh.point_masses:
-        if point.mass > 0 and point.node not in attached and not reached[rows.translations([point.node])].all():
+        if point.mass > 0 and point.node not in attached and not reached[translation_rows([point.node])].all():
             raise DeckError(
                 f"point mass {point.id} sits on node {mesh.node_ids[point.node]}, which no element holds",
                 remedy="tie the node to the solids (mesh.ties), or remove the mass",
@@ -233,7 +235,7 @@ def _of_sides(mesh: Mesh, block: BeamBlock, rows: Rows) -> sparse.csr_array:
     at_b = np.einsum("sci,si->sc", x - node[:, :1], along) > 0.5 * length[:, None]
     sign = np.where(at_b, 1.0, -1.0)
     d = np.einsum("sci,si->sc", x - x.mean(axis=1, keepdims=True), across)
-    nu = np.array([mesh.materials[mesh.regions[int(i)].material].poisson_ratio for i in block.region[element]])
+    nu = poisson_ratios(mesh, block.region[element])
     strain = (0.5 * sign / length[:, None])[:, :, None] * along[:, None]
     contraction = -(nu[:, None] * d)[:, :, None, None, None] * across[:, None, :, None, None] * strain[:, None, None]
     # γ on the six motions of both nodes
@@ -263,7 +265,7 @@ def _of_curved_sides(mesh: Mesh, block: BeamBlock, rows: Rows) -> sparse.csr_arr
     strains = beam_strains(position, block.axes[element], offset, GAUSS)
     # from the points of Gauss to A, B and between
     line = np.stack([0.5 * (1 + ALONG / GAUSS[0]), 0.5 * (1 + ALONG / GAUSS[1])], axis=1)
-    nu = np.array([mesh.materials[mesh.regions[int(i)].material].poisson_ratio for i in block.region[element]])
+    nu = poisson_ratios(mesh, block.region[element])
     value = np.zeros((len(element), 8, 3, 18))
     for number, (axis, sign) in enumerate(SIDES):
         own = np.flatnonzero(side == number)

@@ -23,6 +23,11 @@ def entity_of(e: Tie) -> tuple[str, int]:
     return ("relation" if isinstance(e, Relation) else "tie", e.id)
 
 
+def translation_rows(nodes: np.ndarray | list[int]) -> np.ndarray:
+    """Rows (3k,) of z of the translations of nodes (k,)."""
+    return (3 * np.asarray(nodes, dtype=np.int64)[:, None] + np.arange(3)).ravel()
+
+
 @dataclass(frozen=True)
 class Rows:
     """Where motions stand in z': 3·node + component, then three rotations of each node that has them.
@@ -51,14 +56,10 @@ class Rows:
         ]
         return rows
 
-    def translations(self, nodes: np.ndarray | list[int]) -> np.ndarray:
-        """Rows (3k,) of the translations of nodes (k,)."""
-        return (3 * np.asarray(nodes, dtype=np.int64)[:, None] + np.arange(3)).ravel()
-
     def averaged(self, e: AveragingElement) -> np.ndarray:
         """Rows of the motions that are in a mean: translations of all its nodes, then rotations of those that turn it."""
         turned = np.repeat(e.turned, 3)
-        return np.concatenate([self.translations(e.nodes), self.of(turned, np.arange(len(turned)) % 3 + 3)])
+        return np.concatenate([translation_rows(e.nodes), self.of(turned, np.arange(len(turned)) % 3 + 3)])
 
     def axes_of(self, nodes: np.ndarray) -> np.ndarray:
         """Axes (k, 3, 3) of nodes (k,)."""
@@ -294,8 +295,8 @@ def _add_rigid(mesh: Mesh, e: RigidElement, rows: Rows, found: Equations) -> Non
     source = rows.of(np.full(6, e.reference), np.arange(6))
     for component in sorted(set(e.components)):
         own_rows = rows.of(nodes, component)
-        there = own_rows >= 0
-        found.add(mesh, e, nodes[there], own_rows[there], source, motion[there, component])
+        existing = own_rows >= 0
+        found.add(mesh, e, nodes[existing], own_rows[existing], source, motion[existing, component])
 
 
 def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations) -> None:

@@ -167,7 +167,7 @@ def nodal_forces(mesh: Mesh, load: PointLoad) -> NodalForces:
     if load.rotation is not None:
         axis, point = load.rotation
         return body_forces(mesh, BodyForce(rotation=_unit(load.name, axis), centre=np.asarray(point, dtype=float)))
-    if sum(given is not None for given in (load.node_id, load.node_set, load.deck_load)) != 1:
+    if sum(place is not None for place in (load.node_id, load.node_set, load.deck_load)) != 1:
         raise UserError(
             f"load {load.name} needs a node or a node set, or a load of the deck", remedy="give one of them"
         )

@@ -8,11 +8,11 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError
-from strainsight.fem.assembly import chunks, factors
-from strainsight.fem.by_region import density_of, regions_of
+from strainsight.fem.assembly import chunks
+from strainsight.fem.by_region import by_element, density_of, regions_of
 from strainsight.fem.checks import check_mesh
 from strainsight.fem.elasticity import relative_masses
-from strainsight.fem.equations import rigid_rows
+from strainsight.fem.equations import rigid_rows, translation_rows
 from strainsight.fem.thin import motions, thin_mass
 from strainsight.mesh.joins import PointMass
 from strainsight.mesh.kinds import kind_of
@@ -30,7 +30,7 @@ def point_mass_matrix(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.cs
     rows, columns, values = [], [], []
     for point in mesh.point_masses:
         M = block(point)
-        at = 3 * point.node + np.arange(3)
+        at = translation_rows([point.node])
         if point.node in rotation_rows:
             at = np.concatenate([at, rotation_rows[point.node] + np.arange(3)])
         i, j = np.meshgrid(at, at, indexing="ij")
@@ -78,7 +78,7 @@ def weighed(point: PointMass, x: np.ndarray) -> tuple[float, np.ndarray]:
     if point.matrix is None:
         return point.mass, point.mass * (x + point.offset)
     L = np.cross(x[:, None], point.matrix[:3, :3], axis=0) + point.matrix[3:, :3]
-    return point.mass, 0.5 * np.array([L[2, 1] - L[1, 2], L[0, 2] - L[2, 0], L[1, 0] - L[0, 1]])
+    return point.mass, _axial(L)
 
 
 def mass_properties(mesh: Mesh) -> tuple[float, np.ndarray]:
@@ -118,15 +118,19 @@ def _of_thin(mesh: Mesh) -> tuple[float, np.ndarray]:
     pull = (M @ np.tile(np.vstack([np.eye(3), np.zeros((3, 3))]), (len(x), 1))).reshape(len(x), 6, 3)
     force, moment = pull[:, :3], pull[:, 3:]
     L = (np.cross(x[:, :, None], force, axis=1) + moment).sum(axis=0)
-    centre = 0.5 * np.array([L[2, 1] - L[1, 2], L[0, 2] - L[2, 0], L[1, 0] - L[0, 1]])
-    return float(np.trace(force.sum(axis=0)) / 3), centre
+    return float(np.trace(force.sum(axis=0)) / 3), _axial(L)
+
+
+def _axial(L: np.ndarray) -> np.ndarray:
+    """a (3,) of L (3, 3) = a × e but for what is symmetric."""
+    return 0.5 * np.array([L[2, 1] - L[1, 2], L[0, 2] - L[2, 0], L[1, 0] - L[0, 1]])
 
 
 def element_mass_parts(mesh: Mesh) -> Iterator[tuple[CellBlock, np.ndarray]]:
     """Elements of the mesh, some at a time, and their ∫ ρ N_a N_b dV [kg] (e, pairs) of the node pairs a ≤ b."""
     density = {number: density_of(mesh, number) for number in regions_of(mesh.blocks)}
     for part in chunks(mesh, density):
-        yield part, relative_masses(mesh, part, kind_of(part.kind)) * factors(part, density)
+        yield part, relative_masses(mesh, part, kind_of(part.kind)) * by_element(part, density)[:, None]
 
 
 def has_mass(mesh: Mesh) -> bool:

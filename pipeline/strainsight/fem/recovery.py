@@ -13,6 +13,7 @@ from scipy import sparse
 
 from strainsight.errors import DeckError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter, scales_stiffness
+from strainsight.fem.by_region import poisson_ratios
 from strainsight.fem.elasticity import (
     SHEARS,
     FacetLaws,
@@ -175,7 +176,7 @@ def _strain(mesh: Mesh, block: CellBlock, element: np.ndarray, xi: np.ndarray) -
 def _amplitudes(mesh: Mesh, kind: ElementKind, position: np.ndarray, region: np.ndarray, ids: np.ndarray) -> np.ndarray:
     """`bubble_amplitudes` (e, 3p, 3k) of elements in regions (e,)."""
     own = np.isin(region, anisotropic_regions(mesh))
-    nu = np.array([mesh.materials[mesh.regions[int(number)].material].poisson_ratio for number in region[~own]])
+    nu = poisson_ratios(mesh, region[~own])
     if not own.any():
         return bubble_amplitudes(kind, position, nu, ids)
     assert kind.bubble_gradient is not None

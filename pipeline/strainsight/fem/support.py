@@ -10,7 +10,7 @@ from scipy import sparse
 
 from strainsight.errors import UserError
 from strainsight.fem.constraints import Constraint, describe_row
-from strainsight.fem.equations import references, rigid_rows
+from strainsight.fem.equations import references, rigid_rows, translation_rows
 from strainsight.fem.pieces import Pieces, parts, stiff_pieces, whole
 from strainsight.fem.springs import spring_rows
 from strainsight.mesh.model import FloatArray, IntArray, Mesh
@@ -115,10 +115,9 @@ def rigid_motions(mesh: Mesh, constraint: Constraint) -> np.ndarray:
     each = _free_motions(mesh, constraint, bodies, against_first=True) if bodies.count > 1 else together
     if each.vectors.shape[1] > together.vectors.shape[1]:
         first = _node_of(mesh, bodies, 0)
-        more = f" and {len(each.words) - 8} more" if len(each.words) > 8 else ""
         raise UserError(
             f"the {bodies.count} parts of the structure move against each other, {each.vectors.shape[1]} free motions and not "
-            f"{together.vectors.shape[1]}: against the part with node {first}, {', '.join(each.words[:8])}{more}",
+            f"{together.vectors.shape[1]}: against the part with node {first}, {_listed(each.words)}",
             key="mesh.free",
             remedy="a free structure is one piece: tie the parts (mesh.ties), or merge coincident nodes",
         )
@@ -129,10 +128,9 @@ def require_support(mesh: Mesh, constraint: Constraint, hint: Callable[[], str] 
     """Raise UserError that names the free motions where there are any; hint: more of a remedy for what is free altogether."""
     motions, hinged = _words(mesh, constraint)
     if motions:
-        more = f" and {len(motions) - 8} more" if len(motions) > 8 else ""
         free = {f"translation {axis}" for axis in AXES} <= set(motions)
         raise UserError(
-            f"the structure can move freely: {', '.join(motions[:8])}{more}",
+            f"the structure can move freely: {_listed(motions)}",
             remedy="add supports or ties that hold these motions, in the deck or under mesh.supports and mesh.ties"
             + (
                 "; parts that share nodes on one line only are hinged there: tie their rotations (RBE3)"
@@ -141,6 +139,10 @@ def require_support(mesh: Mesh, constraint: Constraint, hint: Callable[[], str] 
             )
             + (hint() if free else ""),
         )
+
+
+def _listed(words: tuple[str, ...]) -> str:
+    return ", ".join(words[:8]) + (f" and {len(words) - 8} more" if len(words) > 8 else "")
 
 
 def _bodies(mesh: Mesh) -> Pieces:
@@ -167,7 +169,7 @@ def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_fi
     R = constraint.along_own_axes(_motions(mesh, constraint, nodes, label, centre, radius))
     T, free = constraint.along_own_axes(constraint.transform), constraint.free_rows
     supported = np.zeros(T.shape[0], dtype=bool)
-    supported[(3 * nodes[:, None] + np.arange(3)).ravel()] = True
+    supported[translation_rows(nodes)] = True
     supported[constraint.rotations(mesh.turning)] = True
     held = supported.copy()
     held[free] = False

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TypeVar
 
 import numpy as np
 from scipy import sparse
@@ -19,7 +18,7 @@ from strainsight.fem.beam_matrices import (
     rod_masses,
     rod_stiffnesses,
 )
-from strainsight.fem.by_region import density_of, region_operator, regions_of
+from strainsight.fem.by_region import by_element, cut, density_of, poisson_ratios, region_operator, regions_of, some_of
 from strainsight.fem.shells import shell_axes, shell_masses, shell_stiffnesses
 from strainsight.fem.shells.matrices import Resistance, in_shear, laminate_resistance, plane_stress
 from strainsight.mesh.model import Material, Mesh
@@ -48,7 +47,7 @@ def resistance_of(mesh: Mesh, part: ShellBlock) -> Resistance:
     alike = np.isin(part.region, [n for n in numbers if mesh.laminate(n) is None and n not in general])
     if alike.any():
         sections = [mesh.sections[int(number)] for number in part.region[alike]]
-        nu = np.array([mesh.materials[mesh.regions[int(i)].material].poisson_ratio for i in part.region[alike]])
+        nu = poisson_ratios(mesh, part.region[alike])
         found.A[alike], found.D[alike], found.S[alike] = _homogeneous(
             [own for own in sections if isinstance(own, ShellSection)], nu
         )
@@ -156,8 +155,6 @@ def _homogeneous(sections: Sequence[ShellSection], nu: np.ndarray) -> tuple[np.n
 CHUNK = 2048
 """Elements at a time; of second-order shells fewer, so that they stay in the cache."""
 
-Block = TypeVar("Block", ShellBlock, BeamBlock)
-
 
 @dataclass(frozen=True)
 class Pattern:
@@ -206,11 +203,11 @@ def motions(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:
     nodes = mesh.thin_nodes
     first = np.array([rotation_rows.get(node, -1) for node in nodes.tolist()], dtype=np.int64)
     columns = np.concatenate([3 * nodes[:, None] + np.arange(3), first[:, None] + np.arange(3)], axis=1).ravel()
-    there = np.flatnonzero(np.repeat(np.stack([first >= -1, first >= 0], axis=1), 3))
+    kept = np.flatnonzero(np.repeat(np.stack([first >= -1, first >= 0], axis=1), 3))
     shape = (6 * len(nodes), 3 * len(mesh.position) + 3 * len(rotation_rows))
     size = np.int32 if max(shape) < 2**31 else np.int64  # or every product with it has column numbers of 8 bytes
-    places = there.astype(size), columns[there].astype(size)
-    return sparse.csr_array((np.ones(len(there)), places), shape=shape)
+    places = kept.astype(size), columns[kept].astype(size)
+    return sparse.csr_array((np.ones(len(kept)), places), shape=shape)
 
 
 def thin_mass(mesh: Mesh, elements: np.ndarray | None = None) -> tuple[sparse.csr_array, list[int]]:
@@ -219,8 +216,8 @@ def thin_mass(mesh: Mesh, elements: np.ndarray | None = None) -> tuple[sparse.cs
     if elements is not None:
         own = replace(
             mesh,
-            shells=tuple(_taken(block, np.isin(block.ids, elements)) for block in mesh.shells),
-            beams=tuple(_taken(block, np.isin(block.ids, elements)) for block in mesh.beams),
+            shells=tuple(some_of(block, np.isin(block.ids, elements)) for block in mesh.shells),
+            beams=tuple(some_of(block, np.isin(block.ids, elements)) for block in mesh.beams),
         )
     regions = regions_of(own.thin)
     density = {number: density_of(mesh, number) for number in regions}
@@ -233,12 +230,11 @@ def _stiffnesses(mesh: Mesh, regions: Mapping[int, float]) -> list[np.ndarray]:
 
     def of_part(part: ShellBlock | BeamBlock) -> np.ndarray:
         x = mesh.position[part.nodes]
-        factor = np.array([regions[int(number)] for number in part.region])[:, None, None]
+        factor = by_element(part, regions)[:, None, None]
         if isinstance(part, ShellBlock):
-            of = resistance_of(mesh, part)
-            own = shell_stiffnesses(x, of.A, of.B, of.D, of.S, part.offset, part.ids, np.isin(part.nodes, along))
+            own = shell_stiffnesses(x, resistance_of(mesh, part), part.offset, part.ids, np.isin(part.nodes, along))
         else:
-            nu = np.array([mesh.materials[mesh.regions[int(i)].material].poisson_ratio for i in part.region])
+            nu = poisson_ratios(mesh, part.region)
             properties = properties_of([_beam(mesh, int(number)) for number in part.region], nu)
             if part.kind == "rod":
                 own = rod_stiffnesses(x, properties.area[:, 0], properties.torsion[:, 0], nu, part.ids)
@@ -256,7 +252,7 @@ def _masses(mesh: Mesh, density: Mapping[int, float], nonstructural: bool) -> li
 
     def of_part(part: ShellBlock | BeamBlock) -> np.ndarray:
         x = mesh.position[part.nodes]
-        rho = np.array([density[int(number)] for number in part.region])
+        rho = by_element(part, density)
         if isinstance(part, ShellBlock):
             area, rotary, height = shell_weight(mesh, part, rho, nonstructural)
             own = shell_masses(x, area, rotary, height, part.ids)
@@ -305,23 +301,8 @@ def _ends(section: BeamSection) -> tuple[BeamSection, BeamSection]:
 
 def _parts(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[ShellBlock | BeamBlock]:
     """The elements in these regions, some at a time."""
-    for shells in mesh.shells:
-        yield from _cut(shells, regions)
-    for beams in mesh.beams:
-        yield from _cut(beams, regions)
-
-
-def _cut(block: Block, regions: Mapping[int, float]) -> Iterator[Block]:
-    inside = np.flatnonzero(np.isin(block.region, list(regions)))
-    size = CHUNK // 8 if block.nodes.shape[1] > 4 else CHUNK
-    for start in range(0, len(inside), size):
-        yield _taken(block, inside[start : start + size])
-
-
-def _taken(block: Block, which: np.ndarray) -> Block:
-    """Some elements of a block."""
-    columns = {name: own for name, own in vars(block).items() if isinstance(own, np.ndarray)}
-    return replace(block, **{name: own[which] for name, own in columns.items() if len(own) == len(block.ids)})
+    for block in mesh.thin:
+        yield from cut(block, regions, CHUNK // 8 if block.nodes.shape[1] > 4 else CHUNK)
 
 
 def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> Pattern:

@@ -14,7 +14,7 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.fem.constraints import Constraint, constraint_transform, describe_row
 from strainsight.fem.equations import rigid_rows, rotation_rows
 from strainsight.fem.model import FiniteElementModel, FullModel, restricted
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import IdTable, Mesh
 
 LOOSE = 1e-14
 """ε: energy of a rigid motion over that of its entries one by one, below which nothing holds it."""
@@ -131,14 +131,11 @@ def build_ready_model(mesh: Mesh, ready: ReadyMatrices) -> FullModel:
 
 def _nodes_of(mesh: Mesh, ready: ReadyMatrices) -> np.ndarray:
     """Index of the node of every row."""
-    order = np.argsort(mesh.node_ids, kind="stable")
-    at = np.minimum(np.searchsorted(mesh.node_ids, ready.node_ids, sorter=order), len(order) - 1)
-    nodes = order[at]
-    missing = np.flatnonzero(mesh.node_ids[nodes] != ready.node_ids)
-    if missing.size:
-        row = int(missing[0])
+    nodes, missing = IdTable(mesh.node_ids).rows(ready.node_ids)
+    if missing.any():
+        row = int(np.argmax(missing))
         raise DeckError(
-            f"row {row + 1} of the matrices is of node {ready.node_ids[row]}, which the mesh lacks ({missing.size} such rows)",
+            f"row {row + 1} of the matrices is of node {ready.node_ids[row]}, which the mesh lacks ({missing.sum()} such rows)",
             where=f"{ready.source}:{row + 2}" if ready.source else None,
             remedy="give a mesh with all nodes of the matrices; nodes without elements are welcome",
         )
@@ -169,8 +166,7 @@ def _for_constraints(mesh: Mesh, nodes: np.ndarray, components: np.ndarray, stif
     mesh = replace(mesh, point_masses=())  # they are in the mass
     if not mesh.axes:
         return mesh
-    ties = [(e.reference, e.nodes) for e in mesh.rigid] + [(e.reference, e.nodes) for e in mesh.averaging]
-    led = {node for reference, nodes_of_it in ties for node in (reference, *np.asarray(nodes_of_it).tolist())}
+    led = {node for tie in mesh.ties for node in (tie.reference, *tie.nodes.tolist())}
     led |= {int(node) for relation in mesh.relations for node in relation.node}
     taken = {(int(node), int(component)) for node, component in mesh.fixed}
     own = np.isin(nodes, [node for node in mesh.axes if node not in led])

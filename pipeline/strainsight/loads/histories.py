@@ -225,8 +225,8 @@ def fill_gaps(values: np.ndarray) -> np.ndarray:
     A gap from a to b is filled by the spline through every (b − a)-th sample about it: blanks in between do not make the noise
     of samples larger, as the spline through all of them would, and a table of two rates has the band of the slower one.
     """
-    filled, there = values.copy(), np.flatnonzero(np.isfinite(values))
-    for a, b in pairwise(there):
+    filled, finite = values.copy(), np.flatnonzero(np.isfinite(values))
+    for a, b in pairwise(finite):
         if b == a + 1:
             continue
         nodes = np.arange(-NODES, NODES + 2)
@@ -253,8 +253,8 @@ def interpolate(values: np.ndarray, factor: int) -> np.ndarray:
 
 def join_by_lines(values: np.ndarray, factor: int) -> np.ndarray:
     """Straight lines between samples (T + 1,), NaN where missing, `factor` values a sample: (T·factor + 1,)."""
-    there = np.flatnonzero(np.isfinite(values))
-    return np.interp(np.arange(factor * (len(values) - 1) + 1) / factor, there, values[there])
+    finite = np.flatnonzero(np.isfinite(values))
+    return np.interp(np.arange(factor * (len(values) - 1) + 1) / factor, finite, values[finite])
 
 
 def _degree(samples: int) -> int:

@@ -144,9 +144,7 @@ def line_intensity(model: InputModel, frequency: float, duration: float) -> floa
 
         T/(2 |C (iω − A_u)⁻¹ B|²)
 
-    It is the energy of the noise that drives the model along that sine. Independent of each other, the steps of a load add to
-    the score of a parameter as the square root of their energy; those of a line all go the same way, and add up. So an intensity
-    that is the energy of the line allows for it, whatever it goes along with. Of both walks it is ω²T/2 and ωT/2.
+    It is the energy of the noise that drives the model along that sine: of both walks ω²T/2 and ωT/2.
     frequency [Hz], ω = 2π·frequency: that of the load; duration T [s].
     """
     A = rate_matrix(model)

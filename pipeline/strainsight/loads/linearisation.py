@@ -231,12 +231,8 @@ def channel_intensity(
 
         y = φ q̈ + v,   q̈ = M⁻¹(S u − C q̇ − K q) + w,   w of intensity Q_v    ⇒    r = σ²h + φ Q_v φᵀ
 
-    Without that term the accelerometer would be taken to read the model's acceleration free of the model's error, and the
-    claimed error be up to 50 times smaller than the real one (a cantilever, a chain of masses). Its correlation with w in
-    the process, Q_v φᵀ, is neglected: what the accelerometer says of w itself is thrown away, so the filter is not the
-    best, and the claim errs mostly to the large side, 0.96 to 1.6 times the real error there. (One mode: always to the
-    large side; the Riccati residual of the best filter at the claimed covariance is −(g/r)² Q_v, g the covariance of
-    reading and velocity.)
+    Without that term the claimed error is up to 50 times smaller than the real one (a cantilever, a chain of masses). Its
+    correlation with w in the process, Q_v φᵀ, is neglected: the claim is 0.96 to 1.6 times the real error there.
 
     std σ (m,) or (B, m) [unit of the channel] of a sample every h [s]; rows (m, n) or (B, m, n) on q or q̈; quantity (m,)
     or (B, m); Q (n*, n*) of x*. Returns r of the shape of std.

@@ -261,7 +261,7 @@ class _Lines:
         return f"{self.path}:{self.number}" if self.counts else f"{self.path}, dataset {dataset}"
 
 
-def _is_mark(line: bytes) -> bool:
+def is_mark(line: bytes) -> bool:
     """The line before and behind every dataset: -1 in the first six columns."""
     return line[:6].strip() == b"-1" and not line[6:].strip()
 
@@ -275,7 +275,7 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
         if not line.strip():
             continue
         number += 1
-        if not _is_mark(line) or number > _MOST_DATASETS:
+        if not is_mark(line) or number > _MOST_DATASETS:
             raise UserError(
                 f"no start of a dataset: {plain(decoded(line.strip()))}",
                 where=lines.place(number),
@@ -305,7 +305,7 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
             raise UserError(
                 f"{plain(decoded(identifier.strip()))} is no number of a dataset", where=where, remedy=DAMAGED
             )
-        while not _is_mark(line := lines.next()):
+        while not is_mark(line := lines.next()):
             if not line:
                 raise UserError(f"the file ends within dataset {number}", where=where, remedy=DAMAGED)
 
@@ -324,7 +324,7 @@ def _end_of_binary(file: BinaryIO, path: Path, function: Function, size: int) ->
         tail = file.read(96)
         mark = tail.removeprefix(b"\r\n") if tail.startswith(b"\r\n") else tail.removeprefix(b"\n")
         line = mark.split(b"\n", 1)[0]
-        if _is_mark(line.rstrip(b"\r")):
+        if is_mark(line.rstrip(b"\r")):
             return sizes, min(end + len(tail) - len(mark) + len(line) + 1, size)
     raise UserError(
         f"{function.count} values of {' or '.join(str(sum(sizes)) for sizes in function.sizes)} bytes do not end where the "
@@ -406,7 +406,7 @@ def _text(file: BinaryIO, path: Path, function: Function) -> np.ndarray:
         found.extend(values or [_number(piece, path, function, line_number) for piece in pieces])
         left -= many
         line_number += 1
-    if not _is_mark(file.readline(_LONGEST)):
+    if not is_mark(file.readline(_LONGEST)):
         raise UserError(
             f"more values than the {function.count} that are claimed",
             where=f"{path}:{line_number}" if function.line else _where(path, function),

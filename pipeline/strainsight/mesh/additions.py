@@ -8,6 +8,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
+from typing import Any
 
 import numpy as np
 
@@ -17,7 +18,8 @@ from strainsight.mesh.facets import Facets, all_facets, facet_key
 from strainsight.mesh.joins import AveragingElement, RigidElement, Springs
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
-from strainsight.mesh.thin import scaled
+from strainsight.mesh.thin import Lamina
+from strainsight.mesh.units import rescaled
 
 
 def region_ids(mesh: Mesh, wanted: Sequence[int | str]) -> tuple[int, ...]:
@@ -127,72 +129,61 @@ def with_properties(
     and whose moduli are multiplied by a factor. Of a laminate or composite solid, density is the mean over its thickness, and its
     plies keep their ratios; its moduli, and those of any region that has several, go by a factor alone."""
     for region in regions:
-        if mesh.laminate(region):
+        if mesh.laminate(region) or region in mesh.composites:
             assert youngs_modulus is None
-            mesh = _with_plies(mesh, region, density, stiffness_factor)
-            continue
-        if region in mesh.composites:
-            assert youngs_modulus is None
-            mesh = _with_layers(mesh, region, density, stiffness_factor)
-            continue
-        if (shell := mesh.general_shell(region)) is not None:
+            mesh = _with_parts(mesh, region, density, stiffness_factor)
+        elif (shell := mesh.general_shell(region)) is not None:
             assert youngs_modulus is None
             shell = replace(shell, density=shell.density if density is None else density)
-            mesh = replace(mesh, sections={**mesh.sections, region: shell.stiffer(stiffness_factor)})
-            continue
-        number = free_material(mesh)
-        changed = replace(mesh, regions={**mesh.regions, region: replace(mesh.regions[region], material=number)})
-        if (solid := mesh.anisotropic_of(region)) is not None:
-            assert youngs_modulus is None
-            rho = solid.density if density is None else density
-            solid = replace(solid, id=number, stiffness=stiffness_factor * solid.stiffness, density=rho)
-            mesh = replace(changed, anisotropic={**mesh.anisotropic, number: solid})
-            continue
-        own = mesh.materials[mesh.regions[region].material]
-        E = own.youngs_modulus if youngs_modulus is None else youngs_modulus
-        rho = own.density if density is None else density
-        material = replace(own, id=number, youngs_modulus=stiffness_factor * E, density=rho)
-        mesh = replace(changed, materials={**mesh.materials, number: material})
+            shell = rescaled(shell, pressure=stiffness_factor)
+            mesh = replace(mesh, sections={**mesh.sections, region: shell})
+        else:
+            old = mesh.anisotropic_of(region) or mesh.materials[mesh.regions[region].material]
+            if youngs_modulus is not None:
+                assert isinstance(old, Material)
+                old = replace(old, youngs_modulus=youngs_modulus)
+            mesh, number = _with_altered(mesh, old, old.density if density is None else density, stiffness_factor)
+            mesh = replace(mesh, regions={**mesh.regions, region: replace(mesh.regions[region], material=number)})
     return mesh
 
 
-def _with_plies(mesh: Mesh, region: int, density: float | None, stiffness: float) -> Mesh:
-    """A mesh whose laminate (region id) has plies of materials of its own."""
+def _with_parts(mesh: Mesh, region: int, density: float | None, stiffness: float) -> Mesh:
+    """A mesh whose laminate or composite solid (region id) has plies or layers of materials of their own."""
     laminate, mean = mesh.laminate(region), mesh.density_of(region)
-    assert laminate is not None
-    assert mean is not None
-    laminae, materials, plies = dict(mesh.laminae), dict(mesh.materials), []
+    parts: tuple[Any, ...] = laminate.plies if laminate else mesh.composites[region].layers
+    materials = mesh.ply_materials(region) if laminate else mesh.layer_materials(region)
+    changed = []
+    for part, old in zip(parts, materials, strict=True):
+        assert old is not None
+        assert mean is not None
+        rho = old.density if density is None else density if mean == 0 else density / mean * old.density
+        mesh, number = _with_altered(mesh, old, rho, stiffness)
+        changed.append(replace(part, material=number))
+    return with_layers(mesh, region, changed)
+
+
+def _with_altered(
+    mesh: Mesh, old: Material | Lamina | Anisotropic, density: float, stiffness: float
+) -> tuple[Mesh, int]:
+    """A mesh with a material more, of another density and of moduli that are multiplied, and its id."""
     number = free_material(mesh)
-    for ply in laminate.plies:
-        heavier = 1.0 if density is None or mean == 0 else density / mean
-        if ply.material in laminae:
-            own = scaled(replace(laminae[ply.material], id=number), stiffness, heavier)
-            laminae[number] = replace(own, density=density) if density is not None and mean == 0 else own
-        else:
-            old = materials[ply.material]
-            rho = density if density is not None and mean == 0 else heavier * old.density
-            materials[number] = replace(old, id=number, youngs_modulus=stiffness * old.youngs_modulus, density=rho)
-        plies.append(replace(ply, material=number))
-        number += 1
-    sections = {**mesh.sections, region: replace(laminate, plies=tuple(plies))}
-    return replace(mesh, laminae=laminae, materials=materials, sections=sections)
+    return with_own(mesh, rescaled(replace(old, id=number, density=density), pressure=stiffness)), number
 
 
-def _with_layers(mesh: Mesh, region: int, density: float | None, stiffness: float) -> Mesh:
-    """A mesh whose composite solid (region id) has layers of materials of its own."""
-    composite, mean = mesh.composites[region], mesh.density_of(region)
-    assert mean is not None
-    anisotropic, materials, layers = dict(mesh.anisotropic), dict(mesh.materials), []
-    for number, layer in enumerate(composite.layers, start=free_material(mesh)):
-        own = anisotropic.get(layer.material) or materials[layer.material]
-        rho = own.density if density is None else density if mean == 0 else density / mean * own.density
-        if isinstance(own, Anisotropic):
-            anisotropic[number] = replace(own, id=number, stiffness=stiffness * own.stiffness, density=rho)
-        else:
-            materials[number] = replace(own, id=number, youngs_modulus=stiffness * own.youngs_modulus, density=rho)
-        layers.append(replace(layer, material=number))
-    composites = {**mesh.composites, region: replace(composite, layers=tuple(layers))}
-    return replace(mesh, anisotropic=anisotropic, materials=materials, composites=composites)
+def with_own(mesh: Mesh, material: Material | Lamina | Anisotropic) -> Mesh:
+    """A mesh with a material more, of an id that no other has."""
+    kinds = {Lamina: "laminae", Anisotropic: "anisotropic", Material: "materials"}
+    field = kinds[type(material)]
+    changes: dict[str, Any] = {field: {**getattr(mesh, field), material.id: material}}
+    return replace(mesh, **changes)
+
+
+def with_layers(mesh: Mesh, region: int, layers: Sequence[Any]) -> Mesh:
+    """A mesh whose laminate or composite solid (region id) has other plies or layers."""
+    if laminate := mesh.laminate(region):
+        return replace(mesh, sections={**mesh.sections, region: replace(laminate, plies=tuple(layers))})
+    composite = replace(mesh.composites[region], layers=tuple(layers))
+    return replace(mesh, composites={**mesh.composites, region: composite})
 
 
 def free_material(mesh: Mesh) -> int:

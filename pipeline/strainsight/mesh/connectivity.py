@@ -8,14 +8,13 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError, UserError
 from strainsight.mesh.joins import AveragingElement, NodalForces, RigidElement
-from strainsight.mesh.model import FloatArray, IntArray, Mesh
+from strainsight.mesh.model import FloatArray, IdTable, IntArray, Mesh
 from strainsight.mesh.projection import Met, hanging, inside, patches
-from strainsight.mesh.unjoined import Coincident, Doubled, Joints, doubled
+from strainsight.mesh.unjoined import Coincident, Doubled, Joints, component_labels, doubled
 
 
 def check_doubled(mesh: Mesh) -> None:
@@ -140,9 +139,7 @@ def merged(mesh: Mesh, distance: float) -> Mesh:
 
 def _lowest(mesh: Mesh, pairs: IntArray) -> IntArray:
     """(n,) for every node that of the lowest id in its place, itself where it is alone."""
-    n = len(mesh.position)
-    graph = sparse.csr_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(n, n))
-    group = connected_components(graph, directed=False)[1]
+    group = component_labels(len(mesh.position), *pairs.T)
     order = np.lexsort((mesh.node_ids, group))
     first = order[np.unique(group[order], return_index=True)[1]]
     return np.asarray(first[group], dtype=np.int64)
@@ -177,11 +174,11 @@ def _check_axes(mesh: Mesh, into: IntArray, gone: NDArray[np.bool_]) -> None:
 def _renamed(mesh: Mesh, index: IntArray, gone: NDArray[np.bool_]) -> Mesh:
     """The mesh without the nodes that are gone; index (n,): the new one of every node."""
     new_ids = mesh.node_ids[~gone][index]
-    order = np.argsort(mesh.node_ids)
+    table = IdTable(mesh.node_ids)
 
-    def in_set(own: IntArray) -> IntArray:
-        at = order[np.minimum(np.searchsorted(mesh.node_ids, own, sorter=order), len(order) - 1)]
-        return np.unique(np.where(mesh.node_ids[at] == own, new_ids[at], own))
+    def in_set(ids: IntArray) -> IntArray:
+        rows, missing = table.rows(ids)
+        return np.unique(np.where(missing, ids, new_ids[rows]))
 
     return replace(
         mesh,

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import UserError
@@ -16,6 +14,7 @@ from strainsight.mesh.anisotropic import Orientation
 from strainsight.mesh.coordinates import BASIC
 from strainsight.mesh.joins import AveragingElement, BodyForce, NodalForces, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Mesh, Origin
+from strainsight.mesh.unjoined import component_labels
 
 NO_TURN = Orientation(BASIC, np.eye(3))
 """Of a material without an orientation: its axes are the basic ones."""
@@ -150,11 +149,8 @@ class Copies:
         """Displacement systems of the nodes that have one, or that a tie or relation speaks of along its own: turned."""
         mesh, n = self.mesh, len(self.mesh.position)
         spoken = {int(i) for own in mesh.relations for i in own.node}
-        ties = [(own.reference, own.nodes) for own in mesh.rigid] + [
-            (own.reference, own.nodes) for own in mesh.averaging
-        ]
-        for reference, nodes in ties:
-            spoken |= {reference, *nodes.tolist()}
+        for tie in mesh.ties:
+            spoken |= {tie.reference, *tie.nodes.tolist()}
         new_of = {int(own): row for row, own in enumerate(self.kept)}
         found = {}
         for node in sorted(spoken | {*mesh.axes}):
@@ -434,7 +430,7 @@ def _as_one(pairs: IntArray, follows: NDArray[np.bool_]) -> IntArray:
     """Each node's representative (k,) where the nodes of pairs (m, 2) are one: the first of them that does not follow, else the
     first."""
     k = len(follows)
-    group = connected_components(sparse.coo_array((np.ones(len(pairs)), pairs.T), shape=(k, k)), directed=False)[1]
+    group = component_labels(k, *pairs.T)
     rank = np.arange(k) + k * follows
     least = np.full(k, 2 * k)
     np.minimum.at(least, group, rank)

@@ -9,8 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError
@@ -18,6 +16,7 @@ from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
 from strainsight.mesh.thin import BeamBlock, ShellBlock
+from strainsight.mesh.unjoined import component_labels
 
 CODE = {kind.name: code for code, kind in enumerate(FACETS)}
 ON_SHELL = {"quad8": "shell8", "tri6": "shell6"}
@@ -98,37 +97,30 @@ def on_solids(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int
 def all_facets(mesh: Mesh) -> Facets:
     """Every facet of every cell, the two faces of every shell, and the four sides of beams."""
     ids, facet, kind, nodes, region = [], [], [], [], []
+
+    def add(
+        block: CellBlock | ShellBlock | BeamBlock, rows: IntArray | slice, number: int, code: int, around: IntArray
+    ) -> None:
+        padded = np.full((len(around), 8), -1, dtype=np.int64)
+        padded[:, : around.shape[1]] = around
+        ids.append(block.ids[rows])
+        facet.append(np.full(len(around), number))
+        kind.append(np.full(len(around), code))
+        nodes.append(padded)
+        region.append(block.region[rows])
+
     for block in mesh.blocks:
-        count = len(block.ids)
         for number, (facet_kind, local) in enumerate(kind_of(block.kind).facets, start=1):
-            padded = np.full((count, 8), -1, dtype=np.int64)
-            padded[:, : len(local)] = block.nodes[:, local]
-            ids.append(block.ids)
-            facet.append(np.full(count, number))
-            kind.append(np.full(count, FACETS.index(facet_kind)))
-            nodes.append(padded)
-            region.append(block.region)
+            add(block, slice(None), number, FACETS.index(facet_kind), block.nodes[:, local])
     for shell in (block for block in mesh.shells if len(block.on_faces)):
-        for number, own in enumerate(np.moveaxis(shell.on_faces, 1, 0), start=UPPER):
-            count, k = own.shape
-            padded = np.full((count, 8), -1, dtype=np.int64)
+        for number, face in enumerate(np.moveaxis(shell.on_faces, 1, 0), start=UPPER):
             # the lower face is seen from below
-            padded[:, :k] = own if number == UPPER else own[:, OUTWARD[k]]
-            ids.append(shell.ids)
-            facet.append(np.full(count, number))
-            kind.append(np.full(count, CODE[ON_SHELL.get(shell.kind, shell.kind)]))
-            nodes.append(padded)
-            region.append(shell.region)
+            around = face if number == UPPER else face[:, OUTWARD[face.shape[1]]]
+            add(shell, slice(None), number, CODE[ON_SHELL.get(shell.kind, shell.kind)], around)
     for beam in mesh.beams:
-        for number, own in enumerate(np.moveaxis(beam.on_sides, 1, 0), start=1):
-            there = np.flatnonzero(own[:, 0] >= 0)
-            padded = np.full((len(there), 8), -1, dtype=np.int64)
-            padded[:, : own.shape[1]] = own[there]
-            ids.append(beam.ids[there])
-            facet.append(np.full(len(there), number))
-            kind.append(np.full(len(there), CODE["quad4" if own.shape[1] == 4 else ON_SHELL["quad8"]]))
-            nodes.append(padded)
-            region.append(beam.region[there])
+        for number, side in enumerate(np.moveaxis(beam.on_sides, 1, 0), start=1):
+            rows = np.flatnonzero(side[:, 0] >= 0)
+            add(beam, rows, number, CODE["quad4" if side.shape[1] == 4 else ON_SHELL["quad8"]], side[rows])
     nodes.append(np.zeros((0, 8), dtype=np.int64))
     parts = ([*part, np.zeros(0)] for part in (ids, facet, kind, region))
     *columns, last = (np.concatenate(part).astype(np.int64) for part in parts)
@@ -148,8 +140,7 @@ def _meeting(mesh: Mesh) -> IntArray:
         size = float(np.ptp(mesh.position, axis=0).max())
         pairs = cKDTree(mesh.position[sides]).query_pairs(TOUCHING * size, output_type="ndarray")
         a, b = pairs[follows[pairs[:, 0]] == follows[pairs[:, 1]]].T
-        graph = sparse.csr_array((np.ones(len(a)), (a, b)), shape=(len(sides),) * 2)
-        _, group = connected_components(graph, directed=False)
+        group = component_labels(len(sides), a, b)
         same[sides] = sides[np.unique(group, return_index=True)[1]][group]
     return same
 

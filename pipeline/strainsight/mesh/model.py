@@ -56,6 +56,22 @@ class Region:
         return f"region {self.id} ({self.name})"
 
 
+class IdTable:
+    """Ids (n,) of a file, each once, to their rows."""
+
+    def __init__(self, ids: IntArray):
+        self.ids = ids
+        self._order = np.argsort(ids, kind="stable")
+        self.sorted = ids[self._order]
+
+    def rows(self, ids: IntArray) -> tuple[IntArray, np.ndarray]:
+        """Rows for ids of any shape, and where an id is missing (its row then means nothing)."""
+        if not self.sorted.size:
+            return np.zeros(ids.shape, dtype=np.int64), np.ones(ids.shape, dtype=bool)
+        at = np.minimum(np.searchsorted(self.sorted, ids), self.sorted.size - 1)
+        return self._order[at].astype(np.int64), self.sorted[at] != ids
+
+
 @dataclass(frozen=True)
 class Origin:
     """Where entities stand: ids (n,), line (n,) from 1 in file (n,), an index into files."""
@@ -64,6 +80,15 @@ class Origin:
     line: IntArray
     file: IntArray
     files: tuple[str, ...]
+
+    @classmethod
+    def at(cls, ids: IntArray, places: Sequence[tuple[str, int]]) -> Origin:
+        """Of entities with ids (n,) by file and line of each."""
+        files = {file: i for i, file in enumerate(dict.fromkeys(file for file, _ in places))}
+        file, line = (
+            np.array(part, dtype=np.int64) for part in ([files[f] for f, _ in places], [n for _, n in places])
+        )
+        return cls(ids, line, file, tuple(files))
 
 
 @dataclass(frozen=True)
@@ -153,6 +178,11 @@ class Mesh:
     def nodes_of_elements(self) -> IntArray:
         """Indices of the nodes that an element has, ascending."""
         return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(nodes.ravel() for nodes in self.connectivity)]))
+
+    @property
+    def ties(self) -> tuple[RigidElement | AveragingElement, ...]:
+        """Rigid and averaging elements."""
+        return (*self.rigid, *self.averaging)
 
     @property
     def has_surface(self) -> bool:

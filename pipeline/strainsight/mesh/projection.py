@@ -202,7 +202,7 @@ def node_count(code: int) -> int:
     return len(FACETS[code].nodes) if code < len(FACETS) else code - LINE + 2
 
 
-def area(x: FloatArray) -> FloatArray:
+def area_vector(x: FloatArray) -> FloatArray:
     """A normal (m, 3) of polygons of three or four corners x (m, c, 3)."""
     return (
         np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1])
@@ -299,7 +299,7 @@ def inside(mesh: Mesh, own: Patches, joints: Joints, coincident: Coincident) -> 
         for which, at in near_pairs(points, centre, (1 - DEEP) * radius):
             for facet, local in kind.facets:
                 ends = x[which][:, local[: facet.corners]]
-                outward = area(ends)
+                outward = area_vector(ends)
                 # of points on the way from the facet's middle to the element's
                 whole = np.einsum("mc,mc->m", ends.mean(axis=1) - centre[which], outward)
                 part = np.einsum("mc,mc->m", ends.mean(axis=1) - points[at], outward)
@@ -324,7 +324,7 @@ def covered(mesh: Mesh, facets: Facets) -> NDArray[np.bool_]:
     if not mesh.blocks:
         return found
     own = patches(mesh, facets)
-    chord = area(own.x)  # the last corner stands twice in triangles
+    chord = area_vector(own.x)  # the last corner stands twice in triangles
     solid = np.flatnonzero(own.solid)
     if not len(solid):
         return found
@@ -370,7 +370,7 @@ def _beyond_bulges(mesh: Mesh, block: CellBlock, which: IntArray, point: FloatAr
             continue
         x = mesh.position[block.nodes[which][:, local]]
         corners = x[:, : facet.corners]
-        outward, middle = area(corners), corners.mean(axis=1)
+        outward, middle = area_vector(corners), corners.mean(axis=1)
         a, b = np.transpose(facet.edges)
         N = facet.shape(facet.centre)[0]
         inward = [

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 from scipy import sparse
 
 from strainsight.errors import UserError, did_you_mean
-from strainsight.mesh.additions import free_material, with_properties
+from strainsight.mesh.additions import free_material, with_layers, with_own, with_properties
 from strainsight.mesh.anisotropic import CompositeSolid
 from strainsight.mesh.model import Material, Mesh
 from strainsight.mesh.thin import BeamSection, GeneralShell, Lamina, Laminate, ShellSection
@@ -146,22 +146,11 @@ def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> 
 
 def _with_ply(mesh: Mesh, region: int, property: str, value: float, material: int | str | None) -> Mesh:
     old, number = _ply(mesh, region, property, material), free_material(mesh)
-    if (composite := mesh.composites.get(region)) is not None:
-        assert isinstance(old, Material)
-        changed = replace(old, id=number, youngs_modulus=value, name=str(old))
-        layers = (replace(own, material=number) if own.material == old.id else own for own in composite.layers)
-        composites = {**mesh.composites, region: replace(composite, layers=tuple(layers))}
-        return replace(mesh, materials={**mesh.materials, number: changed}, composites=composites)
+    change: dict[str, Any] = {property: value}
     laminate = mesh.laminate(region)
-    assert laminate is not None
-    plies = tuple(replace(ply, material=number) if ply.material == old.id else ply for ply in laminate.plies)
-    sections = {**mesh.sections, region: replace(laminate, plies=plies)}
-    if isinstance(old, Material):
-        changed = replace(old, id=number, youngs_modulus=value, name=str(old))
-        return replace(mesh, materials={**mesh.materials, number: changed}, sections=sections)
-    moduli = {name: value if name == property else getattr(old, name) for name in PLY_MODULI}
-    lamina = Lamina(number, nu12=old.nu12, density=old.density, name=str(old), **moduli)
-    return replace(mesh, laminae={**mesh.laminae, number: lamina}, sections=sections)
+    parts: tuple[Any, ...] = laminate.plies if laminate else mesh.composites[region].layers
+    changed = [replace(part, material=number) if part.material == old.id else part for part in parts]
+    return with_layers(with_own(mesh, replace(old, id=number, name=str(old), **change)), region, changed)
 
 
 def _shell_of(mesh: Mesh, region: int) -> ShellSection | GeneralShell | Laminate:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.mesh.anisotropic import Anisotropic
-from strainsight.mesh.joins import AveragingElement, RigidElement
+from strainsight.mesh.joins import Relation, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
 from strainsight.mesh.thin import BeamSection, GeneralShell, Laminate, ShellBlock, ShellSection
 from strainsight.mesh.units import LIKELY_DENSITY, likely_units, mixed_units
@@ -224,14 +224,11 @@ def attached(mesh: Mesh) -> NDArray[np.bool_]:
     used[mesh.arms[:, 0]] = True
     for block in mesh.elements:
         used[block.nodes] = True
-    ties = [(e.reference, e.nodes) for e in mesh.rigid] + [(e.reference, e.nodes) for e in mesh.averaging]
-    for reference, nodes in ties:
-        used[nodes] = True
-        used[reference] = True
-    for relation in mesh.relations:
-        used[relation.node] = True
-    for own in mesh.springs:
-        used[own.node] = True
+    for tie in mesh.ties:
+        used[tie.nodes] = used[tie.reference] = True
+    joints: tuple[Relation | Springs, ...] = (*mesh.relations, *mesh.springs)
+    for joined in joints:
+        used[joined.node] = True
     used[mesh.fixed[:, 0]] = True
     return used
 
@@ -374,9 +371,8 @@ def _far_references(mesh: Mesh) -> list[str]:
         return []
     size = size_of(mesh)
     of = "elements" if mesh.shells or mesh.beams else "solids"
-    ties: list[RigidElement | AveragingElement] = [*mesh.rigid, *mesh.averaging]
     found = []
-    for tie in ties:
+    for tie in mesh.ties:
         distance = float(np.linalg.norm(mesh.position[tie.nodes] - mesh.position[tie.reference], axis=1).min())
         if distance > 3 * size:
             found.append(

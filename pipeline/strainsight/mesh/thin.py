@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import Annotated
 
 import numpy as np
@@ -53,12 +53,6 @@ class Laminate:
         return sum(ply.thickness for ply in self.plies)
 
 
-def scaled(lamina: Lamina, stiffness: float, density: float) -> Lamina:
-    """A lamina whose moduli and density are multiplied."""
-    moduli = {name: getattr(lamina, name) * stiffness for name in ("e1", "e2", "g12", "g1z", "g2z")}
-    return replace(lamina, density=lamina.density * density, **moduli)
-
-
 IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
@@ -106,11 +100,6 @@ class GeneralShell:
     def modulus(self) -> float:
         """The larger of Young's moduli of the membrane along x and y [Pa], 1/(M⁻¹)₁₁ and 1/(M⁻¹)₂₂."""
         return float(1 / np.diagonal(np.linalg.inv(self.membrane))[:2].min())
-
-    def stiffer(self, factor: float) -> GeneralShell:
-        """All stiffness times a factor."""
-        moduli = {name: factor * getattr(self, name) for name in ("membrane", "coupling", "bending", "shear")}
-        return replace(self, **moduli)
 
 
 @dataclass(frozen=True)

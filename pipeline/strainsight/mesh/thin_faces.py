@@ -1,17 +1,16 @@
-"""Line and axes of beams of three nodes."""
+"""Nodes on the faces of shells and the sides of beams, where gauges sit; line and axes of beams of three nodes."""
 
 from __future__ import annotations
 
 from dataclasses import replace
 
 import numpy as np
-from scipy import sparse
-from scipy.sparse.csgraph import connected_components
 
 from strainsight.mesh.kinds import facet_of
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import FloatArray, Mesh
 from strainsight.mesh.thin import BeamBlock, BeamSection, ShellBlock
+from strainsight.mesh.unjoined import component_labels
 
 ALONG = np.array([-1.0, 1.0, 0.0])
 """ξ of the nodes: end A, end B and the one between."""
@@ -222,8 +221,6 @@ def _smooth(node: np.ndarray, normal: np.ndarray, low: np.ndarray, high: np.ndar
     near = ALIKE * (high - low)[first]
     alike = (np.abs(other_low - low[first]) < near) & (np.abs(other_high - high[first]) < near)
     joined = (np.abs(same) > SMOOTH) & alike
-    c = len(node)
-    graph = sparse.csr_array((np.ones(joined.sum()), (first[joined], second[joined])), shape=(c, c))
-    _, group = connected_components(graph, directed=False)
+    group = component_labels(len(node), first[joined], second[joined])
     lead = np.unique(group, return_index=True)[1][group]
     return group, np.where(np.sum(normal * normal[lead], axis=1) < 0, -1.0, 1.0)

@@ -165,13 +165,19 @@ def instant(
     q, v (n,) with φ = 0, Bv = −φ_t; u as in `advance`; p_second (nd,) p̈ of the drives. Where constraints become dependent, the
     smallest λ. The force of a drive is −Σ λ φ_p.
     """
-    at, A, s, right = _equations(system, q, v, u, theta, p_second)
-    n, drives = system.size, system.drives
-    z = _solved(A, right)
+    n, d, drives = system.size, system.metric, system.drives
+    at = balance(system, q, v, u, theta, tangents=False)
+    bend = at.B_rate @ v
+    if at.driven is not None:
+        p_rate = u[drives.at + len(drives.names) :]
+        for i, (row, k) in enumerate(zip(drives.row, drives.which, strict=True)):
+            bend[row] += p_rate[k] * (at.driven.gradient[i] @ v + at.driven.bend[i]) + at.driven.slope[i] * p_second[k]
+    A, s = _matrix(system, at)
+    z = _solved(A, -np.concatenate([at.load * (1 / d), s * bend]))
     lam, force = z[n:] * s, np.zeros(len(drives.names))
     if at.driven is not None:
         np.add.at(force, drives.which, -lam[drives.row] * at.driven.slope)
-    return Instant(z[:n] / system.metric, lam, force)
+    return Instant(z[:n] / d, lam, force)
 
 
 @dataclass(frozen=True)
@@ -199,8 +205,8 @@ def instant_slopes(
     [B   0 ] [∂λ] = − [∂(B v̇ + B_rate v + …) = ∂φ̈,  ∂φ̈/∂v = 2 B_rate]
     """
     n, m, d = system.size, system.constrained, system.metric
-    _, A, s, _ = _equations(system, q, v, u, theta, p_second)
     at = balance(system, q, v, u, theta, a=now.acceleration, lam=now.lam)
+    A, s = _matrix(system, at)
     by_u, by_theta = input_slopes(system, at, q), parameter_slopes(system, at, q, v)
     upper = np.hstack([at.stiffness, at.damping, by_u, by_theta]) / d[:, None]
     lower = np.zeros((m, upper.shape[1]))
@@ -229,23 +235,21 @@ def _bends(
     return bends
 
 
-def _equations(
-    system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, p_second: np.ndarray
-) -> tuple[Balance, np.ndarray, np.ndarray, np.ndarray]:
-    """Balance without accelerations; matrix (n + m square) and right-hand side of `instant` for (D v̇, λ/s), s (m,)."""
-    n, m, d, drives = system.size, system.constrained, system.metric, system.drives
-    at = balance(system, q, v, u, theta, tangents=False)
-    bend = at.B_rate @ v
-    if at.driven is not None:
-        p_rate = u[drives.at + len(drives.names) :]
-        for i, (row, k) in enumerate(zip(drives.row, drives.which, strict=True)):
-            bend[row] += p_rate[k] * (at.driven.gradient[i] @ v + at.driven.bend[i]) + at.driven.slope[i] * p_second[k]
-    A, per = np.zeros((n + m, n + m)), 1 / d
+def _matrix(system: System, at: Balance) -> tuple[np.ndarray, np.ndarray]:
+    """That of `instant` (n + m square) for (D v̇, λ/s), and s (m,)."""
+    per = 1 / system.metric
     B = at.B * per
     s = 1 / np.maximum(np.sqrt(np.einsum("ij,ij->i", B, B)), TINY)
     B *= s[:, None]
-    A[:n, :n], A[:n, n:], A[n:, :n] = (at.mass * per) * per[:, None], -B.T, B
-    return at, A, s, -np.concatenate([at.load * per, s * bend])
+    return saddle((at.mass * per) * per[:, None], B), s
+
+
+def saddle(K: np.ndarray, B: np.ndarray) -> np.ndarray:
+    """[K −Bᵀ; B 0] of K (n, n), B (m, n)."""
+    n, m = len(K), len(B)
+    A = np.zeros((n + m, n + m))
+    A[:n, :n], A[:n, n:], A[n:, :n] = K, -B.T, B
+    return A
 
 
 def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:

@@ -9,7 +9,7 @@ from functools import cache
 from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
-from llvmlite import ir
+from llvmlite import ir  # type: ignore[import-untyped]
 
 from strainsight.compiled import cfunc, float64, int64, intrinsic, noticing, types
 from strainsight.errors import NumericalError

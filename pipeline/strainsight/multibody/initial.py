@@ -12,7 +12,7 @@ from scipy.linalg import qr
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from strainsight.errors import InfeasibleError, NumericalError, did_you_mean
-from strainsight.multibody.accelerations import Balance, balance, mass_at
+from strainsight.multibody.accelerations import TINY, Balance, balance, mass_at, saddle
 from strainsight.multibody.bodies import cross_matrix, moves
 from strainsight.multibody.joints import drive
 from strainsight.multibody.relations import relation_rows
@@ -27,7 +27,6 @@ NEAREST = 20
 """Iterations of `nearest_state`."""
 AT_REST = 1e-15
 """A correction below this, beside the state in the metric, is none."""
-TINY = float(np.finfo(float).tiny)
 
 
 @dataclass(frozen=True)
@@ -101,10 +100,9 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
         return q
     for _ in range(50):
         phi, B, _ = constraints_at(system, q, u)
-        B = B / d
-        s = 1 / np.maximum(np.linalg.norm(B, axis=1), np.finfo(float).tiny)
+        unit, s = unit_rows(B, d)
         # pseudo-inverse: redundant joints are no reason to fail, only contradictory ones
-        x = np.linalg.lstsq(s[:, None] * B, -s * phi, rcond=1e-10)[0]
+        x = np.linalg.lstsq(unit, -s * phi, rcond=1e-10)[0]
         size, whole = np.linalg.norm(x), np.linalg.norm(d * q)
         if size > 0.5 * whole:
             x *= 0.5 * whole / size
@@ -112,7 +110,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
         if size <= 1e-15 * whole:
             break
     phi, B, _ = constraints_at(system, q, u)
-    violation = np.abs(phi) / np.maximum(np.linalg.norm(B / d, axis=1), np.finfo(float).tiny) / np.linalg.norm(d * q)
+    violation = np.abs(phi) / np.maximum(np.linalg.norm(B / d, axis=1), TINY) / np.linalg.norm(d * q)
     if np.max(violation) > 1e-9:
         worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
         listed = "; ".join(f"{system.constraints[i]} is off by {phi[i]:.3g}" for i in worst)
@@ -205,9 +203,9 @@ def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray
     phi, B, rate = constraints_at(system, q, u)
     if not len(phi):
         return
-    lengths = np.maximum(np.linalg.norm(B / d, axis=1), np.finfo(float).tiny)
+    lengths = np.maximum(np.linalg.norm(B / d, axis=1), TINY)
     for what, off, whole in (("", phi, d * q), ("the rate of ", B @ v + rate, d * v)):
-        share = np.abs(off) / lengths / max(float(np.linalg.norm(whole)), np.finfo(float).tiny)
+        share = np.abs(off) / lengths / max(float(np.linalg.norm(whole)), TINY)
         worst = np.argsort(-share)[:3]
         if share[worst[0]] > CONSISTENT:
             listed = "; ".join(f"{what}{system.constraints[i]} is {off[i]:.3g}" for i in worst if share[i] > CONSISTENT)
@@ -325,10 +323,8 @@ def static_equilibrium(
             continue
         good = q, lam
         K, B, s = in_the_metric(at, d)
-        A = np.block([[K + shift * np.eye(n), -B.T], [B, np.zeros((m, m))]])
-        right = -np.concatenate([at.load / d, s * at.phi])
         try:
-            z = np.linalg.solve(A, right)
+            z = np.linalg.solve(saddle(K + shift * np.eye(n), B), -np.concatenate([at.load / d, s * at.phi]))
         except np.linalg.LinAlgError:
             if before < 1e-6 * whole:
                 refuse_free(system, K, B)
@@ -355,9 +351,14 @@ def static_equilibrium(
 
 def in_the_metric(at: Balance, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """D⁻¹K D⁻¹ (n, n), S B D⁻¹ (m, n) of unit rows, and S (m,), by which λ = S λ'."""
-    B = at.B / d
-    s = 1 / np.maximum(np.linalg.norm(B, axis=1), np.finfo(float).tiny)
-    return at.stiffness / np.outer(d, d), s[:, None] * B, s
+    return at.stiffness / np.outer(d, d), *unit_rows(at.B, d)
+
+
+def unit_rows(B: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """S B D⁻¹ (m, n) of unit rows, and S (m,)."""
+    B = B / d
+    s = 1 / np.maximum(np.linalg.norm(B, axis=1), TINY)
+    return s[:, None] * B, s
 
 
 def refuse_free(system: System, K: np.ndarray, B: np.ndarray) -> None:
@@ -366,7 +367,7 @@ def refuse_free(system: System, K: np.ndarray, B: np.ndarray) -> None:
     if not null.shape[1]:
         return
     _, sigma, V = np.linalg.svd(null.T @ K @ null)
-    if sigma[-1] < FREE * max(sigma[0], np.finfo(float).tiny):
+    if sigma[-1] < FREE * max(sigma[0], TINY):
         share = sigma[-1] / max(sigma[0], 1e-300)
         raise InfeasibleError(
             f"nothing holds body {system.most_in(null @ V[-1])} in one motion (stiffness {share:.1e} of the largest)",

@@ -30,28 +30,42 @@ Measure = Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class SpringDamper:
-    """T = k x + c ẋ on a displacement x(ρ), measured from where the spring is without force.
+class AlongDisplacement:
+    """T(x, ẋ, θ) along a displacement x(ρ), ẋ = ∇x·ρ̇:
 
-        F = T ∇x,     ∂F/∂ρ = ∇x (k ∇x + c ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = c ∇x ∇xᵀ
-
-    stiffness k [N/m or N m/rad], damping c [N s/m or N m s/rad]; compiled: the same as a law with SIGNATURE of
-    `multibody/forces.py` whose numbers are k, c and the origin of x; without one it is called back.
+    F = T ∇x,     ∂F/∂ρ = ∇x (T_x ∇x + T_ẋ ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = T_ẋ ∇x ∇xᵀ,     ∂F/∂θ = ∇x T_θᵀ
     """
 
     measure: Measure
+
+    def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
+        """T, T_x, T_ẋ, T_θ."""
+        raise NotImplementedError
+
+    def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
+        x, slope, bend = self.measure(rho)
+        T, by_x, by_rate, by_theta = self.force(x, float(slope @ rho_dot), theta)
+        F_rho = np.outer(slope, by_x * slope + by_rate * (bend @ rho_dot)) + T * bend
+        F_rate = by_rate * np.outer(slope, slope) if by_rate else None
+        return Load(T * slope, F_rho, F_rate, np.outer(slope, by_theta))
+
+
+@dataclass(frozen=True)
+class SpringDamper(AlongDisplacement):
+    """T = k x + c ẋ, x from where the spring is without force; stiffness k [N/m or N m/rad], damping c [N s/m or N m s/rad].
+
+    compiled: the same as a law with SIGNATURE of `multibody/forces.py` whose numbers are k, c and the origin of x; without one
+    it is called back.
+    """
+
     stiffness: float
     damping: float
     compiled: Callable[..., int] | None = None
     origin: float = 0.0
     memory = 0
 
-    def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
-        x, slope, bend = self.measure(rho)
-        T = self.stiffness * x + self.damping * float(slope @ rho_dot)
-        F_rho = np.outer(slope, self.stiffness * slope + self.damping * (bend @ rho_dot)) + T * bend
-        F_rate = self.damping * np.outer(slope, slope) if self.damping else None
-        return Load(T * slope, F_rho, F_rate, np.zeros((len(rho), 0)))
+    def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
+        return self.stiffness * x + self.damping * rate, self.stiffness, self.damping, ()
 
     @property
     def address(self) -> int:
@@ -91,16 +105,16 @@ def length_of(rho: np.ndarray, first: str, second: str) -> tuple[float, np.ndarr
 
 
 def _pull(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
-    given, s, ds = carray(numbers, 3), carray(rho, 1)[0], carray(rate, 1)[0]
+    law, s, ds = carray(numbers, 3), carray(rho, 1)[0], carray(rate, 1)[0]
     if not s > SHORTEST**2:
         return NONE
-    l = np.sqrt(s)
+    stiffness, damping, l = law[0], law[1], np.sqrt(s)
     slope, bend = 0.5 / l, -0.25 / (l * s)
-    T = given[0] * (l - given[2]) + given[1] * slope * ds
+    T = stiffness * (l - law[2]) + damping * slope * ds
     carray(F, 1)[0] = T * slope
-    carray(F_rho, 1)[0] = slope * (given[0] * slope + given[1] * bend * ds) + T * bend
-    carray(F_rate, 1)[0] = given[1] * slope * slope
-    return MOVING if given[1] != 0.0 else STILL
+    carray(F_rho, 1)[0] = slope * (stiffness * slope + damping * bend * ds) + T * bend
+    carray(F_rate, 1)[0] = damping * slope * slope
+    return MOVING if damping != 0.0 else STILL
 
 
 FARTHEST = 3.0
@@ -141,14 +155,9 @@ def turned_by(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
 
 
 def _turned(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
-    given, x, y, dx, dy = (
-        carray(numbers, 3),
-        carray(rho, 2)[0],
-        carray(rho, 2)[1],
-        carray(rate, 2)[0],
-        carray(rate, 2)[1],
-    )
-    stiffness, damping, c, s = given[0], given[1], np.cos(given[2]), np.sin(given[2])
+    law, at, moving = carray(numbers, 3), carray(rho, 2), carray(rate, 2)
+    x, y, dx, dy = at[0], at[1], moving[0], moving[1]
+    stiffness, damping, c, s = law[0], law[1], np.cos(law[2]), np.sin(law[2])
     phi = np.arctan2(y * c - x * s, x * c + y * s)
     if stiffness != 0.0 and not abs(phi) <= FARTHEST:
         return NONE
@@ -206,19 +215,19 @@ class LinearLaw:
 
 
 def _load(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
-    given = carray(numbers, 1 + 2 * k * k + k + p * k * k)
+    law = carray(numbers, 1 + 2 * k * k + k + p * k * k)
     x, xr, out = carray(rho, k), carray(rate, k), carray(F, k)
     by_rho, by_rate, by_theta = carray(F_rho, (k, k)), carray(F_rate, (k, k)), carray(F_theta, (k, p))
     rest = 1 + 2 * k * k
     for i in range(k):
         for j in range(k):
-            apart = x[j] - given[rest + j]
-            by_rho[i, j] = given[1 + k * i + j]
-            by_rate[i, j] = given[1 + k * k + k * i + j]
+            apart = x[j] - law[rest + j]
+            by_rho[i, j] = law[1 + k * i + j]
+            by_rate[i, j] = law[1 + k * k + k * i + j]
             out[i] += by_rho[i, j] * apart + by_rate[i, j] * xr[j]
             for m in range(p):
-                by_theta[i, m] += given[rest + k + k * (k * m + i) + j] * apart
-    return MOVING if given[0] != 0.0 else STILL
+                by_theta[i, m] += law[rest + k + k * (k * m + i) + j] * apart
+    return MOVING if law[0] != 0.0 else STILL
 
 
 def bushing(name: str, i: Frame, j: Frame, stiffness: Sequence[float], damping: Sequence[float]) -> RelativeElement:
@@ -235,14 +244,11 @@ def bushing(name: str, i: Frame, j: Frame, stiffness: Sequence[float], damping: 
 
 
 @dataclass(frozen=True)
-class Actuator:
-    """A load u(t) along a displacement x(ρ): F = −u ∇x, which does the work u ẋ on the bench."""
+class Actuator(AlongDisplacement):
+    """T = −u of a load u(t), which does the work u ẋ on the bench."""
 
-    measure: Measure
-
-    def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
-        _, slope, bend = self.measure(rho)
-        return Load(-theta[0] * slope, -theta[0] * bend, None, -slope[:, None])
+    def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
+        return -theta[0], 0.0, 0.0, (-1.0,)
 
 
 @dataclass(frozen=True)
@@ -307,24 +313,16 @@ def regular_friction(rate: float, coulomb: float, viscous: float, speed: float) 
 
 
 @dataclass(frozen=True)
-class Friction:
-    """T of `regular_friction` on the rate of a displacement x(ρ), ẋ = ∇x·ρ̇:
+class Friction(AlongDisplacement):
+    """T of `regular_friction`; coulomb T_c [N or N m], viscous c [N s/m or N m s/rad], speed ẋ₀ [m/s or rad/s]."""
 
-        F = T ∇x,     ∂F/∂ρ = T' ∇x (∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = T' ∇x ∇xᵀ
-
-    coulomb T_c [N or N m], viscous c [N s/m or N m s/rad], speed ẋ₀ [m/s or rad/s].
-    """
-
-    measure: Measure
     coulomb: float
     viscous: float
     speed: float
 
-    def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
-        _, slope, bend = self.measure(rho)
-        T, steep, _ = regular_friction(float(slope @ rho_dot), self.coulomb, self.viscous, self.speed)
-        F_rho = steep * np.outer(slope, bend @ rho_dot) + T * bend
-        return Load(T * slope, F_rho, steep * np.outer(slope, slope), np.zeros((len(rho), 0)))
+    def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
+        T, steep, _ = regular_friction(rate, self.coulomb, self.viscous, self.speed)
+        return T, 0.0, steep, ()
 
 
 def friction(

@@ -80,7 +80,7 @@ def _run(
 ) -> Trajectory:
     """The states at 0, h, 2h, … under u (T + 1, nu); step: from k, q, v. Raises InfeasibleError where the start breaks a
     constraint."""
-    check_consistent(system, *(np.asarray(x, dtype=float) for x in start), u[0])
+    check_consistent(system, np.asarray(start[0], dtype=float), np.asarray(start[1], dtype=float), u[0])
     count = len(u) - 1
     q, v = np.empty((2, count + 1, system.size))
     lam = np.empty((count, system.constrained))

@@ -172,8 +172,7 @@ def _lead(problem: Problem, h: float, first: _Trial, halvings: int) -> Step | No
 
 
 def _newton(problem: Problem, h: float, start: _Trial) -> Step:
-    left = start.mu, start.lam, start.memory
-    found = stages(problem, h, 0.0, left, (start.q, start.v), nothing(1, len(start.q)))
+    found = stages(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q)))
     if found.ended == SOLVED:
         return solved(problem, h, found)[0]
     trial = found.q[0], found.v[0], found.mu[0], found.lam[0]

@@ -58,7 +58,7 @@ class Reading:
 
 def largest(*signals: FloatArray) -> float:
     """Largest size of all that is finite, 0 where nothing is."""
-    return max((float(np.max(np.abs(own[np.isfinite(own)]), initial=0.0)) for own in signals), default=0.0)
+    return max((float(np.max(np.abs(signal[np.isfinite(signal)]), initial=0.0)) for signal in signals), default=0.0)
 
 
 def rms(values: FloatArray) -> float:

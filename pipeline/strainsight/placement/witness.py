@@ -37,8 +37,8 @@ class Witness:
         local = [at > 0 and name != BUDGET for at, name in enumerate(limits.names)]
         self._local = limits.rows[np.array(local)]
         self._goal = 0 if BUDGET in limits.names else limits.keep
-        there = np.ones(len(limits.size), dtype=bool)
-        found = self._greedy(there, worth)
+        present = np.ones(len(limits.size), dtype=bool)
+        found = self._greedy(present, worth)
         if found is None:
             size = limits.size.astype(float)
             # of more than one number, as many as are found soon will do; only that there is none at all takes a proof
@@ -108,11 +108,11 @@ class Witness:
         self.detection.loses(np.flatnonzero(left))
         reached = np.isin(np.arange(len(rest)), gauge)
         steps = np.where(reached, 0.0, np.inf)
-        there = rest | reached
-        touched = there & np.any([reached, *(hit for hit in self.detection.hits if not hit[left].any())], axis=0)
+        present = rest | reached
+        touched = present & np.any([reached, *(hit for hit in self.detection.hits if not hit[left].any())], axis=0)
         step = 1.0
         while True:
-            touched = touched | (there & (self._local.T @ (self._local @ reached.astype(float)) > 0))
+            touched = touched | (present & (self._local.T @ (self._local @ reached.astype(float)) > 0))
             if np.all(reached[touched]) or reached[rest].sum() >= REACH:
                 break
             steps[touched & ~reached] = step
@@ -231,9 +231,9 @@ class Remaining:
 
     def without(self, at: int) -> np.ndarray:
         """Indices of the gauges still there but the one at this place."""
-        there = self._there.copy()
-        there[at] = False
-        return self.index[there]
+        present = self._there.copy()
+        present[at] = False
+        return self.index[present]
 
     def product(self, scenario: int, factor: np.ndarray) -> np.ndarray:
         """rows · factor (m, c, k) of a scenario; factor (n, k)."""
@@ -283,9 +283,9 @@ class Remaining:
             self._pack()
 
     def _pack(self) -> None:
-        there = self._there
-        self.index, self.movable, self._twin = self.index[there], self.movable[there], self._twin[there]
-        self._rows = [rows[there] for rows in self._rows]
+        present = self._there
+        self.index, self.movable, self._twin = self.index[present], self.movable[present], self._twin[present]
+        self._rows = [rows[present] for rows in self._rows]
         self._there = np.ones(self.count, dtype=bool)
 
 

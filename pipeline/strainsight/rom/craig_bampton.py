@@ -11,7 +11,7 @@ from scipy.linalg import block_diag, eigh
 
 from strainsight.errors import InfeasibleError, UserError, did_you_mean
 from strainsight.fem.affine import AffineOperator
-from strainsight.fem.equations import MOTIONS, rigid_rows
+from strainsight.fem.equations import MOTIONS, rigid_rows, translation_rows
 from strainsight.fem.factorisation import Factor, factorise
 from strainsight.fem.mass import point_mass_matrix
 from strainsight.fem.model import FiniteElementModel
@@ -163,7 +163,7 @@ def rigid_motions(model: FiniteElementModel) -> np.ndarray:
     # what no element holds has no free motion, and stays behind without harm
     used = model.mesh.nodes_of_elements
     counts = np.diff(T.indptr) > 0
-    counts[(3 * used[:, None] + np.arange(3)).ravel()] = True
+    counts[translation_rows(used)] = True
     _, strength, Vt = np.linalg.svd(np.linalg.qr((T @ r_free - r)[counts], mode="r"))
     return r_free @ Vt[strength <= TOLERANCE].T
 
@@ -209,7 +209,7 @@ def motion_rows(model: FiniteElementModel, node: int) -> np.ndarray:
             f"interface node {node} has no rotations: it is not the reference of a rigid element",
             remedy="tie the flange to it by an RBE2, in the deck or under mesh.ties",
         )
-    return np.concatenate([3 * index + np.arange(3), turning + np.arange(3)])
+    return np.concatenate([translation_rows([index]), turning + np.arange(3)])
 
 
 def _interior(

@@ -71,9 +71,9 @@ def _first(skin: Skin, points: np.ndarray, normals: np.ndarray, way: float, reac
         first = order[np.flatnonzero(np.diff(of[order], prepend=-1) != 0)]
         facet[of[first]], local[of[first]], t[of[first]] = asked[first], xi[first], at[first]
         active = active[facet[active] < 0]
-    there = facet >= 0
+    on_facet = facet >= 0
     x = np.full((k, 3), np.nan)
-    x[there], _ = skin.frames(facet[there], local[there])
+    x[on_facet], _ = skin.frames(facet[on_facet], local[on_facet])
     return Located(facet, local, x, t)
 
 
@@ -148,9 +148,9 @@ class ContactFaces:
     def in_words(self, i: int) -> str:
         """What holds face i of these."""
         bores, places = int(self.bores[i]), int(self.places[i])
-        said = [f"by {bores} bore{'s' * (bores != 1)}"] * (bores > 0)
-        said += [f"on {places} of its facets"] * (places > 0)
-        return f"held {' and '.join(said)}"
+        reasons = [f"by {bores} bore{'s' * (bores != 1)}"] * (bores > 0)
+        reasons += [f"on {places} of its facets"] * (places > 0)
+        return f"held {' and '.join(reasons)}"
 
 
 def contact_faces(mesh: Mesh, facets: Facets, faces: Faces) -> ContactFaces:
@@ -206,10 +206,9 @@ def _held(mesh: Mesh) -> np.ndarray:
     held[mesh.held] = True
     for own in mesh.springs:
         held[own.node] = True
-    ties = [(own.reference, own.nodes) for own in mesh.rigid] + [(own.reference, own.nodes) for own in mesh.averaging]
-    for reference, nodes in ties:
-        if held[reference]:
-            held[nodes] = True
+    for tie in mesh.ties:
+        if held[tie.reference]:
+            held[tie.nodes] = True
     for relation in mesh.relations:
         held[relation.node[0]] |= bool(held[relation.node[1:]].all())
     return mesh.above(held)

@@ -49,13 +49,13 @@ def concatenated(
 ) -> Arms | None:
     """Those of pools with so many channels each, one behind the other; concatenate: of their grids."""
     start = np.cumsum([0, *channels])
-    there = [(own, int(first)) for own, first in zip(parts, start[:-1], strict=True) if own is not None]
-    if not there:
+    bridged = [(own, int(first)) for own, first in zip(parts, start[:-1], strict=True) if own is not None]
+    if not bridged:
         return None
     return Arms(
-        np.concatenate([own.channel + first for own, first in there]),
-        np.concatenate([own.sign for own, _ in there]),
-        concatenate([own.grid for own, _ in there]),
+        np.concatenate([own.channel + first for own, first in bridged]),
+        np.concatenate([own.sign for own, _ in bridged]),
+        concatenate([own.grid for own, _ in bridged]),
     )
 
 

@@ -11,6 +11,7 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.mesh.facets import Facets, facet_key
+from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.surface import by_kind, facet_centres, facet_points, farthest_axis, normals
 
@@ -150,7 +151,8 @@ def constrained_nodes(mesh: Mesh, references: bool = False) -> np.ndarray:
     asked for, or by a relation; on the surface of shells and beams what lies above such nodes."""
     held = np.zeros(len(mesh.position), dtype=bool)
     held[mesh.held] = True
-    for tie in (*mesh.rigid, *mesh.averaging):
+    ties: list[RigidElement | AveragingElement] = [*mesh.rigid, *mesh.averaging]
+    for tie in ties:
         held[tie.nodes] = True
         held[tie.reference] |= references
     for relation in mesh.relations:

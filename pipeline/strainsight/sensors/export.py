@@ -44,9 +44,9 @@ def uff_text(
     axes = frames(np.asarray(direction, dtype=float), np.asarray(normal, dtype=float))
     stamp = f"{date:<10.10}{time:<10.10}"
     header = [title, title, program, f"{stamp}{0:10d}{0:10d}{0:10d}", stamp, program, stamp]
-    code, said = (SI, "SI: Meter (newton)") if unit == "m" else (USER_DEFINED, f"{unit} (newton)")
+    code, words = (SI, "SI: Meter (newton)") if unit == "m" else (USER_DEFINED, f"{unit} (newton)")
     # What a number of the file is divided by to give SI: length, force, temperature.
-    units = [f"{code:10d}{said:<20}{2:10d}", _numbers([1.0 / metres, 1.0, 1.0]), _numbers([273.15])]
+    units = [f"{code:10d}{words:<20}{2:10d}", _numbers([1.0 / metres, 1.0, 1.0]), _numbers([273.15])]
     systems, nodes = [f"{1:10d}", title], []
     for number, (x, frame, label) in enumerate(zip(position, axes, labels, strict=True), start=1):
         systems += [f"{number:10d}{0:10d}{COLOUR:10d}", _name(label), *map(_numbers, [*frame, x])]

@@ -124,8 +124,8 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
         skin, likely = skin_of(position, facets), faces.of[found]
         found &= np.isin(faces.of, [_nearest(np.asarray(point), faces, skin, likely) for point in pick.near])
     if not found.any():
-        given = [name for name in ("near", "normal", "box", "radius") if getattr(pick, name)]
-        where = f"{' and '.join(given)} hold together nowhere" if len(given) > 1 else "lengths are in m"
+        picks = [name for name in ("near", "normal", "box", "radius") if getattr(pick, name)]
+        where = f"{' and '.join(picks)} hold together nowhere" if len(picks) > 1 else "lengths are in m"
         raise UserError(
             "no facet of the surface is meant", remedy=f"{where}; `strainsight init` lists the faces of a deck"
         )

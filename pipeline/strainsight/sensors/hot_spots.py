@@ -9,6 +9,7 @@ from scipy import sparse
 
 from strainsight.errors import DeckError, NumericalError
 from strainsight.fem.assembly import assemble_stiffness
+from strainsight.fem.equations import translation_rows
 from strainsight.fem.factorisation import factorise
 from strainsight.fem.nodal_forces import Tractions, spread_forces, tractions
 from strainsight.fem.patch import Incidence, Patch, forced_nodes, held_components, patch_around
@@ -36,7 +37,7 @@ class Submodel:
     def part(self, patch: Patch) -> Submodel:
         """Some of its elements by themselves, moved at their cut boundary as it is."""
         held = self.held[patch.nodes] | patch.cut[:, None]
-        rows = (3 * patch.nodes[:, None] + np.arange(3)).ravel()
+        rows = translation_rows(patch.nodes)
         force = np.where(held.reshape(-1, 1), 0.0, self.force[rows])
         return Submodel(patch.mesh, self.field[rows], held, force, self.applied.within(patch))
 
@@ -55,11 +56,11 @@ def submodel(patch: Patch, field: np.ndarray, held: np.ndarray, forced: np.ndarr
     field z (3k, r) of the whole model at the nodes of the patch; held (k, 3) and forced (k,) of its nodes; applied: `tractions`
     of the whole mesh. Raises NumericalError where a part of it hangs on nothing.
     """
-    given = held | patch.cut[:, None]
+    prescribed = held | patch.cut[:, None]
     K = assemble_stiffness(patch.mesh)
-    acting = forced[:, None] & ~given
+    acting = forced[:, None] & ~prescribed
     force = np.where(acting.reshape(-1, 1), K @ field, 0.0) if acting.any() else np.zeros_like(field)
-    return Submodel(patch.mesh, _solved(K, given, field, force), given, force, applied.within(patch))
+    return Submodel(patch.mesh, _solved(K, prescribed, field, force), prescribed, force, applied.within(patch))
 
 
 def with_spread_forces(own: Submodel, facets: Facets) -> Submodel:
@@ -80,13 +81,13 @@ def refined_submodel(own: Submodel) -> tuple[Submodel, Refined]:
     fine = refined(own.mesh)
     P = sparse.csr_array(sparse.kron(fine.interpolation, sparse.eye_array(3), format="csr"))
     free = (~own.held).ravel().astype(float)
-    given = (np.asarray(abs(P) @ free) == 0).reshape(-1, 3)
+    prescribed = (np.asarray(abs(P) @ free) == 0).reshape(-1, 3)
     force = np.zeros((P.shape[0], own.field.shape[1]))
-    force[(3 * _fine_of_coarse(fine)[:, None] + np.arange(3)).ravel()] = own.concentrated
+    force[translation_rows(_fine_of_coarse(fine))] = own.concentrated
     applied = own.applied.cut(fine)
-    force = np.where(given.reshape(-1, 1), 0.0, force + applied.forces(fine.mesh.position))
+    force = np.where(prescribed.reshape(-1, 1), 0.0, force + applied.forces(fine.mesh.position))
     K = assemble_stiffness(fine.mesh)
-    return Submodel(fine.mesh, _solved(K, given, P @ own.field, force), given, force, applied), fine
+    return Submodel(fine.mesh, _solved(K, prescribed, P @ own.field, force), prescribed, force, applied), fine
 
 
 def _fine_of_coarse(fine: Refined) -> np.ndarray:
@@ -100,11 +101,11 @@ def _fine_of_coarse(fine: Refined) -> np.ndarray:
 
 def _solved(K: sparse.csr_array, held: np.ndarray, z: np.ndarray, force: np.ndarray) -> np.ndarray:
     """z (3k, r) where it is held (k, 3), in equilibrium with the force (3k, r) elsewhere."""
-    given = held.ravel()
-    found, free = z.copy(), np.flatnonzero(~given)
+    prescribed = held.ravel()
+    found, free = z.copy(), np.flatnonzero(~prescribed)
     if len(free):
         rows = sparse.csr_array(K[free])
-        pushed = force[free] - rows[:, np.flatnonzero(given)] @ z[given]
+        pushed = force[free] - rows[:, np.flatnonzero(prescribed)] @ z[prescribed]
         found[free] = factorise(sparse.csr_array(rows[:, free])).solve(pushed)
     return found
 

@@ -84,12 +84,11 @@ def sensitivity_rows(
         transverse    dε̂/dK_t = ε_t + ν₀ ε,   of   ε̂ = (ε + K_t ε_t)/(1 − ν₀ K_t),   ε_t = (n × d)ᵀE(n × d)
         motion        reading d·z: gain as above, turns (ω × d)·z about ω = n, e₁, e₂
 
-    The difference in position is taken where Gauss-Hermite quadrature of three points has its nodes: the slope is that of
-    statistical linearisation over a normal distribution of σ, exact where the strain is a cubic, and it sees jumps of strain
-    between facets. So are the second differences: with them the mean over that distribution is that of the quadrature. On facets
-    without nodes between their corners, in which strain is constant or nearly so, the step is at least ¾ of the facet's size: a
-    step within the facet would see no gradient. A gauge that a sharp edge holds back has the slope over the way it can go, zero
-    where it cannot move at all, and the second differences of the ways that are open.
+    Differences in position are taken at the nodes of Gauss-Hermite quadrature of three points: the slope is that of statistical
+    linearisation over a normal distribution of σ, exact of a cubic, and the mean is that of the quadrature. On facets without
+    nodes between their corners, in which strain is constant or nearly so, the step is at least ¾ of the facet's size. A gauge
+    that a sharp edge holds back has the slope over the way it can go, zero where it cannot move at all, and the second
+    differences of the ways that are open.
 
     Over a grid all are means of its points; that its ends move aside as it turns is left out, which is nothing where strain
     varies linearly over the grid. ν₀ = 0.285, that of the manufacturers' calibration, after which uniaxial stress in such a

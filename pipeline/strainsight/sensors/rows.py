@@ -306,8 +306,8 @@ def matrix_of(
         found, ratio = sparse.csr_array((channels, 3 * len(position))), thickness.ratio_of(points.element)
         for own in np.unique(ratio):
             G = thickness.moved(own)
-            there = (G @ position.ravel()).reshape(position.shape)
-            found = found + matrix_of(there, points.take(ratio == own), channels) @ G
+            moved = (G @ position.ravel()).reshape(position.shape)
+            found = found + matrix_of(moved, points.take(ratio == own), channels) @ G
         return sparse.csr_array(found)
     entries = [_entries(position, points.take(part), kind) for kind, part, _ in by_kind(points.kind, points.nodes)]
     value, row, column = (

@@ -74,11 +74,11 @@ def screen(
         reason[np.bincount(number, weights=over, minlength=count) > 0] = BEYOND
         reason[fixed] = WEAK
     wanted = count if keep is None else keep
-    there = int(np.count_nonzero(fixed))
-    if wanted < max(1, there):
+    bonded_ones = int(np.count_nonzero(fixed))
+    if wanted < max(1, bonded_ones):
         raise InfeasibleError(
-            f"{wanted} of {count} candidates to keep" + (f", {there} are already bonded" if there else ""),
-            remedy=f"keep at least {max(1, there)}",
+            f"{wanted} of {count} candidates to keep" + (f", {bonded_ones} are already bonded" if bonded_ones else ""),
+            remedy=f"keep at least {max(1, bonded_ones)}",
         )
     owner = np.arange(count)
     if also_at is not None:

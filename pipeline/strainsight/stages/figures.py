@@ -43,8 +43,8 @@ def figures_of(
 
     Raises UserError with the command to run where there is no page yet.
     """
-    there = [page for page in pages if not _missing(page, folder)]
-    if not there:
+    ready = [page for page in pages if not _missing(page, folder)]
+    if not ready:
         raise UserError(
             f"there are no figures yet: {folder / _missing(pages[-1], folder)[0]}.h5 has not been written",
             where=config_file,
@@ -54,19 +54,18 @@ def figures_of(
     counted = {}
     with kept() as drawn:
         drawings: list[Drawing] = []
-        for page in there:
+        for page in ready:
             upstream = {name: Artefact(folder / f"{name}.h5") for name in page.upstream}
-            own = declared(config, prune(data, page.reads))
-            if isinstance(own, BenchConfig):
-                found = _of_bench(Context(own, upstream, {}, silent))
-            elif page.name == TEST:
-                found = _of_test(Context(own, upstream, {}, silent))
+            settings = declared(config, prune(data, page.reads))
+            if isinstance(settings, BenchConfig):
+                shown = _of_bench(Context(settings, upstream, {}, silent))
             else:
-                found = _of_placement(Context(own, upstream, {}, silent))
-            counted[page.name] = len(found)
-            drawings += found
+                of = _of_test if page.name == TEST else _of_placement
+                shown = of(Context(settings, upstream, {}, silent))
+            counted[page.name] = len(shown)
+            drawings += shown
         files = figure_files(drawings, drawn)
-    return Figures(files, counted, tuple(dict.fromkeys(name for page in there for name in page.upstream)))
+    return Figures(files, counted, tuple(dict.fromkeys(name for page in ready for name in page.upstream)))
 
 
 def _missing(page: Stage, folder: Path) -> list[str]:

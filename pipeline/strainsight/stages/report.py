@@ -33,7 +33,7 @@ from strainsight.pages.placement.figures import placement_figures
 from strainsight.pages.placement.page import placement_page
 from strainsight.pages.sheets.sheet import sheet_svg
 from strainsight.pages.sheets.views import Projection, Sheet, paper_axes
-from strainsight.pages.space.model import Shape
+from strainsight.pages.space.model import ShownState
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
@@ -85,7 +85,7 @@ def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, byt
 def _mat_file(context: Context[PlacementConfig], shop: Workshop) -> bytes:
     placed, model = read(Placed, context.upstream["place"]), read(Reduced, context.upstream["rom"]).model
     listed = shop.listed
-    units = [unit for unit, own in zip(listed.unit, listed.directions, strict=True) for _ in own]
+    units = [unit for unit, directions in zip(listed.unit, listed.directions, strict=True) for _ in directions]
     of_loads = {name: load.unit for name, load in context.config.loads.items()}
     return mat_file(placed, model, channel_labels(listed), units, of_loads)
 
@@ -154,11 +154,11 @@ def sheet_files(sheets: list[Sheet]) -> dict[str, bytes]:
 def _places(shop: Workshop) -> Iterator[tuple[str, int, np.ndarray]]:
     """Name, first line and directions (c, 3) of every place on a facet."""
     for gauge, label in enumerate(shop.listed.labels):
-        own, arms = shop.lines_of(gauge), shop.listed.arms[gauge]
+        lines, arms = shop.lines_of(gauge), shop.listed.arms[gauge]
         if arms is not None:
-            places = [(name, i, [i]) for name, i in zip(arms.labels(label), own, strict=True)]
+            places = [(name, i, [i]) for name, i in zip(arms.labels(label), lines, strict=True)]
         else:
-            places = [(label, own[0], own)]
+            places = [(label, lines[0], lines)]
         for name, i, grids in places:
             if shop.lines[i].facet:
                 yield name, i, np.array([shop.lines[k].direction for k in grids])
@@ -173,7 +173,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     scene, problem = drawn_or_why(lambda: render(report.layout))
     modes = placement_view(context.config, "modes", context.upstream, None)
     strains = strain_shapes(report.layout, strains_of(context.config, mesh, context.upstream))
-    shapes = (*strains, *(Shape(panel.title, panel.shift) for panel in modes.panels))
+    shapes = (*strains, *(ShownState(panel.title, panel.shift) for panel in modes.panels))
     context.progress("figures", 0.5)
     page = placement_page(report, placement_figures(report), scene, problem, shapes, tuple(sheets.values())).encode()
     trend, noise = report.trend, report.noise
@@ -188,12 +188,12 @@ def run(context: Context[PlacementConfig]) -> Output:
             datasets[f"/noise/{key}/{name}"] = Dataset(
                 values[name], "1", f"{key} of {name} at that noise", ("/noise/level",)
             )
-    said = f"report.html, {len(page) / 1024:.0f} KiB" + (f"; no 3D picture: {problem}" if problem else "")
+    message = f"report.html, {len(page) / 1024:.0f} KiB" + (f"; no 3D picture: {problem}" if problem else "")
     summary: dict[str, Scalar] = {"picture": scene is not None, "warnings": len(report.warnings)}
     return Output(
         datasets=datasets,
         summary=summary,
-        message=said,
+        message=message,
         tables=warnings_table(report.warnings),
         files={"report.html": page, **workshop_files(shop), **sheets, **exported(context, shop)},
     )

@@ -14,19 +14,19 @@ from strainsight.config.suite_runs import all_of
 from strainsight.errors import ConfigError, did_you_mean
 from strainsight.estimation.decision import FAULTS
 from strainsight.pages.arrays import rms
-from strainsight.pages.bench.data import BenchRun
+from strainsight.pages.bench.data import BenchPageRun
 from strainsight.pages.picture.scene import drawn_or_why, look, render_all
 from strainsight.pages.placement.data import Repeats, Unknown
 from strainsight.pages.suite.data import (
     CONFIRMED,
     CONTRADICTED,
     HOLDS,
-    Comparison,
     PlacementRun,
+    SourceComparison,
     Statement,
-    Study,
     Suite,
     SuiteRun,
+    SuiteStudy,
     measured,
     metric_name,
     metrics_of,
@@ -94,9 +94,9 @@ def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
     return {key: entry[key] for key in ("name", "label", "note", "study", "group", "at", "reached")} | {"page": page}
 
 
-def _bench(entry: Any, up: Mapping[str, Artefact]) -> BenchRun:
+def _bench(entry: Any, up: Mapping[str, Artefact]) -> BenchPageRun:
     seeds = read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {}
-    return BenchRun(**_stated(entry, up), **run_of(up), seeds=seeds)
+    return BenchPageRun(**_stated(entry, up), **run_of(up), seeds=seeds)
 
 
 def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
@@ -138,14 +138,14 @@ def _guess(name: str, entry: Any, up: Mapping[str, Artefact]) -> float:
     return float(np.abs(read(Training, up["train"]).load[:, loads.index(name)]).max())
 
 
-def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Study, ...]:
+def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[SuiteStudy, ...]:
     """The studies in the order in which the runs name them, with what the suite says more of each."""
     more = {study.name: (i, study) for i, study in enumerate(described)}
-    found = []
+    studies = []
     for name in dict.fromkeys(run.study for run in runs if run.study):
         places = tuple(i for i, run in enumerate(runs) if run.study == name)
         if name not in more:
-            found.append(Study(name, "", None, (), places))
+            studies.append(SuiteStudy(name, "", None, (), places))
             continue
         i, study = more[name]
         known = list(dict.fromkeys(key for j in places for key in runs[j].summary if runs[j].number(key) is not None))
@@ -156,8 +156,8 @@ def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Study,
                     key=f"studies.{i}.numbers",
                     remedy=did_you_mean(number, known, f"they have {', '.join(known) or 'none'}"),
                 )
-        found.append(Study(name, study.note, study.over, tuple(study.numbers), places))
-    return tuple(found)
+        studies.append(SuiteStudy(name, study.note, study.over, tuple(study.numbers), places))
+    return tuple(studies)
 
 
 def statements_of(claims: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Statement, ...]:
@@ -165,33 +165,32 @@ def statements_of(claims: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Stat
     return tuple(all_of(claims, lambda claim: _statement(claim.measure, claim.text, claim.why, runs)))
 
 
-def comparisons_of(rows: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Comparison, ...]:
+def comparisons_of(rows: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[SourceComparison, ...]:
     """Raises ConfigError for every row about a number that its run does not have."""
     return tuple(all_of(rows, lambda row: _comparison(row, runs)))
 
 
-def _comparison(row: Any, runs: Sequence[SuiteRun]) -> Comparison:
+def _comparison(row: Any, runs: Sequence[SuiteRun]) -> SourceComparison:
     as_printed, ours = (
-        None if own is None else _statement(own, row.says, "", runs) for own in (row.as_printed, row.ours)
+        None if measure is None else _statement(measure, row.says, "", runs) for measure in (row.as_printed, row.ours)
     )
-    return Comparison(row.source, row.says, row.printed, as_printed, ours, row.why)
+    return SourceComparison(row.source, row.says, row.printed, as_printed, ours, row.why)
 
 
 def _statement(measure: Any, text: str, why: str, runs: Sequence[SuiteRun]) -> Statement:
-    values = []
+    values, compared = [], ""
     for place in measure.runs:
         for name in measure.number:
-            found = measure.times * _numbers(measure, runs[place], name, "number")
+            numbers = measure.times * _numbers(measure, runs[place], name, "number")
             if measure.against is not None:
                 key = "number" if measure.against_number is None else "against_number"
                 divisor = _numbers(measure, runs[measure.against], measure.against_number or name, key)
                 # seed by seed, where both have as many
-                divisor = divisor if len(divisor) == len(found) else divisor[:1]
-                found = np.divide(found, divisor, out=np.full(len(found), np.nan), where=divisor != 0)
-            values += [(int(place), str(name), float(value)) for value in found]
-    compared = ""
+                divisor = divisor if len(divisor) == len(numbers) else divisor[:1]
+                numbers = np.divide(numbers, divisor, out=np.full(len(numbers), np.nan), where=divisor != 0)
+            values += [(int(place), str(name), float(value)) for value in numbers]
     if measure.against is not None:
-        compared = f"{runs[measure.against].label}" + (f", {measure.against_number}" if measure.against_number else "")
+        compared = ", ".join(filter(None, (runs[measure.against].label, measure.against_number)))
     return Statement(text, tuple(values), measure.above, measure.below, measure.equals, measure.unit, compared, why)
 
 
@@ -214,7 +213,7 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
         return float(value)
     if value is None and numbers.get("lost"):
         return float("nan")
-    known = [own for own, there in numbers.items() if not isinstance(there, str)]
+    known = [key for key in numbers if not isinstance(numbers[key], str)]
     what = f"no number '{name}' in the stage '{measure.stage}' of '{run.name}'"
     raise ConfigError(what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"it has {', '.join(known)}"))
 
@@ -240,13 +239,15 @@ def numbers_of(suite: Suite) -> SuiteNumbers:
                 for case in run.cases
             ],
         ),
-        statements=columns(StatementRows, [vars(own) | {"verdict": own.verdict} for own in statements]),
+        statements=columns(
+            StatementRows, [vars(statement) | {"verdict": statement.verdict} for statement in statements]
+        ),
         numbers=columns(
             NumberRows,
             [
                 {"claim": i, "run": run, "name": name, "seed": seed, "value": value}
-                for i, own in enumerate(statements)
-                for (run, name), values in own.seeds.items()
+                for i, statement in enumerate(statements)
+                for (run, name), values in statement.seeds.items()
                 for seed, value in enumerate(values)
             ],
         ),
@@ -254,7 +255,7 @@ def numbers_of(suite: Suite) -> SuiteNumbers:
     )
 
 
-def _comparison_cells(row: Comparison) -> Mapping[str, str]:
+def _comparison_cells(row: SourceComparison) -> Mapping[str, str]:
     return {
         **{key: getattr(row, key) for key in ("source", "says", "printed", "verdict", "why")},
         "as_printed": side(row.as_printed),
@@ -263,7 +264,7 @@ def _comparison_cells(row: Comparison) -> Mapping[str, str]:
 
 
 def _run(run: SuiteRun) -> Mapping[str, Any]:
-    if isinstance(run, BenchRun):
+    if isinstance(run, BenchPageRun):
         return vars(run) | {"nis": run.number("nis")}
     if (trend := run.trend) is None:
         return vars(run) | {"gauges": run.gauges}
@@ -273,12 +274,11 @@ def _run(run: SuiteRun) -> Mapping[str, Any]:
 
 def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
     """Numbers and verdict of every unknown by the names of `UnknownRows`."""
-    if isinstance(run, BenchRun):
-        for unknown in run.unknowns:
-            name = unknown.name
+    if isinstance(run, BenchPageRun):
+        for name, history in ((unknown.name, unknown.history) for unknown in run.unknowns):
             numbers = {key: run.number(f"{key}.{name}") for key in OF_A_LOAD}
             word = ", ".join(run.faults(name)) or str(run.summary.get(f"claim.{name}", ""))
-            yield {"name": name, "unit": unknown.history.unit, "verdict": word} | numbers
+            yield {"name": name, "unit": history.unit, "verdict": word} | numbers
         return
     for result in results_of(run):
         unknown, repeats = result.unknown, result.unknown.repeats
@@ -295,14 +295,14 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
     """Comparisons, statements, and a row an unknown of a run."""
     tables = []
     if suite.comparisons:
-        said = tuple(tuple(_comparison_cells(row)[key] for key in SAID) for row in suite.comparisons)
-        tables.append(Table("said and measured", ("source", "printed", "as printed, here", "ours", ""), said))
+        compared = tuple(tuple(_comparison_cells(row)[key] for key in SAID) for row in suite.comparisons)
+        tables.append(Table("said and measured", ("source", "printed", "as printed, here", "ours", ""), compared))
     if suite.statements:
         lines = tuple((one.text, target(one), measured(one), one.verdict) for one in suite.statements)
         tables.append(Table("statements", ("statement", "target", "measured", ""), lines))
     metrics = metrics_of(run for _, run in suite.placements)
     placement = ("run", "unknown", "gauges", metric_name(metrics), "gap", *OF_PLACEMENTS)
-    for kind, head in ((PlacementRun, placement), (BenchRun, ("run", "unknown", *OF_BENCHES))):
+    for kind, head in ((PlacementRun, placement), (BenchPageRun, ("run", "unknown", *OF_BENCHES))):
         runs = [run for run in suite.runs if isinstance(run, kind)]
         rows = tuple(row for run in runs for row in _rows(run, len(head), len(metrics) > 1))
         if runs:
@@ -312,12 +312,12 @@ def suite_tables(suite: Suite) -> tuple[Table, ...]:
 
 def _rows(run: SuiteRun, columns: int, mixed: bool) -> Iterator[tuple[str, ...]]:
     """A row an unknown; mixed: runs differ in their metric."""
-    label, layout = run.label, () if isinstance(run, BenchRun) else _layout_cells(run, mixed)
-    if isinstance(run, BenchRun) and not run.unknowns:
+    label, layout = run.label, () if isinstance(run, BenchPageRun) else _layout_cells(run, mixed)
+    if isinstance(run, BenchPageRun) and not run.unknowns:
         yield (label, "", f"not estimated ({run.reached})", *[""] * (columns - 3))
     for unknown in _unknowns(run):
         cells = [_percent(unknown[key]) for key in ("error", "smoothed", "std", "expected") if key in unknown]
-        if isinstance(run, BenchRun):
+        if isinstance(run, BenchPageRun):
             cells += ["" if (fit := unknown[key]) is None else f"{fit:.5g}" for key in ("slope", "ratio_slope")]
         else:
             cells.append(_repeats(unknown["repeats"]))
@@ -391,7 +391,7 @@ def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
         return {}, ""
     drawn, problem = drawn_or_why(lambda: render_all(list(different.values())))
     pictures = dict(zip(different, drawn or (), strict=False))
-    return {name: pictures[own] for name, own in looks.items() if own in pictures}, problem
+    return {name: pictures[digest] for name, digest in looks.items() if digest in pictures}, problem
 
 
 SUITE = Stage(

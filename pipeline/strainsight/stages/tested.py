@@ -20,7 +20,7 @@ from strainsight.pages.arrays import History, Reading
 from strainsight.pages.picture.scene import drawn_or_why
 from strainsight.pages.placement.page import TEST_PAGE
 from strainsight.pages.tested.campaign import CampaignFindings, RecordRow, campaign_figures, page_of_campaign
-from strainsight.pages.tested.data import File, Findings, Map, Moment, Spectrum, Unknown, peak_of
+from strainsight.pages.tested.data import File, Findings, Map, Spectrum, SurfaceMoment, TestedUnknown, peak_of
 from strainsight.pages.tested.figures import figures_of_test
 from strainsight.pages.tested.page import page_of_test, title_of, views_of
 from strainsight.pages.text import capital
@@ -74,12 +74,12 @@ def _findings_of(
         values = smoothed if unknown in loads else (record.estimate[unknown], record.std[unknown], *smoothed)
         return History(unknown, units[unknown], record.time, None, *values)
 
-    def unknown_of(unknown: str) -> Unknown:
+    def unknown_of(unknown: str) -> TestedUnknown:
         load, alone = unknown in loads, tuple(text for text in doubts if f"{unknown} " in f"{text} ")
         key = f"{unknown}.{name}" if name and load else unknown
         values, sigma = record.smoothed[unknown], record.smoothed_std[unknown]
         std, at_peak = summary.get(f"std.{key}"), float(sigma[np.argmax(np.abs(values))])
-        return Unknown(
+        return TestedUnknown(
             unknown,
             units[unknown],
             "load" if load else "parameter",
@@ -184,7 +184,7 @@ def _warnings(record: Estimated, summary: Mapping[str, object], doubts: list[str
     return tuple(capital(text) for text in texts if text)
 
 
-def _moment(record: Estimated, points: np.ndarray) -> Moment | None:
+def _moment(record: Estimated, points: np.ndarray) -> SurfaceMoment | None:
     then = record.moment
     if then is None:
         return None
@@ -193,7 +193,7 @@ def _moment(record: Estimated, points: np.ndarray) -> Moment | None:
     sigma = None if std is None else std.astype(float) / MEGA
     mises = Map("von Mises stress", "MPa", then.von_mises.astype(float) / MEGA, sigma)
     strain = Map("principal strain of largest size", "µm/m", then.principal_strain.astype(float) * MICRO)
-    return Moment(then.time, then.label, factor * shift, factor, (strain, mises))
+    return SurfaceMoment(then.time, then.label, factor * shift, factor, (strain, mises))
 
 
 def _file(record: Estimated) -> File:

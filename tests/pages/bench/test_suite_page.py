@@ -14,17 +14,17 @@ from strainsight.pages.arrays import History
 from strainsight.pages.bench.data import (
     BenchEstimate,
     BenchMotion,
-    BenchPlacement,
-    BenchRun,
+    BenchPageRun,
     BenchSensor,
     BenchStress,
     BenchUnknown,
+    PlacedGauges,
 )
 from strainsight.pages.bench.figures import components_figure, mismatch, sensor_figure
 from strainsight.pages.bench.page import bench_figures, bench_page
 from strainsight.pages.bench.tables import placement_table
-from strainsight.pages.placement.data import Metric, Trend
-from strainsight.pages.suite.data import Statement, Study, Suite, measured, statements_table
+from strainsight.pages.placement.data import MetricWords, Trend
+from strainsight.pages.suite.data import Statement, Suite, SuiteStudy, measured, statements_table
 from strainsight.pages.suite.figures import suite_figures
 from strainsight.pages.suite.page import suite_page
 from strainsight.pages.suite.summary import counts
@@ -51,11 +51,11 @@ def run(label="a", error=0.01, **more):
     estimate = BenchEstimate(
         TIME, (load(error),), (sensor(off=error),), {}, np.ones(len(TIME) - 1), np.full(len(TIME), 1e-16)
     )
-    return BenchRun(label, label, study="s", reached="estimate", numbers={"estimate": numbers}, estimate=estimate)
+    return BenchPageRun(label, label, study="s", reached="estimate", numbers={"estimate": numbers}, estimate=estimate)
 
 
 def suite(runs, claims=(), over=None, numbers=()):
-    return Suite("s", "t", tuple(runs), (Study("s", "", over, numbers, tuple(range(len(runs)))),), claims)
+    return Suite("s", "t", tuple(runs), (SuiteStudy("s", "", over, numbers, tuple(range(len(runs)))),), claims)
 
 
 def claim(*values, **more):
@@ -130,7 +130,7 @@ def test_a_sensor_s_mismatch_is_the_rms_of_what_is_left_over_that_of_the_reading
 
 
 def test_pages_are_well_formed_fetch_nothing_and_lead_somewhere():
-    runs = [run("<a>"), run("b", **{"identified.F$z": False}), BenchRun("c", "c", study="s", reached="simulate")]
+    runs = [run("<a>"), run("b", **{"identified.F$z": False}), BenchPageRun("c", "c", study="s", reached="simulate")]
     own = suite(runs, (claim(1.0, above=2.0),))
     pages = [
         suite_page(own, compute_once(suite_figures, own), {}),
@@ -152,8 +152,8 @@ def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reporte
         random_std=np.array([[2e3], [np.inf]]),
         loss=np.array([1.5, 2.0, np.inf]),
     )
-    trend = Trend(np.arange(3), np.ones(3), {}, 1.0, Metric("tr", "the trace"))
-    placement = BenchPlacement(placed, trend, labels=("G1", "G2", "G3"))
+    trend = Trend(np.arange(3), np.ones(3), {}, 1.0, MetricWords("tr", "the trace"))
+    placement = PlacedGauges(placed, trend, labels=("G1", "G2", "G3"))
     cells = re.findall(r"<td[^>]*>(.*?)</td>", placement_table(placement, {}))
     assert [re.sub("<[^>]*>", "", cell) for cell in cells[:3]] == ["1\u00a0kN", "2\u00a0kN", "∞\u00a0N"]
 
@@ -161,7 +161,7 @@ def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reporte
 def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
     motion, largest = BenchMotion(TIME, {}, (), {}), np.where(TIME == 1.0, 58.68e6, 1e7)
     stress, numbers = BenchStress("hub", TIME, largest, 6338, 40e6), {"simulate": {"band": 0.39642}}
-    hubs = BenchRun("hubs", "hubs", numbers=numbers, motion=motion, stress=stress)
+    hubs = BenchPageRun("hubs", "hubs", numbers=numbers, motion=motion, stress=stress)
     page = bench_page(hubs, compute_once(bench_figures, hubs), {})
     assert "✕ stress beyond the allowable – hubs" in page
     answer = page[page.index('class="answer"') :]

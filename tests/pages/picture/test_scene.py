@@ -12,7 +12,7 @@ from PIL import Image
 from strainsight.pages.chart.drawing import gauge_colour
 from strainsight.pages.picture import scene
 from strainsight.pages.picture.geometry import arrow, free_end, seen_from, triangles, views
-from strainsight.pages.picture.layout import Layout, Load
+from strainsight.pages.picture.layout import LoadArrow, PictureLayout
 from strainsight.pages.picture.scene import LINES, spread_labels
 
 from ..conftest import layout, mixed_layout
@@ -27,7 +27,7 @@ def without_facets(beam):
         replace(gauge, position=np.array([0.4 * (i + 1), 0, 0.02]), normal=NOWHERE, direction=direction)
         for i, (gauge, direction) in enumerate(zip(beam.gauges, [*np.eye(3), NOWHERE], strict=True))
     )
-    return Layout(points, np.full((0, 8), -1), np.empty((0, 3)), gauges, loose=points)
+    return PictureLayout(points, np.full((0, 8), -1), np.empty((0, 3)), gauges, loose=points)
 
 
 @pytest.fixture(scope="module")
@@ -62,7 +62,7 @@ def test_labels_of_a_cluster_do_not_overlap():
 def test_loads_are_drawn_outside_the_body(beam):
     tip = np.array([2.0, 0.04, 0.06])
     for direction in ([0.0, 0.0, 2.0], [-1.0, 0.0, 0.0], [0.0, 3.0, 1.0]):
-        load = Load("F", tip, np.array(direction))
+        load = LoadArrow("F", tip, np.array(direction))
         start, step = arrow(load, beam)
         np.testing.assert_allclose(np.cross(step, direction), 0.0, atol=1e-12)
         free = free_end(load, beam)

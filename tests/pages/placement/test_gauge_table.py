@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.pages.picture.layout import Frame
+from strainsight.pages.picture.layout import PositionAxes
 from strainsight.pages.placement.gauge_table import cases_table, criteria_table, gauge_table
 
 
@@ -45,7 +45,7 @@ def test_places_directions_and_angles_keep_their_exact_values(mixed):
 
 def test_places_and_distances_to_edges_are_in_the_unit_and_axes_of_the_datum(full):
     report = full()
-    frame = Frame("mm", 1e-3, np.array([1000.0, 0, 0]), np.diag([-1.0, -1.0, 1.0]))
+    frame = PositionAxes("mm", 1e-3, np.array([1000.0, 0, 0]), np.diag([-1.0, -1.0, 1.0]))
     first, second, *others = report.layout.gauges
     gauges = (
         replace(first, edges=np.array([[[0.0125, -30.0], [0.25, 60.0]]])),

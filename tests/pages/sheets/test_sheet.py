@@ -9,13 +9,13 @@ import numpy as np
 import pytest
 from lxml import etree
 
-from strainsight.pages.picture.layout import Frame
+from strainsight.pages.picture.layout import PositionAxes
 from strainsight.pages.sheets.sheet import sheet_svg, sheets_section
 from strainsight.pages.sheets.views import Projection, Sheet, paper_axes
 
 SIZE = np.array([400.0, 150.0, 10.0])
 TURN = 30.0
-DECK = Frame("mm", 1e-3, np.zeros(3), np.eye(3))
+DECK = PositionAxes("mm", 1e-3, np.zeros(3), np.eye(3))
 
 
 def plate():

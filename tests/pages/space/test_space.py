@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 import pyvista as pv
 
-from strainsight.pages.picture.layout import Gauge, Layout, Load
-from strainsight.pages.space.model import Shape, contour_of, space, surface, vertex_shift
+from strainsight.pages.picture.layout import Gauge, LoadArrow, PictureLayout
+from strainsight.pages.space.model import ShownState, contour_of, space, surface, vertex_shift
 from strainsight.pages.space.section import space_section
-from strainsight.pages.view.viewer import _colours
-from strainsight.pages.view.viewing import FACETS, Panel, View
+from strainsight.pages.view.viewing import FACETS, Panel, View, _colours
 
 from ...shared import slowly
 
@@ -37,7 +36,7 @@ def cube():
 
 
 def layout_of(mesh, **more):
-    return Layout(np.asarray(mesh.points, float), facets(mesh), NOTHING, more.pop("gauges", ()), **more)
+    return PictureLayout(np.asarray(mesh.points, float), facets(mesh), NOTHING, more.pop("gauges", ()), **more)
 
 
 def gauge(label="G1", position=(0.5, 0.0, 0.0), normal=(1.0, 0.0, 0.0), **more):
@@ -58,9 +57,9 @@ def test_a_thinned_surface_stays_on_the_old_one(ball, largest):
 
 
 def test_vertices_move_with_the_points_they_stand_for(cube):
-    layout = layout_of(cube, gauges=(gauge(),), loads=(Load("tip", np.array([0.5, 0.5, 0.5]), np.array([0, 0, 1.0])),))
+    layout = layout_of(cube, gauges=(gauge(),), loads=(LoadArrow("tip", np.array([0.5, 0.5, 0.5]), np.array([0, 0, 1.0])),))
     model = space([layout])
-    stretched = vertex_shift(model, Shape("stretched", 0.1 * layout.points))
+    stretched = vertex_shift(model, ShownState("stretched", 0.1 * layout.points))
     body = surface(layout.points, layout.faces)
     assert np.abs(stretched[: len(body.position)] - 0.1 * body.position).max() < 1e-6
     # Gauge and arrow go as a whole, with the points they sit on.
@@ -86,7 +85,7 @@ def unpacked(page):
 def test_the_page_holds_the_structure_to_a_pixel(cube):
     layout = layout_of(cube, gauges=(gauge(),), fixed=np.array([[-0.5, 0.0, 0.0]]))
     wave = np.sin(3 * layout.points)
-    content, arrays = unpacked(space_section([("", layout)], [Shape("mode 1, 12 Hz", wave)]))
+    content, arrays = unpacked(space_section([("", layout)], [ShownState("mode 1, 12 Hz", wave)]))
     model = space([layout])
     position = np.array(content["low"]) + np.array(content["span"]) * arrays[0].reshape(-1, 3) / 65535
     assert np.abs(position - model.position).max() <= 0.51 / 65535 * max(content["span"])
@@ -105,8 +104,8 @@ def test_a_contour_holds_its_values_to_a_step_of_its_scale(cube):
     contour = contour_of(values, layout, "strain", "µm/m")
     scale = contour.scale
     assert (scale.low, scale.high) == (-values.max(), values.max())  # both signs: about zero
-    shape = Shape("F alone", contour=contour, group="Strain")
-    page = space_section([("", layout)], [shape, Shape("mode 1, 12 Hz", layout.points)])
+    shape = ShownState("F alone", contour=contour, group="Strain")
+    page = space_section([("", layout)], [shape, ShownState("mode 1, 12 Hz", layout.points)])
     content, arrays = unpacked(page)
     triangles = np.sum([part["count"] // 3 for part in content["parts"] if part["primitive"] == "triangles"])
     assert triangles == cube.n_cells
@@ -129,7 +128,7 @@ def strip(last):
     points = np.array([(x, y, 0.0) for x in [*range(200), 199.0 + last] for y in (0.0, 1.0)])
     first = 2 * np.arange(200)
     faces = np.column_stack([first, first + 2, first + 3, first + 1, *[np.full(200, -1)] * 4])
-    return Layout(points, faces, NOTHING, ())
+    return PictureLayout(points, faces, NOTHING, ())
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
@@ -146,7 +145,7 @@ def test_a_peak_on_less_than_a_hundredth_of_the_surface_lies_beyond_the_scale(si
     window = _colours(View("", layout, quantity="strain", unit="µm/m", on=FACETS), Panel("", values), 0)
     assert window["clim"] == (own.scale.low, own.scale.high)
     assert f"beyond its ends {values[-1]:.3g}" in window["scalar_bar_args"]["title"]
-    page = space_section([("", layout)], [Shape("F alone", contour=own)])
+    page = space_section([("", layout)], [ShownState("F alone", contour=own)])
     low, high = re.search(r'class="ends"><span>(.*?)</span>.*<span>(.*?)</span></p>', page).groups()
     assert ("≤" in low, "≥" in high) == (sign < 0, sign > 0)
     assert contour_of(values, strip(3.0), "strain", "µm/m").scale.high == 500.0

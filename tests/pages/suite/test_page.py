@@ -19,10 +19,10 @@ from strainsight.pages.suite.data import (
     THEIRS_ONLY,
     UNDECIDED,
     UNMEASURED,
-    Comparison,
+    SourceComparison,
     Statement,
-    Study,
     Suite,
+    SuiteStudy,
     comparisons_answer,
 )
 from strainsight.pages.suite.figures import suite_figures
@@ -61,7 +61,7 @@ def test_placements_have_studies_and_statements_too(suite):
     )
     own = suite(
         runs=runs,
-        studies=(Study("Step", "What it costs.", "train.time_step", (), (0, 1, 2)),),
+        studies=(SuiteStudy("Step", "What it costs.", "train.time_step", (), (0, 1, 2)),),
         statements=(Statement("E is known.", ((0, "error.E", 0.01),), below=0.05),),
     )
     drawings = compute_once(suite_figures, own)
@@ -162,7 +162,7 @@ NAN = float("nan")
 def row(theirs, ours):
     """A row whose number has to be below 1; None: that side is not measured."""
     sides = [None if value is None else Statement("s", ((0, "n", value),), below=1.0) for value in (theirs, ours)]
-    return Comparison("figure 2.4", "It <falls>.", "4", *sides, why="Because.")
+    return SourceComparison("figure 2.4", "It <falls>.", "4", *sides, why="Because.")
 
 
 @pytest.mark.parametrize(

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.pages.arrays import History, Reading
-from strainsight.pages.tested.data import File, Findings, Map, Moment, Spectrum, Unknown, peak_of
+from strainsight.pages.tested.data import File, Findings, Map, Spectrum, SurfaceMoment, TestedUnknown, peak_of
 from strainsight.records.estimated import Compared, Source
 
 from ..conftest import layout, mixed_layout, posterior
@@ -36,7 +36,7 @@ def reading(label="G1", gauge=0, unit="strain", size=5e-5, **changes):
 def unknown_load(name="side", withheld=False):
     values = load()
     std = None if withheld else 60.0
-    return Unknown(name, "N", "load", float(np.sqrt(np.mean(values**2))), std, peak_of(INSTANTS, values))
+    return TestedUnknown(name, "N", "load", float(np.sqrt(np.mean(values**2))), std, peak_of(INSTANTS, values))
 
 
 def history(name, values, std, unit="N"):
@@ -70,7 +70,7 @@ def moment(points, faces):
     middle = np.array([points[face[face >= 0]].mean(axis=0) for face in faces])
     mises = 40.0 * (2.0 - middle[:, 0])
     strain = Map("principal strain of largest size", "µm/m", 300.0 * (middle[:, 2] - 0.06))
-    return Moment(2.5, "G1", shift, 100.0, (strain, Map("von Mises stress", "MPa", mises, 0.05 * mises)))
+    return SurfaceMoment(2.5, "G1", shift, 100.0, (strain, Map("von Mises stress", "MPa", mises, 0.05 * mises)))
 
 
 def findings(**changes):
@@ -81,7 +81,7 @@ def findings(**changes):
     made = Findings(
         name="beam",
         title="beam: what the test says of side and E",
-        unknowns=(unknown_load(), Unknown("E", "Pa", "parameter", 2.1e11, 1.2e9)),
+        unknowns=(unknown_load(), TestedUnknown("E", "Pa", "parameter", 2.1e11, 1.2e9)),
         verdict="the innovations are as large as the noise you stated",
         consistent=True,
         warnings=(),
@@ -140,7 +140,7 @@ def withheld():
     assert bare is not None
     return replace(
         own,
-        unknowns=(unknown_load(withheld=True), Unknown("E", "Pa", "parameter", 2.1e11, None)),
+        unknowns=(unknown_load(withheld=True), TestedUnknown("E", "Pa", "parameter", 2.1e11, None)),
         warnings=(why, "the innovations are 3.1 times larger than the noise you stated"),
         consistent=False,
         readings=tuple(replace(reading, std=nothing) for reading in own.readings),

@@ -13,8 +13,7 @@ from PIL import Image
 from strainsight.errors import StrainsightError, UserError
 from strainsight.pages.chart.drawing import gauge_colour
 from strainsight.pages.view import viewing
-from strainsight.pages.view.viewer import carried, plain
-from strainsight.pages.view.viewing import FACETS, Panel, View, exaggerated
+from strainsight.pages.view.viewing import FACETS, Panel, View, carried, exaggerated, plain
 
 from ..conftest import layout
 from ..outline import HOSTILE

@@ -44,7 +44,7 @@ def window(beam, display, tmp_path):
     """A shell that stands for the process which asked for the window, and the number of the one that shows it."""
     view = tmp_path / "view"
     view.write_bytes(pickle.dumps(View('a beam of "5 $"', beam)))
-    shell = f'"{sys.executable}" -P -m strainsight.pages.view.viewer < "{view}" & echo $!; wait'
+    shell = f'"{sys.executable}" -P -m strainsight.pages.view.viewing < "{view}" & echo $!; wait'
     asked = subprocess.Popen(
         ["sh", "-c", shell], stdout=subprocess.PIPE, text=True, env={**inherited(), "DISPLAY": display}
     )

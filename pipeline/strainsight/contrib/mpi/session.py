@@ -67,9 +67,9 @@ def programs(environment: Mapping[str, str] = os.environ) -> Programs:
     launcher = _launcher(environment)
     # one thread a process: the processes are the parallelism
     own = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", **environment, SAFE_PATH: "1"}
-    given = environment.get(PYTHON)
+    stated = environment.get(PYTHON)
     tried = []
-    for python, added in [(given, ())] if given else [(sys.executable, ()), *_debian()]:
+    for python, added in [(stated, ())] if stated else [(sys.executable, ()), *_debian()]:
         paths = os.pathsep.join(filter(None, (*added, *own.get("PYTHONPATH", "").split(os.pathsep))))
         found = Programs(launcher, python, {**own, "PYTHONPATH": paths} if paths else own)
         lacks = _lacking(found)
@@ -150,8 +150,8 @@ class OverMpi:
         try:
             hello = session.start()
             session.matrix("A", scaled_upper(A, scale))
-            there = available_memory()
-            answer = session.ask("factorise", memory=0 if np.isinf(there) else there)
+            memory = available_memory()
+            answer = session.ask("factorise", memory=0 if np.isinf(memory) else memory)
         except BaseException:
             session.close()
             raise
@@ -232,9 +232,9 @@ class _Session:
 
     def solve(self, B: np.ndarray) -> np.ndarray:
         """A⁻¹B for B (n, k)."""
-        given, into = self._array(B), self._room(B.shape[1], len(B))
-        self.ask("solve", of=given, into=into)
-        return self._taken(given, into)
+        right, into = self._array(B), self._room(B.shape[1], len(B))
+        self.ask("solve", of=right, into=into)
+        return self._taken(right, into)
 
     def lowest(
         self, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
@@ -349,8 +349,8 @@ class _Session:
                 key="solver",
                 remedy=f"start more processes by {LAUNCHER}, or build PETSc --with-64-bit-indices",
             )
-        said = found.get("text") or f"MUMPS stopped with INFOG(1) = {found['code']}, INFOG(2) = {found['detail']}"
-        return NumericalError(said, key="solver", remedy="look the code up in the manual of MUMPS; or solver: direct")
+        text = found.get("text") or f"MUMPS stopped with INFOG(1) = {found['code']}, INFOG(2) = {found['detail']}"
+        return NumericalError(text, key="solver", remedy="look the code up in the manual of MUMPS; or solver: direct")
 
     def _failed(self) -> NumericalError | UserError:
         """Of processes that have ended by themselves."""

@@ -118,15 +118,15 @@ class Rows:
         PETSc = self.PETSc
         B = self.own(request["of"], "r")
         own, k, n = B.shape[1], len(B), self.A.getSize()[0]
-        given, found = (PETSc.Mat().createDense(((own, n), (PETSc.DECIDE, k)), comm=self.comm) for _ in range(2))
-        given.setUp()
+        right, found = (PETSc.Mat().createDense(((own, n), (PETSc.DECIDE, k)), comm=self.comm) for _ in range(2))
+        right.setUp()
         found.setUp()
-        given.getDenseArray()[:] = B.T
-        given.assemble()
+        right.getDenseArray()[:] = B.T
+        right.assemble()
         found.assemble()
-        self.factor.matSolve(given, found)
+        self.factor.matSolve(right, found)
         self.written(request["into"], found.getDenseArray(readonly=True).T)
-        given.destroy()
+        right.destroy()
         found.destroy()
         return {}
 

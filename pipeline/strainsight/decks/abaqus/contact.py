@@ -9,9 +9,9 @@ from typing import Literal
 import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.surfaces import Surface
+from strainsight.decks.abaqus.surfaces import Surface, surface_of
 from strainsight.decks.abaqus.text import Keyword, Row
-from strainsight.decks.abaqus.ties import TOLERANCE, facet_size, following, surface_of
+from strainsight.decks.abaqus.ties import TOLERANCE, facet_size, following
 from strainsight.decks.text import parse_real
 from strainsight.errors import ContactError, UserError
 from strainsight.mesh.model import IntArray, Mesh
@@ -102,8 +102,8 @@ def _both(
     row: Row, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]
 ) -> tuple[Surface, Surface]:
     """The surface itself where the line names one alone (self-contact)."""
-    first = surface_of(row, 0, assembly, scope, found)
-    return first, surface_of(row, 1, assembly, scope, found) if row.text(1) else first
+    first = surface_of(row.text(0), row, assembly, scope, found)
+    return first, surface_of(row.text(1), row, assembly, scope, found) if row.text(1) else first
 
 
 def _tying(keywords: Sequence[Keyword]) -> set[str]:

@@ -120,20 +120,20 @@ def read_abaqus(
     if (shells or beams) and (count := _nodes_with_normals(keywords)):
         ignored["*NODE with a normal"] = count
     origin = {
-        "node": _origin(assembly.node_ids, assembly.node_where),
-        "element": _origin(assembly.element_ids, assembly.element_where),
+        "node": Origin.at(assembly.node_ids, assembly.node_where),
+        "element": Origin.at(assembly.element_ids, assembly.element_where),
     }
     bare = Mesh(assembly.node_ids, assembly.position, blocks, {}, {}, np.zeros((0, 2), dtype=np.int64), origin=origin)
     found = surfaces(assembly, bare, ignored)
     node_sets |= _surface_sets(found.values(), assembly, node_sets)
     axes = nodal_axes(assembly)
     made: Ties = ties(assembly, found, axes, ignored)
-    origin["tie"] = _origin(np.arange(1, len(made.where) + 1), made.where)
+    origin["tie"] = Origin.at(np.arange(1, len(made.where) + 1), made.where)
     fixed = state.supports.pairs(made.rotations, ignored, free=spelt(ENFORCED) in named)
     turned = set(nodes_that_turn(shells, beams).tolist())
     still = set(bare.nodes_of_elements.tolist()) - turned - turning_nodes(made.rigid, made.averaging)
     related = equations(assembly, made.rotations, still)
-    origin["relation"] = _origin(np.arange(1, len(related.where) + 1), related.where)
+    origin["relation"] = Origin.at(np.arange(1, len(related.where) + 1), related.where)
     turning = turning_nodes(made.rigid, made.averaging, related.relations) | turned
     loads = loads_of(assembly, found, axes, made.rotations, turning, sections, ignored)
     masses = point_masses(assembly, made.rotations)
@@ -307,10 +307,3 @@ def _surface_sets(found: Iterable[Surface], assembly: Assembly, node_sets: dict[
             used.add(name.upper())
             made[name] = np.sort(assembly.node_ids[surface.nodes])
     return made
-
-
-def _origin(ids: IntArray, where: list[tuple[str, int]]) -> Origin:
-    files = tuple(dict.fromkeys(file for file, _ in where))
-    index = {file: i for i, file in enumerate(files)}
-    lines = np.array([line for _, line in where], dtype=np.int64)
-    return Origin(ids, lines, np.array([index[file] for file, _ in where], dtype=np.int64), files)

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.sections import Sections
-from strainsight.decks.abaqus.surfaces import Surface, facets_of, shell_facets
+from strainsight.decks.abaqus.surfaces import Surface, facets_of, shell_facets, surface_of
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import moment_note
 from strainsight.decks.text import parse_integer
@@ -170,10 +170,7 @@ def _on_surfaces(
         if (label := row.text(1).upper()) != "P":
             ignored[f"*DSLOAD {label}"] += 1
             continue
-        within, name = assembly.split_name(row.text(0), scope)
-        surface = found.get((within.name.upper(), name.upper()))
-        if surface is None:
-            raise row.error(f"surface {row.text(0)!r} is not in the deck", "correct the name, or add the surface")
+        surface = surface_of(row.text(0), row, assembly, scope, found)
         if not surface.facets:
             raise row.error(f"surface {row.text(0)!r} has no facets", "name a surface of TYPE=ELEMENT with sides")
         if surface.sideless:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,6 +46,19 @@ class Materials:
     solids: dict[int, Anisotropic] = field(default_factory=dict)
     _numbers: dict[str, int] = field(default_factory=dict)
 
+    def _add(self, name: str, make: Callable[[Definition, int, list[str]], Material | Lamina | Anisotropic]) -> int:
+        """The number of one more."""
+        number = len(self.found) + len(self.laminae) + len(self.solids) + 1
+        made = make(self.definitions[name], number, self.notes)
+        if isinstance(made, Lamina):
+            self.laminae[number] = made
+        elif isinstance(made, Anisotropic):
+            self.solids[number] = made
+        else:
+            self.found[number] = made
+        self._numbers[name] = number
+        return number
+
     def number(self, keyword: Keyword) -> int:
         """Number of the material that a section names; 0 where there is none and none has to be stated.
 
@@ -57,16 +70,12 @@ class Materials:
                 f"material {keyword.parameters['MATERIAL']!r} is not in the deck",
                 f"add the *MATERIAL, or correct the name{OR_CONFIG}",
             )
-        known = name in self.definitions and (self.stated or "ELASTIC" in self.definitions[name].options)
-        if known and self.anisotropic(keyword):
-            if name not in self._numbers:
-                self._numbers[name] = self._next
-                self.solids[self._numbers[name]] = _anisotropic(self.definitions[name], self._numbers[name], self.notes)
-        elif known and self._numbers.get(name) not in self.found:
-            number = self._next
-            self.found[number] = _material(self.definitions[name], number, self.notes)
-            self._numbers[name] = number
-        return self._numbers.get(name, 0)
+        if name not in self.definitions or not (self.stated or "ELASTIC" in self.definitions[name].options):
+            return 0
+        solid = self.anisotropic(keyword)
+        if name in self._numbers and (solid or self._numbers[name] in self.found):
+            return self._numbers[name]
+        return self._add(name, _anisotropic if solid else _material)
 
     def orthotropic(self, keyword: Keyword) -> bool:
         """Whether the material that a section names is TYPE=LAMINA."""
@@ -81,45 +90,29 @@ class Materials:
 
     def of_ply(self, name: str, keyword: Keyword) -> int:
         """Number of the material of a ply. Raises DeckError for one that is not there, or not elastic."""
-        own = self.definitions.get(name.upper())
-        if own is None:
-            raise keyword.error(f"material {name!r} is not in the deck", "add the *MATERIAL, or correct the name")
-        if name.upper() not in self._numbers:
-            number = self._next
-            if _type(own) == "LAMINA":
-                self.laminae[number] = _lamina(own, number, self.notes)
-            else:
-                self.found[number] = _material(own, number, self.notes)
-            self._numbers[name.upper()] = number
-        return self._numbers[name.upper()]
+        make = _lamina if _type(self._require(name, keyword)) == "LAMINA" else _material
+        return self._numbers.get(name.upper()) or self._add(name.upper(), make)
 
     def of_layer(self, name: str, row: Row) -> int:
         """Number of the material of a layer of solids, isotropic or anisotropic. Raises DeckError for one that is not there, or
         of plane stress."""
-        own = self.definitions.get(name.upper())
-        if own is None:
-            raise row.error(f"material {name!r} is not in the deck", "add the *MATERIAL, or correct the name")
+        own = self._require(name, row)
         if _type(own) == "LAMINA":
             raise row.error(
                 f"material {name!r} is TYPE=LAMINA, which does not say what solids resist across",
                 "give it TYPE=ENGINEERING CONSTANTS",
             )
-        if name.upper() not in self._numbers:
-            number = self._next
-            if anisotropic_type(own.options.get("ELASTIC")):
-                self.solids[number] = _anisotropic(own, number, self.notes)
-            else:
-                self.found[number] = _material(own, number, self.notes)
-            self._numbers[name.upper()] = number
-        return self._numbers[name.upper()]
+        make = _anisotropic if anisotropic_type(own.options.get("ELASTIC")) else _material
+        return self._numbers.get(name.upper()) or self._add(name.upper(), make)
 
-    @property
-    def _next(self) -> int:
-        return len(self.found) + len(self.laminae) + len(self.solids) + 1
+    def _require(self, name: str, by: Keyword | Row) -> Definition:
+        if name.upper() not in self.definitions:
+            raise by.error(f"material {name!r} is not in the deck", "add the *MATERIAL, or correct the name")
+        return self.definitions[name.upper()]
 
     def of_section(self, name: str, E: float, nu: float, rho: float) -> int:
         """Number of a material that a section states itself."""
-        number = self._next
+        number = len(self.found) + len(self.laminae) + len(self.solids) + 1
         self.found[number] = Material(number, E, nu, rho, name)
         return number
 

@@ -8,12 +8,12 @@ from functools import cached_property
 import numpy as np
 
 from strainsight.decks.abaqus.text import Keyword, Row, integers, split
-from strainsight.decks.faults import IdTable, repeated
+from strainsight.decks.faults import repeated
 from strainsight.decks.text import no_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind
-from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.model import FloatArray, IdTable, IntArray
 
 SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.items()}
 """Type → kind of element, and how it is reinterpreted. The order of the nodes is that of VTK in all of them."""

@@ -197,12 +197,7 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
         raise keyword.error(
             f"OFFSET1 and OFFSET2 of SECTION={shape} are not supported", "give a RECT, BOX, PIPE or CIRC"
         )
-    share = []
-    for parameter in ("OFFSET1", "OFFSET2"):
-        text = keyword.parameters.get(parameter, "") or "0"
-        if (value := parse_real(text)) is None:
-            raise keyword.error(f"{parameter}={text} is no number", "give the offset in thicknesses")
-        share.append(value)
+    share = [keyword.number(name, 0.0, "give the offset in thicknesses") for name in ("OFFSET1", "OFFSET2")]
     return np.array(share) * sizes
 
 
@@ -251,6 +246,7 @@ def default_axes(corners: FloatArray) -> FloatArray:
 
 
 SIDES = {"SPOS": 0.5, "SNEG": -0.5}
+CONSTANT = "give a number: a distribution is not supported"
 REFUSED = {
     "NODALTHICKNESS": "a thickness that varies is not supported",
     "SHELLTHICKNESS": "a thickness that varies is not supported",
@@ -274,11 +270,11 @@ def shell_section(
     for parameter, what in REFUSED.items():
         if parameter in keyword.parameters:
             raise keyword.error(f"{parameter}: {what}", "give one thickness")
-    beside = _number(keyword, "DENSITY", 0.0)
+    beside = keyword.number("DENSITY", 0.0, CONSTANT)
     if beside < 0:
         raise keyword.error(f"DENSITY, the mass per area beside the material, is {beside:g}", "give a positive one")
     given = keyword.parameters.get("OFFSET", "0").upper()
-    off = SIDES[given] if given in SIDES else _number(keyword, "OFFSET", 0.0)
+    off = SIDES[given] if given in SIDES else keyword.number("OFFSET", 0.0, CONSTANT)
     section: ShellSection | Laminate
     if "COMPOSITE" in keyword.parameters:
         section = laminate(keyword, made, beside)
@@ -289,14 +285,6 @@ def shell_section(
             section = Laminate((Ply(made.of_ply(keyword.parameters["MATERIAL"], keyword), t),), beside)
     axis = _axis(assembly, scope, keyword, isinstance(section, Laminate))
     return section, np.array([-off * section.thickness]), axis
-
-
-def _number(keyword: Keyword, parameter: str, default: float) -> float:
-    text = keyword.parameters.get(parameter, "")
-    value = parse_real(text) if text else default
-    if value is None:
-        raise keyword.error(f"{parameter}={text} is no number", "give a number: a distribution is not supported")
-    return value
 
 
 def _axis(assembly: Assembly, scope: Scope, keyword: Keyword, matters: bool) -> FloatArray:

@@ -106,30 +106,20 @@ def _valued(assembly: Assembly, element: str, name: str) -> Iterable[tuple[int, 
             given[row] = (scope, line)
     for row in np.flatnonzero(wanted).tolist():
         if row not in given:
-            file, number = assembly.element_where[row]
-            raise DeckError(
-                f"{element} {assembly.element_ids[row]} has no value",
-                where=f"{file}:{number}",
-                remedy=f"add its *{'MASS' if element == 'MASS' else 'ROTARY INERTIA'}",
-            )
+            title = "MASS" if element == "MASS" else "ROTARY INERTIA"
+            raise assembly.element_error(row, "has no value", f"add its *{title}")
     return given.items()
 
 
 def _node_of(assembly: Assembly, row: int, rotations: Mapping[int, int]) -> int:
     nodes = assembly.nodes[assembly.first[row] : assembly.first[row + 1]]
-    name = f"{assembly.type[row]} {assembly.element_ids[row]}"
-    file, number = assembly.element_where[row]
     if len(nodes) != 1 or nodes[0] < 0:
-        raise DeckError(
-            f"{name} does not stand on one node of the deck",
-            where=f"{file}:{number}",
-            remedy="give its id and one node",
-        )
+        raise assembly.element_error(row, "does not stand on one node of the deck", "give its id and one node")
     if int(nodes[0]) in rotations:
-        raise DeckError(
-            f"{name} stands on node {assembly.node_ids[nodes[0]]}, the ROT NODE of a *RIGID BODY",
-            where=f"{file}:{number}",
-            remedy=f"put it on the reference node {assembly.node_ids[rotations[int(nodes[0])]]}",
+        raise assembly.element_error(
+            row,
+            f"stands on node {assembly.node_ids[nodes[0]]}, the ROT NODE of a *RIGID BODY",
+            f"put it on the reference node {assembly.node_ids[rotations[int(nodes[0])]]}",
         )
     return int(nodes[0])
 

@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.text import Row
+from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.facets import OUTWARD, Facets, exterior_facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
+from strainsight.mesh.projection import area_vector
 
 
 @dataclass(frozen=True)
@@ -108,6 +110,19 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> dict[tupl
     return found
 
 
+def surface_of(
+    entry: str, by: Keyword | Row, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]
+) -> Surface:
+    """The surface that an entry names; DeckError where there is none."""
+    within, name = assembly.split_name(entry, scope)
+    surface = found.get((within.name.upper(), name.upper()))
+    if surface is None:
+        raise by.error(
+            f"surface {entry!r} is not in the deck, or of another type", "correct the name, or add the *SURFACE"
+        )
+    return surface
+
+
 def _facets(builder: _Builder, row: Row, rows: IntArray) -> list[tuple[Kind, IntArray]]:
     """The facets of the solids in rows that a data line names: their kind and nodes (f, k)."""
     label = row.text(1).upper()
@@ -190,11 +205,5 @@ def _outside(builder: _Builder, rows: IntArray) -> list[tuple[Kind, IntArray]]:
 
 def _shares(assembly: Assembly, kind: Kind, nodes: IntArray) -> tuple[IntArray, FloatArray]:
     """Each node of facets (f, k) with a k-th of the area between the facet's corners."""
-    x = assembly.position[nodes[:, : kind.corners]]
-    area = 0.5 * np.linalg.norm(
-        np.cross(x[:, 1] - x[:, 0], x[:, 2] - x[:, 0])
-        if kind.corners == 3
-        else np.cross(x[:, 2] - x[:, 0], x[:, 3] - x[:, 1]),
-        axis=1,
-    )
+    area = 0.5 * np.linalg.norm(area_vector(assembly.position[nodes[:, : kind.corners]]), axis=1)
     return nodes.ravel(), np.repeat(area / nodes.shape[1], nodes.shape[1])

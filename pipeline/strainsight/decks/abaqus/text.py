@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.text import LARGEST_ID, Entries, Includes, Line, text_lines
+from strainsight.decks.text import LARGEST_ID, Entries, Includes, Line, parse_real, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 
@@ -68,6 +68,14 @@ class Keyword:
         value = self.parameters.get(parameter.replace(" ", ""), "")
         if not value:
             raise self.error(f"has no {parameter}", f"give {parameter}=…")
+        return value
+
+    def number(self, parameter: str, default: float, remedy: str) -> float:
+        """The value of a parameter as a finite real, `default` where it is missing or empty; DeckError for no number."""
+        text = self.parameters.get(parameter.replace(" ", ""), "")
+        value = parse_real(text) if text else default
+        if value is None:
+            raise self.error(f"{parameter}={text} is no number", remedy)
         return value
 
     def rows(self, needed: bool = True) -> list[Row]:

@@ -11,10 +11,10 @@ from scipy.spatial import cKDTree
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.supports import component_range
-from strainsight.decks.abaqus.surfaces import Surface
+from strainsight.decks.abaqus.surfaces import Surface, surface_of
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import Doubt
-from strainsight.decks.text import parse_integer, parse_real
+from strainsight.decks.text import parse_integer
 from strainsight.errors import UserError
 from strainsight.mesh.cyclic import Ring, whole_ring
 from strainsight.mesh.joins import AveragingElement, RigidElement
@@ -184,16 +184,10 @@ def _coupling(
         raise keyword.error("neither *KINEMATIC nor *DISTRIBUTING follows", "add the one that is meant")
     kind = following[0]
     reference = _reference(assembly, scope, keyword)
-    within, name = assembly.split_name(keyword.needs("SURFACE"), scope)
-    surface = found.get((within.name.upper(), name.upper()))
-    if surface is None:
-        raise keyword.error(f"surface {name!r} is not in the deck, or of another type", "add the *SURFACE")
+    surface = surface_of(keyword.needs("SURFACE"), keyword, assembly, scope, found)
     keep = surface.nodes != reference
-    if keyword.parameters.get("INFLUENCERADIUS"):
-        radius = parse_real(keyword.parameters["INFLUENCERADIUS"])
-        if radius is None:
-            raise keyword.error("INFLUENCE RADIUS is no number", "give a radius")
-        keep &= np.linalg.norm(assembly.position[surface.nodes] - assembly.position[reference], axis=1) <= radius
+    radius = keyword.number("INFLUENCE RADIUS", np.inf, "give a radius")
+    keep &= np.linalg.norm(assembly.position[surface.nodes] - assembly.position[reference], axis=1) <= radius
     nodes, weight = surface.nodes[keep], surface.weight[keep]
     _without(nodes, reference, keyword)
     components = component_range(kind.rows(needed=False), 0)
@@ -273,15 +267,12 @@ def with_tied_surfaces(
     refused = {OTHER: others} if others else {}
     for scope, keyword in plain:
         for row in keyword.rows():
-            first, second = (surface_of(row, i, assembly, scope, found) for i in (0, 1))
+            first, second = (surface_of(row.text(i), row, assembly, scope, found) for i in (0, 1))
             size = facet_size(mesh, first, second)
             if size is None:
                 refused.setdefault(OF_THIN, []).append(row.where)
                 continue
-            given = keyword.parameters.get("POSITIONTOLERANCE", "")
-            within = parse_real(given) if given else TOLERANCE * size
-            if within is None:
-                raise keyword.error("POSITION TOLERANCE is no number", "give a distance")
+            within = keyword.number("POSITION TOLERANCE", TOLERANCE * size, "give a distance")
             name = f"*TIE {keyword.parameters.get('NAME', '')}".strip()
             try:
                 mesh, tied = following(mesh, row, first.nodes, second.nodes, within, name)
@@ -322,15 +313,6 @@ def following(mesh: Mesh, row: Row, nodes: IntArray, onto: IntArray, within: flo
         files,
     )
     return replace(mesh, origin={**mesh.origin, "relation": more}), made // 3
-
-
-def surface_of(row: Row, i: int, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]) -> Surface:
-    """The surface that entry i of a row names; DeckError where there is none."""
-    within, name = assembly.split_name(row.text(i), scope)
-    surface = found.get((within.name.upper(), name.upper()))
-    if surface is None:
-        raise row.error(f"surface {row.text(i)!r} is not in the deck, or of another type", "add the *SURFACE")
-    return surface
 
 
 def with_whole_ring(
@@ -394,7 +376,7 @@ def _of(keyword: Keyword) -> tuple[int, np.ndarray]:
 def _cut(
     row: Row, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]
 ) -> tuple[Surface, Surface]:
-    one, other = (surface_of(row, i, assembly, scope, found) for i in (0, 1))
+    one, other = (surface_of(row.text(i), row, assembly, scope, found) for i in (0, 1))
     if not len(one.nodes) or not len(other.nodes):
         raise row.error("a cut face has no nodes", "correct the surface")
     return one, other
@@ -406,11 +388,8 @@ def _with_loose(ring: Ring, cuts: list[tuple[Row, Surface, Surface]], assembly: 
     for (row, _, other), (nodes, onto) in zip(cuts, ring.loose, strict=True):
         if not len(nodes):
             continue
-        given = row.keyword.parameters.get("POSITIONTOLERANCE", "")
         spacing = np.asarray(cKDTree(mesh.position[onto]).query(mesh.position[onto], k=2)[0])[:, 1].mean()
-        within = parse_real(given) if given else 2 * TOLERANCE * float(spacing)
-        if within is None:
-            raise row.keyword.error("POSITION TOLERANCE is no number", "give a distance")
+        within = row.keyword.number("POSITION TOLERANCE", 2 * TOLERANCE * float(spacing), "give a distance")
         try:
             mesh, tied = following(mesh, row, nodes, onto, within, "*TIE, CYCLIC SYMMETRY")
         except UserError as error:

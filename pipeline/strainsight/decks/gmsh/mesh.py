@@ -8,15 +8,23 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.faults import IdTable, Where, check_elements, check_nodes, plural
+from strainsight.decks.faults import Where, check_elements, check_nodes, plural
 from strainsight.decks.gmsh.records import KINDS, TYPES, Chunk, NodeRows, remedy
 from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
-from strainsight.decks.thin import SHELLS, Chosen, regions_with_sections, sections_by_region
 from strainsight.errors import DeckError
-from strainsight.mesh.given_sections import LINE, LINE3, GivenSection, with_given
+from strainsight.mesh.given_sections import (
+    LINE,
+    LINE3,
+    SHELLS,
+    Chosen,
+    GivenSection,
+    regions_with_sections,
+    sections_by_region,
+    with_given,
+)
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.kinds.kind import in_order
-from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin, Region
+from strainsight.mesh.model import CellBlock, IdTable, IntArray, Mesh, Origin, Region
 
 
 @dataclass(frozen=True)

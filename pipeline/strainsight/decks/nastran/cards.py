@@ -143,9 +143,7 @@ def unique_ids(cards: Sequence[Card], what: str) -> IntArray:
 
 def origin(ids: IntArray, cards: Sequence[Card]) -> Origin:
     """Where the entities with these ids (n,) stand, one a card."""
-    files = {file: i for i, file in enumerate(dict.fromkeys(card.file for card in cards))}
-    line = np.array([card.line for card in cards], dtype=np.int64)
-    return Origin(ids, line, np.array([files[card.file] for card in cards], dtype=np.int64), tuple(files))
+    return Origin.at(ids, [(card.file, card.line) for card in cards])
 
 
 def together(first: Origin, second: Origin) -> Origin:

@@ -8,12 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.faults import IdTable
 from strainsight.decks.nastran.cards import Card, unique_ids
 from strainsight.decks.nastran.case_control import expand
 from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem, local_axes
-from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.model import FloatArray, IdTable, IntArray
 
 SHAPES = {"R": "rectangular", "C": "cylindrical", "S": "spherical"}
 BY_POINTS, BY_NODES = ("CORD2R", "CORD2C", "CORD2S"), ("CORD1R", "CORD1C", "CORD1S")

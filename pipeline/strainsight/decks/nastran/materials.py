@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+
 import numpy as np
 
 from strainsight.decks.faults import OR_CONFIG, Doubt, elastic_fault, lamina_fault
@@ -72,8 +74,23 @@ def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Ma
 
 
 ANISOTROPIC = ("MAT9", "MAT11")
-_DAMPING = {"MAT9": 30, "MAT11": 15}
+_DAMPING = {"MAT1": 7, "MAT2": 12, "MAT8": 16, "MAT9": 30, "MAT11": 15}
 """Field of GE."""
+
+
+def note_damping(cards: Iterable[Card], notes: list[str]) -> None:
+    """A note on materials whose GE is not zero, by the names of their cards."""
+    damped: dict[str, list[str]] = {}
+    for card in cards:
+        if card.real(field := _DAMPING[card.name], "the structural damping GE", 0.0):
+            damped.setdefault(card.name, []).append(f"{card.text(0)} (GE {card.text(field)})")
+    for name, ids in damped.items():
+        notes.append(f"{name} {some(ids)}: structural damping GE is not imported: damping comes from the config")
+
+
+def some(names: list[str]) -> str:
+    """The first three, and how many more there are."""
+    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def solid_material(card: Card) -> Anisotropic:
@@ -96,12 +113,6 @@ def solid_material(card: Card) -> Anisotropic:
     if fault:
         raise card.error(*fault)
     return Anisotropic(card.integer(0, "the material id"), C, card.not_negative(place, "the density", 0.0))
-
-
-def damped(card: Card) -> str:
-    """GE of a material where it is not zero, in words."""
-    field = _DAMPING[card.name]
-    return f"{card.text(0)} (GE {card.text(field)})" if card.real(field, "the structural damping GE", 0.0) else ""
 
 
 COMPOSITES = ("PCOMP", "PCOMPG")

@@ -13,10 +13,11 @@ from strainsight.decks.nastran.cards import Card, unique_ids
 from strainsight.decks.nastran.grids import resolved_system
 from strainsight.decks.nastran.materials import (
     ANISOTROPIC,
-    damped,
     isotropic_material,
     lamina,
+    note_damping,
     solid_material,
+    some,
     states_moduli,
 )
 from strainsight.decks.nastran.solids import SOLIDS, composite_solid, layers_of
@@ -84,7 +85,7 @@ def properties(
             named.append((card, mid))
     if schemes:
         notes.append(
-            f"PSOLID {_some(schemes)}: the integration scheme is not supported: solids are integrated fully, linear "
+            f"PSOLID {some(schemes)}: the integration scheme is not supported: solids are integrated fully, linear "
             "hexahedra with incompatible modes"
         )
     composites: dict[int, CompositeSolid] = {}
@@ -142,12 +143,23 @@ def _orientation(card: Card, mid: int, systems: dict[int, CoordinateSystem]) -> 
     return Orientation(resolved_system(card, 2, systems), np.eye(3))
 
 
+def _by_id(cards: dict[str, list[Card]], *names: str) -> dict[int, Card]:
+    """The materials on cards of these names. Raises DeckError for an id that stands twice."""
+    own = [card for name in names for card in cards.get(name, [])]
+    return dict(zip(unique_ids(own, "material").tolist(), own, strict=True))
+
+
+def _other_material(cards: dict[str, list[Card]], mid: int) -> str:
+    """What card has the id of a material: "a MAT10", or "" for none."""
+    name = next((n for n in cards if n.startswith("MAT") and any(c.text(0) == str(mid) for c in cards[n])), "")
+    return name and f"a {name}"
+
+
 def _anisotropic(
     cards: dict[str, list[Card]], named: Sequence[int], ignored: Counter[str], notes: list[str]
 ) -> dict[int, Anisotropic]:
     """The MAT9 and MAT11 that solids name, by id. Raises DeckError for an id of one of those that stands twice."""
-    own = [card for name in ANISOTROPIC for card in cards.get(name, [])]
-    by_id = dict(zip(unique_ids(own, "material").tolist(), own, strict=True))
+    by_id = _by_id(cards, *ANISOTROPIC)
     others = {card.text(0): card.name for name in ("MAT1", "MAT8") for card in cards.get(name, [])}
     used = {}
     for mid in dict.fromkeys(named):
@@ -158,10 +170,7 @@ def _anisotropic(
                 f"material id {mid} stands twice, a {others[str(mid)]} has it too", "give every material its own id"
             )
         used[mid] = solid_material(by_id[mid])
-    if with_damping := [words for mid in used if (words := damped(by_id[mid]))]:
-        notes.append(
-            f"MAT9, MAT11 {_some(with_damping)}: structural damping GE is not imported: damping comes from the config"
-        )
+    note_damping((by_id[mid] for mid in used), notes)
     for name in ANISOTROPIC:
         if unused := sum(card.name == name for number, card in by_id.items() if number not in used):
             ignored[f"{name} that no solid refers to"] += unused
@@ -177,29 +186,26 @@ def _laminae(
 ) -> dict[int, Lamina]:
     """The MAT8 that plies name; in_general: ids of materials that shells of several have taken, for those that nothing refers to,
     MAT2 too. Raises DeckError for a material of plies that is neither a MAT8 nor a MAT1 of the deck."""
-    orthotropic, isotropic = cards.get("MAT8", []), cards.get("MAT1", [])
-    own = dict(zip(unique_ids(orthotropic, "material").tolist(), orthotropic, strict=True))
-    both = set(own) & set(unique_ids(isotropic, "material").tolist())
+    own = _by_id(cards, "MAT8")
+    both = set(own) & set(_by_id(cards, "MAT1"))
     if both & {mid for _, mid in named}:
         number = min(both & {mid for _, mid in named})
         raise own[number].error(
             f"material id {number} stands twice, a MAT1 has it too", "give every material its own id"
         )
-    known = {*own, *(card.integer(0, "the material id") for card in isotropic)}
+    known = {*own, *_by_id(cards, "MAT1")}
     for card, mid in named:
         if mid not in known:
-            other = next((n for n in cards if n.startswith("MAT") and any(c.text(0) == str(mid) for c in cards[n])), "")
+            other = _other_material(cards, mid)
             raise card.error(
-                f"material {mid} of its plies is {'a ' + other if other else 'not in the deck'}",
+                f"material {mid} of its plies is {other or 'not in the deck'}",
                 "give plies a MAT8 or a MAT1" if other else f"add a MAT8 or MAT1 card with id {mid}",
             )
     found = {mid: lamina(own[mid]) for _, mid in named if mid in own}
-    if damped := [f"{i} (GE {own[i].text(16)})" for i in found if own[i].real(16, "the structural damping GE", 0.0)]:
-        notes.append(f"MAT8 {_some(damped)}: structural damping GE is not imported: damping comes from the config")
+    note_damping((own[mid] for mid in found), notes)
     if rigid := [str(i) for i, each in found.items() if np.isinf(each.g1z) or np.isinf(each.g2z)]:
-        notes.append(f"MAT8 {_some(rigid)}: without G1Z or G2Z it does not shear across")
-    plane = unique_ids(cards.get("MAT2", []), "material")
-    for name, ids in (("MAT8", own), ("MAT2", plane.tolist())):
+        notes.append(f"MAT8 {some(rigid)}: without G1Z or G2Z it does not shear across")
+    for name, ids in (("MAT8", own), ("MAT2", _by_id(cards, "MAT2"))):
         if unused := len({*ids} - {*found} - {*in_general}):
             ignored[f"{name} that no property refers to"] += unused
     return found
@@ -216,36 +222,24 @@ def _materials(
 ) -> tuple[dict[int, Material], dict[int, float]]:
     """The MAT1 that properties name, and of those whose G is another than E/2(1 + ν) the first over the second; only_beams: ids
     of those of beams and rods alone; in_general: of those that shells of several materials have taken."""
-    isotropic = cards.get("MAT1", [])
-    material_cards = dict(zip(unique_ids(isotropic, "material").tolist(), isotropic, strict=True))
+    material_cards = _by_id(cards, "MAT1")
     materials: dict[int, Material] = {}
     shear: dict[int, float] = {}
-    damped: list[str] = []
     for card, mid in named:
         if mid not in material_cards:
-            other = [
-                name for name in cards if name.startswith("MAT") and any(c.text(0) == str(mid) for c in cards[name])
-            ]
-            if other or stated:
+            if (other := _other_material(cards, mid)) or stated:
                 raise card.error(
-                    f"material {mid} is {'a ' + other[0] if other else 'not in the deck'}",
+                    f"material {mid} is {other or 'not in the deck'}",
                     "give it a MAT1, solids a MAT9 or MAT11, or shells a MAT8 or MAT2"
                     if other
                     else f"add a MAT1 card with id {mid}{OR_CONFIG}",
                 )
         elif mid not in materials and (stated or states_moduli(material_cards[mid])):
             materials[mid], shear[mid] = isotropic_material(material_cards[mid], mid in only_beams, notes)
-            if material_cards[mid].real(7, "the structural damping GE", 0.0) != 0:
-                damped.append(f"{mid} (GE {material_cards[mid].text(7)})")
-    if damped:
-        notes.append(f"MAT1 {_some(damped)}: structural damping GE is not imported: damping comes from the config")
+    note_damping((material_cards[mid] for mid in materials), notes)
     if unused := len({*material_cards} - {mid for _, mid in named} - {*in_general}):
         ignored["MAT1 that no property refers to"] += unused
     return materials, shear
-
-
-def _some(names: list[str]) -> str:
-    return ", ".join(names[:3]) + (f" and {len(names) - 3} more" if len(names) > 3 else "")
 
 
 def _with_shear(section: Section, ratio: float) -> Section:

@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.decks.faults import folded
 from strainsight.decks.nastran.cards import Card
 from strainsight.decks.nastran.grids import Grids, resolved_system
-from strainsight.decks.nastran.materials import isotropic_material, lamina
+from strainsight.decks.nastran.materials import isotropic_material, lamina, note_damping
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import general_fault
 from strainsight.mesh.model import FloatArray, IntArray
@@ -183,8 +183,6 @@ def _cross(a: Sequence[float], b: Sequence[float]) -> tuple[float, float, float]
 
 _PLACES = {1: "MID1", 3: "MID2 (bending)", 5: "MID3 (shear)", 10: "MID4 (coupling)"}
 """Field of a material → its name."""
-_DAMPING = {"MAT1": 7, "MAT2": 12, "MAT8": 16}
-"""Field of GE."""
 
 
 def shell_materials(cards: Mapping[str, Sequence[Card]]) -> dict[int, list[Card]]:
@@ -236,12 +234,7 @@ def general_shell(card: Card, known: Mapping[int, Sequence[Card]], notes: list[s
     shear = np.diag([np.inf, np.inf] if 3 in own else [0.0, 0.0])
     if 5 in own:
         shear = plain.shear * _across(own[5], said)
-    for material in own.values():
-        if ge := material.real(_DAMPING[material.name], "the structural damping GE", 0.0):
-            said.append(
-                f"{material.name} {material.text(0)} (GE {ge:g}): structural damping GE is not imported: damping comes from the "
-                "config"
-            )
+    note_damping(own.values(), said)
     notes += [note for note in dict.fromkeys(said) if note not in notes]
     density = own[1].not_negative(4 if own[1].name == "MAT1" else 7, "the density", 0.0)
     uniform = 10 not in named and named.get(3, named[1]) == named[1]

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import TypeVar
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from strainsight.mesh.coordinates import local_axes
 from strainsight.mesh.joins import PointMass, Springs, matrix_mass, spring_between
 from strainsight.mesh.model import FloatArray, IntArray
 
+T = TypeVar("T")
 SPRINGS = ("CELAS1", "CELAS2", "CBUSH", "PELAS", "PBUSH")
 PARTS = ("K", "B", "GE", "RCV", "M")
 """What a line of a PBUSH states."""
@@ -38,7 +40,11 @@ def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tup
     """
     elements = [card for name in ("CELAS1", "CELAS2", "CBUSH") for card in cards.get(name, [])]
     unique_ids(elements, "element")
-    scalar, bushes = _scalar_properties(cards), _bush_properties(cards, notes)
+    bushes = _bush_properties(cards, notes)
+    scalar = {
+        number: (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping GE", 0.0))
+        for number, card, at in _packed(cards, "PELAS", 4)
+    }
     found, damped = [], 0
     for card in elements:
         if card.name == "CBUSH":
@@ -48,10 +54,7 @@ def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tup
         if own:
             k, damping = card.real(1, "the stiffness"), card.real(6, "the damping GE", 0.0)
         else:
-            number = card.integer(1, "the property id", card.integer(0, "the element id"))
-            if number not in scalar:
-                raise card.error(f"property {number} is no PELAS of the deck", f"add a PELAS card with id {number}")
-            k, damping = scalar[number]
+            k, damping = _property_of(card, scalar, "PELAS")
         damped += damping != 0
         found.append(_elastic(card, grids, k))
     if damped:
@@ -59,18 +62,34 @@ def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tup
     return tuple(found)
 
 
-def _scalar_properties(cards: dict[str, list[Card]]) -> dict[int, tuple[float, float]]:
-    """PELAS id → stiffness and GE; two stand on one card."""
-    found = {}
-    for card in cards.get("PELAS", []):
-        for at in (0, 4):
+def _packed(cards: dict[str, list[Card]], name: str, size: int) -> Iterator[tuple[int, Card, int]]:
+    """Id, card and first field of the properties on the cards of a name, one in every `size` of eight fields."""
+    known: set[int] = set()
+    for card in cards.get(name, []):
+        for at in range(0, 8, size):
             if at and not card.text(at):
                 continue
             number = card.integer(at, "the property id")
-            if number in found:
+            if number in known:
                 raise card.error(f"property id {number} stands twice", "give every property its own id")
-            found[number] = (card.real(at + 1, "the stiffness"), card.real(at + 2, "the damping GE", 0.0))
-    return found
+            known.add(number)
+            yield number, card, at
+
+
+def _property_of(card: Card, properties: Mapping[int, T], name: str) -> T:
+    """What a property holds that an element refers to, by default that of its id."""
+    number = card.integer(1, "the property id", card.integer(0, "the element id"))
+    if number not in properties:
+        raise card.error(f"property {number} is no {name} of the deck", f"add a {name} card with id {number}")
+    return properties[number]
+
+
+def _component(card: Card, at: int) -> int:
+    """Component 1-6 in a field."""
+    component = card.integer(at, "the component")
+    if not 1 <= component <= 6:
+        raise card.error(f"component {component} is not one of 1 to 6", "name one component of each node")
+    return component
 
 
 def _elastic(card: Card, grids: Grids, k: float) -> Springs:
@@ -79,11 +98,9 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
         raise card.error(f"the stiffness is {k:g}, negative", "give a positive stiffness")
     ends = []
     for at, sign in ((2, 1.0), (4, -1.0)):
-        component = card.integer(at + 1, "the component", 0)
-        if card.text(at) in ("", "0") or component == 0:
+        if card.text(at) in ("", "0") or card.integer(at + 1, "the component", 0) == 0:
             continue
-        if not 1 <= component <= 6:
-            raise card.error(f"component {component} is not one of 1 to 6", "name one component of each node")
+        component = _component(card, at + 1)
         row = grids.nodes.row(card.integer(at, "the node id"), card)
         axis = grids.axes.get(row, np.eye(3))[:, (component - 1) % 3]
         ends.append((row, 3 * ((component - 1) // 3), sign * axis))
@@ -122,10 +139,7 @@ def _bush_properties(cards: dict[str, list[Card]], notes: list[str]) -> dict[int
 
 def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Springs:
     """A CBUSH: six springs along its axes, those without stiffness left out."""
-    number = card.integer(1, "the property id", card.integer(0, "the element id"))
-    if number not in properties:
-        raise card.error(f"property {number} is no PBUSH of the deck", f"add a PBUSH card with id {number}")
-    k = properties[number]
+    k = _property_of(card, properties, "PBUSH")
     if card.text(9) not in ("", "-1"):  # else S1 to S3 say nothing
         raise card.error("OCID puts the spring beside the line of its nodes", "put its nodes where it acts")
     if not 0 <= (S := card.real(8, "the place S", 0.5)) <= 1:
@@ -203,7 +217,7 @@ def point_masses(
     that is not there, and a CMASS between two motions.
     """
     found = [card for name in MASSES for card in cards.get(name, [])]
-    properties = _mass_properties(cards)
+    properties = {number: card.real(at + 1, "the mass", 0.0) for number, card, at in _packed(cards, "PMASS", 2)}
     masses = []
     for number, card in zip(unique_ids(found, "point mass").tolist(), found, strict=True):
         if card.name != "CONM2":
@@ -267,38 +281,19 @@ def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int,
     if card.name == "CMASS2":
         mass = card.real(1, "the mass")
     else:
-        number = card.integer(1, "the property id", card.integer(0, "the element id"))
-        if number not in properties:
-            raise card.error(f"property {number} is no PMASS of the deck", f"add a PMASS card with id {number}")
-        mass = properties[number]
+        mass = _property_of(card, properties, "PMASS")
     ends = [i for i in (2, 4) if card.text(i) not in ("", "0") and card.text(i + 1) not in ("", "0")]
     if len(ends) != 1:
         raise card.error(
             f"{len(ends)} ends on nodes: only a mass between a motion and the ground is supported",
             "leave it out (mesh.ignore), or give the mass as CONM2",
         )
-    component = card.integer(ends[0] + 1, "the component")
-    if not 1 <= component <= 6:
-        raise card.error(f"component {component} is not one of 1 to 6", "name one component of the node")
+    component = _component(card, ends[0] + 1)
     row = grids.nodes.row(card.integer(ends[0], "the node id"), card)
     along = np.zeros(6)
     start = 3 * ((component - 1) // 3)
     along[start : start + 3] = grids.axes.get(row, np.eye(3))[:, (component - 1) % 3]
     return row, mass * np.outer(along, along)
-
-
-def _mass_properties(cards: dict[str, list[Card]]) -> dict[int, float]:
-    """PMASS id → mass; four stand on one card."""
-    found: dict[int, float] = {}
-    for card in cards.get("PMASS", []):
-        for at in range(0, 8, 2):
-            if at and not card.text(at):
-                continue
-            number = card.integer(at, "the property id")
-            if number in found:
-                raise card.error(f"property id {number} stands twice", "give every property its own id")
-            found[number] = card.real(at + 1, "the mass", 0.0)
-    return found
 
 
 _SELECTION = re.compile(r"\s*(SPC|MPC)\s*=\s*(\w+)", re.IGNORECASE)
@@ -364,13 +359,7 @@ def _supports(card: Card, nodes: NodeTable, ignored: Counter[str], free: bool) -
 
 def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out: bool) -> set[int]:
     """Ids of the SPC and SPC1 sets that count; left_out: some of those cards were, so that none need be there."""
-    combined = combined_sets(deck, "SPCADD")
-    supports = [*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])]
-    single = {card.integer(0, "the set id") for card in supports}
-    for card in deck.cards.get("SPCADD", []):
-        if (lost := combined[int(card.fields[0])] - single) and not left_out:
-            raise card.error(f"set {min(lost)} has no SPC or SPC1", "add the set, or take it out")
-    there = single | set(combined)
+    combined, there, top = known_sets(deck, ("SPC", "SPC1"), "SPCADD", left_out=left_out)
     listed = f"select one of {', '.join(map(str, sorted(there)))}" if there else "add the set"
     if wanted is not None:
         if wanted not in there:
@@ -394,9 +383,8 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
                 remedy=f"{listed}, here or with mesh.spc" if there else listed,
             )
         return combined.get(number, {number})
-    top = there - {member for members in combined.values() for member in members}
     if len(top) > 1:
-        card = next(card for card in (*supports, *deck.cards.get("SPCADD", [])) if int(card.fields[0]) == max(top))
+        card = card_of_set(deck, ("SPC", "SPC1", "SPCADD"), max(top))
         raise ChoiceError(
             f"{len(top)} sets of supports ({', '.join(map(str, sorted(top)))}) and no selection",
             where=card.where,
@@ -421,6 +409,27 @@ def selections(deck: Deck, what: str) -> dict[str, Line]:
         if (match := _SELECTION.match(line.text)) and match[1].upper() == what:
             chosen.setdefault(match[2], line)
     return chosen
+
+
+def known_sets(
+    deck: Deck, names: Sequence[str], adding: str, *, left_out: bool
+) -> tuple[dict[int, set[int]], set[int], set[int]]:
+    """Sets that cards `adding` combine, all set ids, and those that are part of no other.
+
+    left_out: some cards were, so that none need be there. Raises DeckError for a set that is part of one and has no card.
+    """
+    combined = combined_sets(deck, adding)
+    single = {card.integer(0, "the set id") for name in names for card in deck.cards.get(name, [])}
+    for card in deck.cards.get(adding, []):
+        if (lost := combined[int(card.fields[0])] - single) and not left_out:
+            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or take it out")
+    ids = single | set(combined)
+    return combined, ids, ids - {member for members in combined.values() for member in members}
+
+
+def card_of_set(deck: Deck, names: Sequence[str], number: int) -> Card:
+    """The first card of a set."""
+    return next(card for name in names for card in deck.cards.get(name, []) if int(card.fields[0]) == number)
 
 
 def combined_sets(deck: Deck, name: str) -> dict[int, set[int]]:

@@ -11,7 +11,7 @@ import numpy as np
 from strainsight.decks.nastran.cards import Card, Deck
 from strainsight.decks.nastran.case_control import expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
-from strainsight.decks.nastran.springs import combined_sets, components, selections
+from strainsight.decks.nastran.springs import card_of_set, components, known_sets, selections
 from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
@@ -306,8 +306,9 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
     added = deck.cards.get("MPCADD", [])
     if not found and not added:
         return []
-    selected = _selected_sets(deck, found, left_out=bool(ignored["MPC"] or ignored["MPCADD"]))
-    combined = combined_sets(deck, "MPCADD")
+    left_out = bool(ignored["MPC"] or ignored["MPCADD"])
+    combined, there, top = known_sets(deck, ("MPC",), "MPCADD", left_out=left_out)
+    selected = _selected_sets(deck, there, top, left_out=left_out)
     members: set[int] = set().union(*(combined.get(number, {number}) for number in selected))
     for card in (*found, *added):
         number = card.integer(0, "the set id")
@@ -316,18 +317,11 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
     return [card for card in found if card.integer(0, "the set id") in members]
 
 
-def _selected_sets(deck: Deck, found: list[Card], *, left_out: bool) -> set[int]:
+def _selected_sets(deck: Deck, there: set[int], top: set[int], *, left_out: bool) -> set[int]:
     """The set that counts, none or one."""
-    combined = combined_sets(deck, "MPCADD")
-    single = {card.integer(0, "the set id") for card in found}
-    for card in deck.cards.get("MPCADD", []):
-        if (lost := combined[int(card.fields[0])] - single) and not left_out:
-            raise card.error(f"set {min(lost)} has no MPC", "add the set, or take it out")
-    there = single | set(combined)
     if not deck.case_control:
-        top = there - {member for members in combined.values() for member in members}
         if len(top) > 1:
-            card = next(card for card in (*found, *deck.cards.get("MPCADD", [])) if int(card.fields[0]) == max(top))
+            card = card_of_set(deck, ("MPC", "MPCADD"), max(top))
             raise card.error(
                 f"{len(top)} sets of relations ({', '.join(map(str, sorted(top)))}) and no case control that selects one",
                 "put the line MPC = n of the set before BEGIN BULK, or leave the relations out (mesh.ignore: [MPC, MPCADD])",

@@ -11,9 +11,18 @@ import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
 from strainsight.decks.other.load import Loaded, load, load_sandboxed
-from strainsight.decks.thin import SHELLS, Chosen, Groups, regions_with_sections, sections_by_region
 from strainsight.errors import DeckError
-from strainsight.mesh.given_sections import LINE, LINE3, GivenSection, with_given
+from strainsight.mesh.given_sections import (
+    LINE,
+    LINE3,
+    SHELLS,
+    Chosen,
+    GivenSection,
+    Groups,
+    regions_with_sections,
+    sections_by_region,
+    with_given,
+)
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind, in_order
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region

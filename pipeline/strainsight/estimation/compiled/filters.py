@@ -90,9 +90,9 @@ def predicted(P, pairs, beside, Q, half):  # type: ignore[no-untyped-def]
             P[a, b] = Q[a, b]
         if a < 2 * q:
             k, first = a % q, 2 * (a // q)
-            own, rate = pairs[first, k], pairs[first + 1, k]
+            position, rate = pairs[first, k], pairs[first + 1, k]
             for b in range(a + 1):
-                P[a, b] += own * half[k, b] + rate * half[q + k, b]
+                P[a, b] += position * half[k, b] + rate * half[q + k, b]
         add_rows(beside[:, a], half[2 * q :], a + 1, P[a])
         for b in range(a + 1):
             P[a, b] = flushed(P[a, b])
@@ -114,39 +114,39 @@ def corrected(x, V, nu, out):  # type: ignore[no-untyped-def]
 
 
 @loop
-def updated_nuisances(V, H, sensed, K, S, there, whitened, nu, left, slope, W, small):  # type: ignore[no-untyped-def]
+def updated_nuisances(V, H, sensed, K, S, channels, whitened, nu, left, slope, W, small):  # type: ignore[no-untyped-def]
     """V ← V + K ε of one channel after the other, and ν by least squares on the innovations of all at once; returns what the
     squares add to the log-likelihood.
 
     By slopes s (k, d) of white innovations e (k,):  L Lᵀ = I + s Λ sᵀ,  W = L⁻¹ s Λ,  ν ← ν + Wᵀ L⁻¹(e − s ν),  Λ ← Λ − WᵀW
 
-    V (n, d); there: channels that measured; slope, W (m, d) and small (m + 2, m): work space.
+    V (n, d); channels: those that measured; slope, W (m, d) and small (m + 2, m): work space.
     """
     n, d = V.shape
-    m = len(there)
+    m = len(channels)
     if d == 0:
         fit = 0.0
-        for channel in there:
+        for channel in channels:
             fit -= 0.5 * whitened[channel] * whitened[channel]
         return fit
     L, rest, factor = small[:m], small[m], small[m + 1]
     for c in range(m):
-        h = H[there[c]]
+        h = H[channels[c]]
         for k in range(d):
             slope[c, k] = 0.0
             W[c, k] = 0.0
         add_rows(h, V, d, slope[c])
         for k in range(d):
-            slope[c, k] = sensed[there[c], k] - slope[c, k]
+            slope[c, k] = sensed[channels[c], k] - slope[c, k]
         for j in range(c):
-            L[c, j] = -dot(h, K[there[j]])
+            L[c, j] = -dot(h, K[channels[j]])
         add_rows(L[c, :c], slope, d, slope[c])
     for a in range(n):
         for c in range(m):
-            factor[c] = K[there[c], a]
+            factor[c] = K[channels[c], a]
         add_rows(factor[:m], slope, d, V[a])
     for c in range(m):
-        scale = 1.0 / np.sqrt(S[there[c]])
+        scale = 1.0 / np.sqrt(S[channels[c]])
         for k in range(d):
             slope[c, k] *= scale
     for c in range(m):
@@ -154,7 +154,7 @@ def updated_nuisances(V, H, sensed, K, S, there, whitened, nu, left, slope, W, s
         for j in range(c + 1):
             L[c, j] = dot(W[c], slope[j])
         L[c, c] += 1.0
-        rest[c] = whitened[there[c]] - dot(nu, slope[c])
+        rest[c] = whitened[channels[c]] - dot(nu, slope[c])
     fit = 0.0
     for c in range(m):
         for j in range(c):
@@ -196,22 +196,22 @@ def without(less, nu, left):  # type: ignore[no-untyped-def]
 def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
     """Update by all channels that measured, with the gain of Schmidt; V (n, d)."""
     n, d = V.shape
-    there = measured(y)
-    m = len(there)
+    channels = measured(y)
+    m = len(channels)
     Ph, slope, S, K = np.empty((m, n)), np.empty((m, d)), np.empty((m, m)), np.empty((m, n))
     innovation, less = np.empty(m), np.empty(m)
     for c in range(m):
-        h = H[there[c]]
+        h = H[channels[c]]
         product(P, h, Ph[c])
-        innovation[c] = y[there[c]] - dot(F[there[c]], w) - dot(h, x)
+        innovation[c] = y[channels[c]] - dot(F[channels[c]], w) - dot(h, x)
         for k in range(d):
-            slope[c, k] = -sensed[there[c], k]
+            slope[c, k] = -sensed[channels[c], k]
         add_rows(h, V, d, slope[c])
         for a in range(n):
             K[c, a] = Ph[c, a] + dot(slope[c], V[a])
         for g in range(c + 1):
-            S[c, g] = dot(H[there[g]], Ph[c]) + dot(slope[c], slope[g])
-        S[c, c] += R[there[c]]
+            S[c, g] = dot(H[channels[g]], Ph[c]) + dot(slope[c], slope[g])
+        S[c, c] += R[channels[c]]
     solved(S, K)
     add_rows(innovation, K, n, x)
     for a in range(n):
@@ -222,7 +222,7 @@ def considered(x, P, V, H, F, w, y, R, sensed):  # type: ignore[no-untyped-def]
     # rows of P Hᵀ after the first factor of Joseph's form
     for c in range(m):
         for a in range(n):
-            Ph[c, a] = dot(P[a], H[there[c]]) - R[there[c]] * K[c, a]
+            Ph[c, a] = dot(P[a], H[channels[c]]) - R[channels[c]] * K[c, a]
     for a in range(n):
         for c in range(m):
             less[c] = -Ph[c, a]
@@ -312,8 +312,8 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
         if len(xcs):
             transposed(Vcs[i], V_c)
         for t in range(len(y)):
-            there = measured(y[t])
-            complete = len(there) == m
+            channels = measured(y[t])
+            complete = len(channels) == m
             if not complete or (t > 0 and apart(R[t], R[t - 1]) > 0):
                 calms[i] = 0
             steady = calms[i] >= CALM
@@ -356,7 +356,7 @@ def take_steps(span, motion, reading, beyond, state, considering, data, keep, ou
                 whitened[c] = innovation / np.sqrt(S[c])
                 fits[i, t] -= 0.5 * np.log(2 * np.pi * S[c])
             fits[i, t] += updated_nuisances(
-                V, H[i], sensed, K, S, there, whitened, nus[i], lefts[i], slope, gain, small
+                V, H[i], sensed, K, S, channels, whitened, nus[i], lefts[i], slope, gain, small
             )
             if len(less):
                 fits[i, t] += without(less[t], nus[i], lefts[i])

@@ -48,12 +48,12 @@ def transposed(A, out):  # type: ignore[no-untyped-def]
 @loop
 def measured(y):  # type: ignore[no-untyped-def]
     """Places in y that are no NaN."""
-    there, m = np.empty(len(y), np.int64), 0
+    places, m = np.empty(len(y), np.int64), 0
     for c in range(len(y)):
         if not np.isnan(y[c]):
-            there[m] = c
+            places[m] = c
             m += 1
-    return there[:m]
+    return places[:m]
 
 
 @loop

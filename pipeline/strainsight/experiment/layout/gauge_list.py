@@ -16,7 +16,7 @@ from strainsight.config.placement import Datum
 from strainsight.mesh.facets import LOWER, UPPER, Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.units import length_factor
-from strainsight.pages.picture.layout import Frame
+from strainsight.pages.picture.layout import PositionAxes
 from strainsight.runner.output import Table
 from strainsight.sensors.candidates import (
     ACCELERATION,
@@ -261,13 +261,13 @@ def line_edges(lines: Sequence[GaugeLine], mesh: Mesh) -> EdgeDimensions:
     return edge_dimensions(mesh.position, exterior_facets(mesh), facet_keys(*columns), position, direction, normal)
 
 
-def measured_columns(frame: Frame) -> list[str]:
+def measured_columns(frame: PositionAxes) -> list[str]:
     """Heads of what `measured_cells` gives."""
     u = frame.unit
     return [f"x_{u}", f"y_{u}", f"z_{u}", f"edge_{u}", "edge_deg", f"edge2_{u}", "edge2_deg"]
 
 
-def measured_cells(lines: Sequence[GaugeLine], edges: EdgeDimensions, frame: Frame) -> list[list[str]]:
+def measured_cells(lines: Sequence[GaugeLine], edges: EdgeDimensions, frame: PositionAxes) -> list[list[str]]:
     """Of every line its place in the frame, and distance and angle to both edges; empty where there is none."""
     rows = []
     for line, distance, angle in zip(lines, frame.length(edges.distance), edges.angle, strict=True):
@@ -281,17 +281,17 @@ def cell(value: float) -> str:
     return "" if np.isnan(value) else f"{round(value, 9) + 0.0:.9g}"
 
 
-def deck_frame(unit: str) -> Frame:
+def deck_frame(unit: str) -> PositionAxes:
     """The deck's own coordinates, in its unit."""
-    return Frame(unit, length_factor(unit), np.zeros(3), np.eye(3))
+    return PositionAxes(unit, length_factor(unit), np.zeros(3), np.eye(3))
 
 
-def frame_of(unit: str, datum: Datum) -> Frame:
+def frame_of(unit: str, datum: Datum) -> PositionAxes:
     """Right-handed axes at the origin of the datum: x along its x, z along x × y, y = z × x."""
     x = np.array(datum.x) / np.linalg.norm(datum.x)
     z = np.cross(x, datum.y)
     z /= np.linalg.norm(z)
-    return Frame(unit, length_factor(unit), np.array(datum.origin), np.array([x, np.cross(z, x), z]))
+    return PositionAxes(unit, length_factor(unit), np.array(datum.origin), np.array([x, np.cross(z, x), z]))
 
 
 class Sites(TypedDict):

@@ -24,7 +24,7 @@ from strainsight.experiment.layout.gauge_list import (
 )
 from strainsight.experiment.layout.placement import Placement
 from strainsight.mesh.model import Mesh
-from strainsight.pages.picture.layout import Frame
+from strainsight.pages.picture.layout import PositionAxes
 from strainsight.placement.score import worth_keeping
 from strainsight.records.mesh import gauge_grid
 from strainsight.records.placed import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
@@ -218,7 +218,7 @@ def _summary(placement: Placement) -> dict[str, Scalar]:
     return numbers
 
 
-def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, frame: Frame) -> bytes:
+def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, frame: PositionAxes) -> bytes:
     """A line a channel, of a bridge an arm with its sign, lengths in m, the largest training reading in the unit of the channel,
     σ of every unknown without the gauge relative to its scale; then places and distances to the edges in the deck's unit, and
     what is to be looked at where it is bonded, where there is something."""

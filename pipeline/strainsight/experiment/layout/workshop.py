@@ -20,7 +20,7 @@ from strainsight.experiment.layout.gauge_list import (
     measured_columns,
 )
 from strainsight.mesh.model import Mesh
-from strainsight.pages.picture.layout import Frame
+from strainsight.pages.picture.layout import PositionAxes
 from strainsight.sensors.edges import EdgeDimensions, carrier
 from strainsight.sensors.export import uff_text
 
@@ -32,7 +32,7 @@ class Workshop:
     listed: GaugeList
     lines: Sequence[GaugeLine]
     edges: EdgeDimensions
-    frame: Frame
+    frame: PositionAxes
 
     def lines_of(self, gauge: int) -> list[int]:
         """Indices of the lines of a gauge, by its number in the layout."""
@@ -57,7 +57,7 @@ def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
     return Foil(*size, kind)
 
 
-def workshop_of(listed: GaugeList, mesh: Mesh, frame: Frame) -> Workshop:
+def workshop_of(listed: GaugeList, mesh: Mesh, frame: PositionAxes) -> Workshop:
     """The layout on this mesh, as measured in a frame."""
     lines = gauge_lines(listed)
     return Workshop(listed, lines, line_edges(lines, mesh), frame)

@@ -15,7 +15,7 @@ from strainsight.errors import ConfigError, ContradictionError, NumericalError, 
 from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Wanted
+from strainsight.estimation.smoother import WantedCovariances
 from strainsight.experiment.hold_out import held_out
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
@@ -147,7 +147,7 @@ def campaign_of(
     thickness = thickness_at(mesh, free, problem.model.reference)
     turning, judgements, suspects = turning_of(mesh, reduced, training, channels, thickness), [], []
 
-    def wanted(given: Filtering, run: FilterRun) -> Wanted:
+    def wanted(given: Filtering, run: FilterRun) -> WantedCovariances:
         return wanted_of(settings, config.loads, given, virtual, run)
 
     passes = 1 if settings.hold_out is None else 1 + len(np.unique(problem.channels.gauge[channels]))

@@ -17,7 +17,7 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord, Settled
 from strainsight.estimation.reduced import driven_with_offsets
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Smoothed, Wanted, smooth
+from strainsight.estimation.smoother import Smoothed, WantedCovariances, smooth
 from strainsight.experiment.structure.filtering import by_moments, compared
 from strainsight.experiment.structure.measured import Measured
 from strainsight.experiment.structure.nuisances import RENEWED, Shares, Tolerated, budget_of, nuisances_of
@@ -103,7 +103,7 @@ class Filtered:
         return replace(self, run=run, smoothed=self.smoothed.without_sigma(), compared=None)
 
 
-Wants = Callable[[Filtering, FilterRun], Wanted]
+Wants = Callable[[Filtering, FilterRun], WantedCovariances]
 Progress = Callable[[float], None]
 
 

@@ -137,7 +137,7 @@ def compared(
     covariance: np.ndarray,
     known: np.ndarray,
     measured: np.ndarray,
-    biased: np.ndarray,
+    biased: np.ndarray | None = None,
 ) -> Compared | None:
     """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
     without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
@@ -151,8 +151,8 @@ def compared(
     model = exactly_damped(problem, model)
 
     def by_bank() -> FilterRun:
-        record = BankRecord(model, start, covariance, known, measured, no_nuisances(model), biased)
-        return filter_bank(record, "parameters").run
+        record = BankRecord(model, start, covariance, known, measured, no_nuisances(model))
+        return filter_bank(record if biased is None else replace(record, biased=biased), "parameters").run
 
     def by_extended() -> FilterRun:
         turns = problem.iterations

@@ -10,14 +10,14 @@ import numpy as np
 from scipy.optimize import linear_sum_assignment
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.decks.faults import IdTable, plural
+from strainsight.decks.faults import plural
 from strainsight.errors import ConfigError, DeckError, UserError, blame
 from strainsight.experiment.structure.results import on_nodes
 from strainsight.fem.model import build_model, nodal
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.foreign.results.reader import READERS, read_responses
 from strainsight.foreign.results.response import Response, printed_modes
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import IdTable, Mesh
 from strainsight.mesh.sanity import ignored_structure, lost
 
 KNOWN = {".f06": printed_modes, ".dat": printed_modes, **READERS}

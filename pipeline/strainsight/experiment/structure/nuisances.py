@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
-from strainsight.estimation.claim import Claim, bank_claim, covariance_recursion
+from strainsight.estimation.claim import ClaimedStd, bank_claim, covariance_recursion
 from strainsight.estimation.conditional import Nuisances, acceleration_rows, linear_models, no_nuisances, theta_at
 from strainsight.estimation.model import FilterModel, inputs_of, theta_of
 from strainsight.estimation.record import Settled, periodic_start
@@ -316,7 +316,7 @@ HOLDS = 1.25
 """Factor that the σ of a budget, linear about one motion, may be off from the one that is claimed."""
 
 
-def variances(problem: Problem, claim: Claim) -> tuple[np.ndarray, Shares]:
+def variances(problem: Problem, claim: ClaimedStd) -> tuple[np.ndarray, Shares]:
     """σ² (B, k) of every unknown in B sets, and what that of the first is made of: of a constant parameter at the end, when all
     samples are in it, otherwise the mean of the last half."""
     at = problem.unknowns.position(problem.model)

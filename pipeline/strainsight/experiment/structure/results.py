@@ -11,7 +11,6 @@ import numpy as np
 from strainsight.config.loads import Load
 from strainsight.config.mesh import MeshFile, ModesOfResults, ResponseOfLoad, Step
 from strainsight.config.mesh import Results as Stated
-from strainsight.decks.faults import IdTable
 from strainsight.errors import DeckError, UserError, blame
 from strainsight.experiment.structure.references import load_shapes
 from strainsight.fem.affine import Parameter, of_stiffness
@@ -22,7 +21,7 @@ from strainsight.foreign.results.reader import read_responses
 from strainsight.foreign.results.response import Response
 from strainsight.foreign.second_results import KEY as SECOND
 from strainsight.foreign.second_results import Change, model_of_two
-from strainsight.mesh.model import Mesh
+from strainsight.mesh.model import IdTable, Mesh
 from strainsight.mesh.units import length_factor, mass_factor
 
 

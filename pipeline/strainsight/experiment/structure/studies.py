@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.config.tolerances import Sweeps, Validate
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.estimation.model import physical
-from strainsight.estimation.reduced import Driven
+from strainsight.estimation.reduced import DrivenModel
 from strainsight.estimation.run import all_lost
 from strainsight.experiment.structure.problem import filter_model, sample_std
 from strainsight.experiment.structure.trial import (
@@ -183,7 +183,7 @@ def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -
     answers: list[_Study] = sweep(_batch, batches, without_truth(trial))
     lost = np.concatenate([batch.lost for batch in answers])
     if np.all(lost >= 0):
-        raise all_lost(Driven(filter_model(trial.problem, runs.channels[:1], trial.h), trial.known), lost)
+        raise all_lost(DrivenModel(filter_model(trial.problem, runs.channels[:1], trial.h), trial.known), lost)
     ends = np.cumsum([len(part.drawn) for part in parts.values()])
     spans = {key: slice(end - len(part.drawn), end) for (key, part), end in zip(parts.items(), ends, strict=True)}
 

@@ -15,7 +15,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, DeckError
 from strainsight.estimation.model import FilterModel, surface_reading, theta_of
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Smoothed, Wanted
+from strainsight.estimation.smoother import Smoothed, WantedCovariances
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.filtered_test import Filtering
 from strainsight.experiment.structure.nuisances import Tolerated
@@ -363,13 +363,13 @@ def largest(given: Filtering, last: np.ndarray) -> tuple[int, int]:
 
 def wanted_of(
     settings: Estimate, loads: Mapping[str, Load], given: Filtering, virtual: Virtual | None, run: FilterRun
-) -> Wanted:
+) -> WantedCovariances:
     """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
     its pictures. run: what the filter found."""
     field = np.zeros(0) if settings.field is None else frames_of(settings.field, run.time)
     most = (largest(given, run.mean[-1, 0])[0] + 1) * given.test.every
     together = [at for _, at in places_of(loads, given.problem.unknowns.inputs)]
-    return Wanted(
+    return WantedCovariances(
         np.zeros((0, given.smoothed_states)) if virtual is None else virtual.read(given.model, run.mean[:, 0])[1],
         given.model.position[np.unique(np.concatenate([np.zeros(0, int), *together]))],
         np.unique([*field, most]).astype(int),

@@ -9,8 +9,7 @@ import numpy as np
 
 from strainsight.errors import DeckError
 from strainsight.fem.shells.tria import shell_axes
-from strainsight.mesh.kinds.faces import ALONG_SIDES, FIRST, QUAD8, SECOND, TRI6
-from strainsight.mesh.kinds.kind import Kind, Rule, gauss, triangle
+from strainsight.mesh.kinds.kind import ALONG_SIDES, FIRST, QUAD8, SECOND, TRI6, Kind, Rule, gauss, triangle
 from strainsight.mesh.thin_faces import normals_at_nodes
 
 Weights = Callable[[np.ndarray], np.ndarray]

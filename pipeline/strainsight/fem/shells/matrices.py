@@ -10,7 +10,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.fem.shells.curved import TIES, curved_strains, points_of, rows_to_nodes, surface_of, to_nodes
-from strainsight.fem.shells.tria import POINTS, WEIGHTS, linear_turn, plane_of, rows_to_basic, to_basic, tria_strains
+from strainsight.fem.shells.tria import (
+    POINTS,
+    WEIGHTS,
+    linear_turn,
+    place_curvature,
+    plane_of,
+    rows_to_basic,
+    to_basic,
+    tria_strains,
+)
 
 STIFF_IN_SHEAR = 1000.0
 """Of the A₆₆ of `in_shear`, what stands for a laminate that does not shear across: a plate of it has no more than a
@@ -122,16 +131,9 @@ SIDES = ((0, 1), (1, 2), (3, 2), (0, 3))
 
 
 def shell_stiffnesses(
-    position: np.ndarray,
-    A: np.ndarray,
-    B: np.ndarray,
-    D: np.ndarray,
-    S: np.ndarray,
-    offset: np.ndarray,
-    ids: np.ndarray,
-    beside: np.ndarray | None = None,
+    position: np.ndarray, resistance: Resistance, offset: np.ndarray, ids: np.ndarray, beside: np.ndarray | None = None
 ) -> np.ndarray:
-    """Stiffness of shells with the forces N = A ε + B κ, moments M = B ε + D κ and shear forces Q = S γ:
+    """Stiffness of shells, A, B, D, S of their resistance:
 
         K = ∫ (ε, κ)ᵀ [A B; B D] (ε, κ) + γᵀ S γ + c ((θ_z − ω)² + |ε⁰ − ε|²) dA,     c = ab/√(a² + b²) + 10⁻⁴ A₃₃
 
@@ -140,14 +142,15 @@ def shell_stiffnesses(
     there for eight alone, whose ε is held without it so that nothing locks. Inner motions are condensed, K_uu − K_ui K_ii⁻¹ K_iu:
     K scales with (A, B, D, S) together and is no sum over them.
 
-    position (e, k, 3) [m], k = 3, 4, 6 or 8, corners first; A (e, 3, 3) [N/m], B [N], D [N m] along the axes of `shell_axes`, on
-    a curved element turned onto its tangent planes, in the order xx, yy, xy, γ_xy = 2 ε_xy; S (e, 2, 2) [N/m] of xz, yz, finite
-    (a shell that does not shear: a thousand times that of one that does; nothing locks); offset (e,) [m] of the middle surface
+    position (e, k, 3) [m], k = 3, 4, 6 or 8, corners first; A, B, D, S (e, ...) along the axes of `shell_axes`, on a curved
+    element turned onto its tangent planes, S finite (a shell that does not shear: a thousand times that of one that does; nothing
+    locks); offset (e,) [m] of the middle surface
     from the nodes along the normal, by rigid arms; ids (e,) for the error message; beside (e, k), the nodes that beams run along,
     whose rotation about the normal is let go (`let_go`). Returns (e, 6k, 6k), rows 6·node + component, three translations [m]
     and three rotations [rad] along the basic axes. Assumes small strain; nodes of a warped quad of four are linked to its mean
     plane by rigid arms. Raises what `shell_axes` does, and DeckError for a second-order element that is folded."""
     e, k = position.shape[:2]
+    A, B, D, S = resistance.A, resistance.B, resistance.D, resistance.S
     C = np.zeros((e, 9, 9))
     C[:, :3, :3], C[:, :3, 3:6], C[:, 3:6, :3], C[:, 3:6, 3:6], C[:, 6:8, 6:8] = A, B, B.swapaxes(1, 2), D, S
     if k in TIES:
@@ -385,10 +388,7 @@ def quad_strains(xy: np.ndarray, at: np.ndarray) -> tuple[np.ndarray, np.ndarray
     _in_plane(u, v, g)
     _in_plane(G[..., 24:26], G[..., 26:28], _bubbles(xy, at, det))
     z[:, :, 8] = N
-    y[:, :, 3] = g[..., 0]
-    x[:, :, 4] = -g[..., 1]
-    y[:, :, 5] = g[..., 1]
-    x[:, :, 5] = -g[..., 0]
+    place_curvature(x, y, g)
 
     xi, eta = at[..., 0], at[..., 1]
     zero = np.zeros_like(xi)

@@ -43,9 +43,9 @@ def tria_strains(
     u, v, w, x, y, z = (G[..., c:18:6] for c in range(6))
     u[:, :, :3], v[:, :, :3], z[:, :, :3] = strain[..., 0::3], strain[..., 1::3], strain[..., 2::3]
     linear = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
-    _curve(x, y, np.matmul(linear, inverse.swapaxes(1, 2))[:, None])
+    place_curvature(x, y, np.matmul(linear, inverse.swapaxes(1, 2))[:, None])
     bubble = 27 * np.stack([s * (1 - 2 * r - s), r * (1 - r - 2 * s)], axis=-1)
-    _curve(G[..., 18:19], G[..., 19:20], np.matmul(bubble[:, :, None], inverse.swapaxes(1, 2)[:, None]))
+    place_curvature(G[..., 18:19], G[..., 19:20], np.matmul(bubble[:, :, None], inverse.swapaxes(1, 2)[:, None]))
     shear = _shear(xy, at, inverse, twist)
     w[:, :, 6:], x[:, :, 6:], y[:, :, 6:] = shear[..., 0:9:3], shear[..., 1:9:3], shear[..., 2:9:3]
     G[:, :, 6:, 18:] = shear[..., 9:]
@@ -102,8 +102,8 @@ def linear_turn(xy: np.ndarray) -> np.ndarray:
     return np.asarray(side / (4 * area)[:, None, None])
 
 
-def _curve(x: np.ndarray, y: np.ndarray, g: np.ndarray) -> None:
-    """κ = (θ_y,x, −θ_x,y, θ_y,y − θ_x,x) of functions with the slopes g (e, q, n, 2), into rows of θ_x, θ_y (e, q, 8, n)."""
+def place_curvature(x: np.ndarray, y: np.ndarray, g: np.ndarray) -> None:
+    """κ = (θ_y,x, −θ_x,y, θ_y,y − θ_x,x) of functions with slopes g (e, q, n, 2), into rows of θ_x, θ_y (e, q, 8 or 9, n)."""
     y[:, :, 3] = g[..., 0]
     x[:, :, 4] = -g[..., 1]
     y[:, :, 5] = g[..., 1]
@@ -198,21 +198,16 @@ def to_basic(K: np.ndarray, plane: Plane) -> np.ndarray:
 
     Rigid motions stay free of strain whatever the warp and the offset. Returns (e, 6k, 6k).
     """
-    return _columns(_columns(K, plane).swapaxes(1, 2), plane).swapaxes(1, 2)
+    return rows_to_basic(rows_to_basic(K, plane).swapaxes(1, 2), plane).swapaxes(1, 2)
 
 
 def rows_to_basic(rows: np.ndarray, plane: Plane) -> np.ndarray:
     """The rows (e, r, 6k) of motions on the plane as rows of motions of the nodes along the basic axes, `rows` T."""
-    return _columns(rows, plane)
-
-
-def _columns(X: np.ndarray, plane: Plane) -> np.ndarray:
-    """X T (e, r, 6k)."""
-    e, r = X.shape[:2]
-    parts = X.reshape(e, r, -1, 6).copy()
+    e, r = rows.shape[:2]
+    parts = rows.reshape(e, r, -1, 6).copy()
     parts[..., 4] += plane.arm[:, None] * parts[..., 0]
     parts[..., 3] -= plane.arm[:, None] * parts[..., 1]
-    return np.matmul(parts.reshape(e, -1, 3), plane.axes.swapaxes(1, 2)).reshape(X.shape)
+    return np.matmul(parts.reshape(e, -1, 3), plane.axes.swapaxes(1, 2)).reshape(rows.shape)
 
 
 def _across(position: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

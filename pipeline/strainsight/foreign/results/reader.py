@@ -15,7 +15,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from strainsight.decks.faults import IdTable
 from strainsight.decks.frd import (
     DAMAGE,
     FREQUENCY,
@@ -44,6 +43,8 @@ from strainsight.foreign.results.response import (
     reals,
     unsupported,
 )
+from strainsight.measurements.uff58_file import is_mark
+from strainsight.mesh.model import IdTable
 
 ROUNDING = {0: 5e-6, 1: 5e-6, 2: 6e-8, 3: 2e-16}
 """Largest relative error of a number by the format of its block: text has six digits."""
@@ -193,11 +194,6 @@ def universal_responses(path: Path) -> Iterator[Response]:
             yield found
 
 
-def _is_mark(line: bytes) -> bool:
-    """The line before and behind every dataset: -1 in the first six columns."""
-    return line[:6].strip() == b"-1" and not line[6:].strip()
-
-
 def _datasets(path: Path) -> Iterator[_Dataset]:
     """The datasets 55 and 2414, one in memory at a time."""
     number = 0
@@ -206,7 +202,7 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
             number += 1
             if not line.strip():
                 continue
-            if not _is_mark(line):
+            if not is_mark(line):
                 raise DeckError(
                     "no start of a dataset",
                     where=f"{path}:{number}",
@@ -215,7 +211,7 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
             kind = file.readline(_LONGEST)[:6].strip().decode("latin-1")
             number += 1
             layout, first, lines = _LAYOUTS.get(kind), number + 1, bytearray()
-            while not _is_mark(line := file.readline(_LONGEST)):
+            while not is_mark(line := file.readline(_LONGEST)):
                 number += 1
                 if not line:
                     raise DeckError(f"the file ends within dataset {kind}", where=f"{path}:{number}", remedy=AGAIN)

@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from strainsight.errors import DeckError
-from strainsight.mesh.kinds.faces import QUAD4, QUAD8, SHELL6, SHELL8, TRI3, TRI6
-from strainsight.mesh.kinds.kind import ElementKind, Kind
+from strainsight.mesh.kinds.kind import QUAD4, QUAD8, SHELL6, SHELL8, TRI3, TRI6, ElementKind, Kind
 from strainsight.mesh.kinds.solids import HEX8, HEX20, PYRA5, TET4, TET10, WEDGE6, WEDGE15
 
 FACETS = (TRI3, TRI6, QUAD4, QUAD8, SHELL6, SHELL8)

@@ -10,7 +10,8 @@ from functools import partial
 import numpy as np
 from scipy.special import roots_jacobi
 
-from strainsight.mesh.kinds.faces import (
+from strainsight.mesh.kinds.kind import (
+    HYBRID,
     QUAD4,
     QUAD8,
     QUADRANGLE_CORNERS,
@@ -20,9 +21,6 @@ from strainsight.mesh.kinds.faces import (
     TRIANGLE_CORNERS,
     TRIANGLE_EDGES,
     TRIANGLE_PARTS,
-)
-from strainsight.mesh.kinds.kind import (
-    HYBRID,
     ElementKind,
     Rule,
     Split,

@@ -410,13 +410,13 @@ def ring_law(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta)
     """The bearing as a compiled force law (`multibody/forces.py`); numbers: the table (40), centrifugal (2), pitch radius, ball
     diameter, balls z, cos φ and sin φ of every ball, places of the parameters among PARAMETERS."""
     z = int(carray(numbers, 45)[44])
-    given = carray(numbers, 45 + 2 * z + p)
-    table, turns = given[:40].reshape((4, 10)), given[45 : 45 + 2 * z].reshape((z, 2))
+    law = carray(numbers, 45 + 2 * z + p)
+    table, turns = law[:40].reshape((4, 10)), law[45 : 45 + 2 * z].reshape((z, 2))
     q, slopes = carray(rho, 5), np.zeros((5, 6))
     if not np.isfinite(q.sum()):
         return 0
     _, ball, _ = ring_load(
-        table, given[40:42], given[42], given[43], turns, q, carray(memory, 6 + KEPT * z), p > 0, carray(F, 5),
+        table, law[40:42], law[42], law[43], turns, q, carray(memory, 6 + KEPT * z), p > 0, carray(F, 5),
         carray(F_rho, (5, 5)), slopes,
     )  # fmt: skip
     if ball >= 0:
@@ -424,5 +424,5 @@ def ring_law(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta)
     by = carray(F_theta, (5, p))
     for j in range(p):
         for i in range(5):
-            by[i, j] = slopes[i, int(given[45 + 2 * z + j])]
+            by[i, j] = slopes[i, int(law[45 + 2 * z + j])]
     return 1

@@ -277,8 +277,8 @@ def _reach(body: np.ndarray, near: list[list[int]], joints: list[list[int]], pla
     filled = np.eye(len(place), dtype=bool)
     for k, own in enumerate(near):
         for j in own:
-            here, there = place[list(spans[k])], place[list(spans[j])]
-            filled[np.ix_(here, there)] = filled[np.ix_(there, here)] = True
+            first, beside = place[list(spans[k])], place[list(spans[j])]
+            filled[np.ix_(first, beside)] = filled[np.ix_(beside, first)] = True
     for row, mine in enumerate(joints):
         felt = sorted({j for k in mine for j in near[k]})
         columns = place[[i for k in felt for i in spans[k]]]

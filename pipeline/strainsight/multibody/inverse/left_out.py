@@ -208,18 +208,14 @@ def _driven(
 
 def _out(T: np.ndarray, z: np.ndarray) -> np.ndarray:
     """(q, v) (2n, k) of motions z (2r, k)."""
-    n, r = T.shape
-    found = np.empty((2 * n, z.shape[1]))
-    found[:n], found[n:] = T @ z[:r], T @ z[r:]
-    return found
+    r = T.shape[1]
+    return np.concatenate([T @ z[:r], T @ z[r:]])
 
 
 def _back(X: np.ndarray, along: np.ndarray) -> np.ndarray:
     """X (k, 2r) by motions as one by q and v (k, 2n)."""
-    n, r = along.shape
-    found = np.empty((len(X), 2 * n))
-    found[:, :n], found[:, n:] = X[:, :r] @ along.T, X[:, r:] @ along.T
-    return found
+    r = along.shape[1]
+    return np.concatenate([X[:, :r] @ along.T, X[:, r:] @ along.T], axis=1)
 
 
 def _semidefinite(P: np.ndarray, variance: np.ndarray) -> np.ndarray:
@@ -240,10 +236,10 @@ def _by_ends(cross: np.ndarray, own: np.ndarray) -> np.ndarray:
     if not own.any():
         return np.zeros_like(cross)
     size = np.sqrt(np.diag(own))
-    there = size > 0
+    driven = size > 0
     known = np.zeros_like(cross)
-    scaled = own[np.ix_(there, there)] / np.outer(size[there], size[there])
-    known[:, there] = np.linalg.solve(scaled, (cross[:, there] / size[there]).T).T / size[there]
+    scaled = own[np.ix_(driven, driven)] / np.outer(size[driven], size[driven])
+    known[:, driven] = np.linalg.solve(scaled, (cross[:, driven] / size[driven]).T).T / size[driven]
     return known
 
 

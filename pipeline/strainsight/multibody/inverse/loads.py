@@ -117,11 +117,11 @@ def _gathered(Q: np.ndarray | None, low: np.ndarray, fourth: np.ndarray, part: f
     """∫ exp(A s) Q exp(A s)ᵀ ds · part over 0 to 1 (n, n), by a Gauss rule; None of no noise; low: A⁰ to A³, fourth A⁴."""
     if Q is None or not Q.any():
         return None
-    there = np.flatnonzero(Q.any(axis=0))
-    values, vectors = np.linalg.eigh(Q[there[:, None], there])
-    n, drawn = len(Q), len(there)
+    driven = np.flatnonzero(Q.any(axis=0))
+    values, vectors = np.linalg.eigh(Q[driven[:, None], driven])
+    n, drawn = len(Q), len(driven)
     powers = np.empty((FOURTHS, n, 4, drawn))
-    powers[0] = (low[:, :, there] @ (vectors * np.sqrt(part * np.maximum(values, 0.0)))).transpose(1, 0, 2)
+    powers[0] = (low[:, :, driven] @ (vectors * np.sqrt(part * np.maximum(values, 0.0)))).transpose(1, 0, 2)
     flat = powers.reshape(FOURTHS, n, 4 * drawn)
     for j in range(1, FOURTHS):
         np.matmul(fourth, flat[j - 1], out=flat[j])

@@ -10,7 +10,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from strainsight.errors import InfeasibleError, NumericalError, did_you_mean
-from strainsight.multibody.accelerations import at_rest, balance, input_slopes, parameter_slopes
+from strainsight.multibody.accelerations import at_rest, balance, input_slopes, parameter_slopes, saddle
 from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.coupled import tangent_space
@@ -327,7 +327,7 @@ def _newton(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> Re
             K, B, s = in_the_metric(at, d)
             right[:n, 0], right[n:, 0] = -at.load / d, -s * at.phi
             right[:n, 1:] = -parameter_slopes(system, at, q, still) / d[:, None]
-            z = np.linalg.solve(np.block([[K, -B.T], [B, np.zeros((m, m))]]), right)
+            z = np.linalg.solve(saddle(K, B), right)
         except (NumericalError, np.linalg.LinAlgError):
             return None
         size, whole = float(np.linalg.norm(z[:n, 0])), float(np.linalg.norm(d * q)) or 1.0

@@ -33,7 +33,7 @@ CASE_HEAD = ("", "load", "displacement", *(f"∂/∂{name}" for name in DISPLACE
 
 
 @dataclass(frozen=True)
-class Loaded:
+class LoadedBearing:
     """A bearing in equilibrium under a load case, both by name."""
 
     bearing: str
@@ -46,32 +46,30 @@ class Loaded:
         return f"{self.bearing} under {self.case}"
 
 
-def bearing_page(name: str, facts: Mapping[str, str], cases: Sequence[Loaded], curves: Sequence[Displaced]) -> str:
+def bearing_page(
+    name: str, facts: Mapping[str, str], cases: Sequence[LoadedBearing], curves: Sequence[Displaced]
+) -> str:
     """The page as HTML text; facts: what the bearings are, by name."""
-    drawings = [curve_figure(curve) for curve in curves]
     polar = [drawn for case in cases for drawn in ball_figures(case)]
+    bearings = table("bearings", ("bearing", "what it is"), [list(map(escape, pair)) for pair in facts.items()])
     sections = [
-        section(
-            "Bearings",
-            table("bearings", ("bearing", "what it is"), [list(map(escape, pair)) for pair in facts.items()]),
-        ),
-        _cases(cases),
+        section("Bearings", bearings),
+        *map(_case, cases),
         figures(map(card, polar, count()), "<h2>Loads of the balls</h2>"),
-        figures(map(card, drawings, count(len(polar))), "<h2>Load over displacement</h2>"),
+        figures(map(card, map(curve_figure, curves), count(len(polar))), "<h2>Load over displacement</h2>"),
     ]
-    worst = max(cases, key=lambda case: float(case.state.pressure.max()), default=None)
-    answer = escape(
-        f"The highest contact pressure is {number(float(worst.state.pressure.max()) / 1e6, 4)} MPa, in {worst.title}."
-        if worst is not None
-        else f"{len(curves)} load-displacement curves."
-    )
+    answer = f"{len(curves)} load-displacement curves."
+    if cases:
+        worst = max(cases, key=lambda case: float(case.state.pressure.max()))
+        pressure = number(float(worst.state.pressure.max()) / 1e6, 4)
+        answer = f"The highest contact pressure is {pressure} MPa, in {worst.title}."
     footer = (
         "Quasi-static contact after Hertz, rings rigid but for the contacts; the outer ring is held, x is the axis."
     )
-    return document("bearing", name, name, answer, sections, footer)
+    return document("bearing", name, name, escape(answer), sections, footer)
 
 
-def ball_figures(case: Loaded) -> list[Drawing]:
+def ball_figures(case: LoadedBearing) -> list[Drawing]:
     """Contact force, contact angle and pressure around the bearing, thesis figures 1.4 and 1.5."""
     loaded = np.where(case.state.force > 0, 1.0, np.nan)
     shown = (
@@ -83,7 +81,7 @@ def ball_figures(case: Loaded) -> list[Drawing]:
 
 
 @styled()
-def _polar(case: Loaded, key: str, what: str, values: FloatArray, unit: str) -> Drawing:
+def _polar(case: LoadedBearing, key: str, what: str, values: FloatArray, unit: str) -> Drawing:
     order = np.argsort(case.state.station)
     around = np.append(case.state.station[order], case.state.station[order][0] + 2 * np.pi)
     drawn, axes = figure(4.6)
@@ -144,30 +142,23 @@ def cleared(values: FloatArray) -> FloatArray:
     return np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
 
 
-def case_rows(case: Loaded) -> list[tuple[str, list[tuple[float, str, int]]]]:
+def case_rows(case: LoadedBearing) -> list[tuple[str, list[tuple[float, str, int]]]]:
     """Rows below CASE_HEAD: the displacement, and its cells as value, unit and significant digits."""
     load, q, stiffness = cleared(case.state.load), cleared(case.state.displacement), cleared(case.state.stiffness)
+    columns = zip(
+        DISPLACEMENTS, load.tolist(), LOAD_UNITS, q.tolist(), DISPLACEMENT_UNITS, stiffness.tolist(), strict=True
+    )
     return [
-        (
-            DISPLACEMENTS[i],
-            [
-                (float(load[i]), LOAD_UNITS[i], 6),
-                (float(q[i]), DISPLACEMENT_UNITS[i], 6),
-                *((float(value), "", 4) for value in stiffness[i]),
-            ],
-        )
-        for i in range(len(DISPLACEMENTS))
+        (name, [(force, force_unit, 6), (moved, unit, 6), *((value, "", 4) for value in row)])
+        for name, force, force_unit, moved, unit, row in columns
     ]
 
 
-def _cases(cases: Sequence[Loaded]) -> str:
-    text = ""
-    for case in cases:
-        rows = [[name, *(measure(*cell) for cell in cells)] for name, cells in case_rows(case)]
-        caption = "Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
-        words = table(case.title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
-        text += section(escape(case.title), words)
-    return text
+def _case(case: LoadedBearing) -> str:
+    rows = [[name, *(measure(*cell) for cell in cells)] for name, cells in case_rows(case)]
+    caption = "Stiffness ∂F/∂q in N/m, N/rad, N m/m and N m/rad."
+    text = table(case.title, ("along", *CASE_HEAD[1:]), rows, numeric=range(1, 8), caption=caption)
+    return section(escape(case.title), text)
 
 
 def balls_figures(name: str, ring: RingEstimate) -> tuple[Drawing, Drawing]:

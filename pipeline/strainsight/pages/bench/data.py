@@ -13,7 +13,7 @@ import numpy as np
 
 from strainsight.estimation.decision import BEYOND, CONTRADICTED, DIVERGED, LOST, OVERCONFIDENT, WITHHELD, Claim, judged
 from strainsight.pages.arrays import FloatArray, History, Reading
-from strainsight.pages.placement.data import Criteria, Metric, Trend
+from strainsight.pages.placement.data import Criteria, MetricWords, Trend
 from strainsight.records.bench import BenchPlaced, DriveMotion, RingEstimate, RingMotion
 from strainsight.runner.output import Scalar
 
@@ -93,15 +93,20 @@ class BenchStress:
         """Of the allowable that the largest stress is."""
         return None if self.allowable is None else float(np.max(self.largest)) / self.allowable
 
+    @property
+    def too_high(self) -> bool:
+        """Whether it is beyond the allowable."""
+        return self.share is not None and self.share > 1
+
 
 @dataclass(frozen=True)
-class BenchPlacement:
+class PlacedGauges:
     """Gauges that were placed: trend of the metric; criteria: layouts by other rules, ours first, by every one of metrics; labels
     (g,) of the gauges."""
 
     placed: BenchPlaced
     trend: Trend
-    metrics: tuple[Metric, ...] = ()
+    metrics: tuple[MetricWords, ...] = ()
     criteria: tuple[Criteria, ...] = ()
     labels: tuple[str, ...] = ()
 
@@ -113,7 +118,7 @@ class BenchPlacement:
 
 
 @dataclass(frozen=True)
-class Run:
+class PageRun:
     """One run: name of its config; label, note, study and group as in the suite; at: the value of the key that its study
     varies; reached: its last stage; page: relative link to its own page or None; numbers: stage → its summary; seeds:
     numbers of its estimates that there are once a seed, each (seeds,); warnings: sentences."""
@@ -142,12 +147,12 @@ class Run:
 
 
 @dataclass(frozen=True)
-class BenchRun(Run):
+class BenchPageRun(PageRun):
     """A run of a bench, as far as it went."""
 
     motion: BenchMotion | None = None
     estimate: BenchEstimate | None = None
-    placement: BenchPlacement | None = None
+    placement: PlacedGauges | None = None
     stress: BenchStress | None = None
 
     @property
@@ -177,13 +182,15 @@ class BenchRun(Run):
 
     def faults(self, name: str) -> tuple[str, ...]:
         """What is wrong with the estimate of an unknown, empty where nothing is."""
-        found = [OVERCONFIDENT] * (self.summary.get(f"claim.{name}") == OVERCONFIDENT)
-        found += [LOST] * (self.summary.get(f"identified.{name}") is False)
+        wrong = [OVERCONFIDENT] * (self.summary.get(f"claim.{name}") == OVERCONFIDENT)
+        wrong += [LOST] * (self.summary.get(f"identified.{name}") is False)
         word = str(self.summary.get(f"verdict.{name}"))
-        return (*found, *[word] * (word in (CONTRADICTED, BEYOND, WITHHELD)))
+        return (*wrong, *[word] * (word in (CONTRADICTED, BEYOND, WITHHELD)))
 
     @property
     def all_faults(self) -> tuple[str, ...]:
         """What is wrong with the run, each once."""
-        found = [DIVERGED] * bool(self.number("lost"))
-        return tuple(dict.fromkeys([*found, *(fault for own in self.unknowns for fault in self.faults(own.name))]))
+        wrong = [DIVERGED] * bool(self.number("lost"))
+        return tuple(
+            dict.fromkeys([*wrong, *(fault for unknown in self.unknowns for fault in self.faults(unknown.name))])
+        )

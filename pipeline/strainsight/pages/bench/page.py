@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.bench.bearing_page import balls_figures
-from strainsight.pages.bench.data import BenchMotion, BenchRun, BenchStress, BenchUnknown
+from strainsight.pages.bench.data import BenchMotion, BenchPageRun, BenchStress, BenchUnknown
 from strainsight.pages.bench.figures import (
     components_figure,
     consistency_figure,
@@ -18,12 +18,12 @@ from strainsight.pages.bench.figures import (
     runs_figure,
     unknown_figure,
 )
-from strainsight.pages.bench.tables import bench_answer, mismatch_table, placement_table, runs_table, too_high
+from strainsight.pages.bench.tables import bench_answer, mismatch_table, placement_table, runs_table
 from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg, visible_instants
 from strainsight.pages.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
 from strainsight.pages.page.markup import bullets, figures, measure, picture, plain, table
 from strainsight.pages.page.markup import figure as card
-from strainsight.pages.page.sections import advice_card, document, panel, rests_on, section
+from strainsight.pages.page.sections import advice_card, document, notes_card, panel, rests_on, section
 from strainsight.pages.placement.figures import trend_figure
 from strainsight.pages.placement.first import headline
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
@@ -37,7 +37,7 @@ def loads_figure(motion: BenchMotion) -> Drawing:
     largest = {name: float(np.max(np.abs(values), initial=0.0)) for name, (_, values) in motion.inputs.items()}
     panels, listed = [], []
     for unit in dict.fromkeys(unit for unit, _ in motion.inputs.values()):
-        loads = {name: values for name, (own, values) in motion.inputs.items() if own == unit}
+        loads = {name: values for name, (other, values) in motion.inputs.items() if other == unit}
         shown_unit = unit.replace("N m", "N·m")
         factor, shown = prefix(max(largest[name] for name in loads), shown_unit)
         panels.append(
@@ -173,51 +173,51 @@ FOOTER = (
 )
 
 
-def bench_figures(run: BenchRun) -> dict[str, tuple[Drawing, ...]]:
+def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
     """Section of the page → its figures: "unknowns", "sensors", "hold-out", "placement", "motion"."""
-    found: dict[str, tuple[Drawing, ...]] = {}
+    shown: dict[str, tuple[Drawing, ...]] = {}
     if (estimate := run.estimate) is not None:
-        found["unknowns"] = tuple(
+        shown["unknowns"] = tuple(
             unknown_figure(f"unknown-{i}", _title(unknown), unknown.kind, [("", unknown.history)])
             for i, unknown in enumerate(estimate.unknowns)
         )
-        found["unknowns"] += tuple(
+        shown["unknowns"] += tuple(
             ratio_figure(f"ratio-{i}", f"{unknown.name}: ratio of the loads", [("", unknown)])
             for i, unknown in enumerate(estimate.unknowns)
             if unknown.there is not None
         )
-        found["unknowns"] += tuple(
+        shown["unknowns"] += tuple(
             drawn for name, ring in estimate.bearings.items() for drawn in balls_figures(name, ring)
         )
-        found["unknowns"] += tuple(runs_figure(unknown) for unknown in estimate.unknowns if unknown.errors is not None)
-        found["sensors"] = tuple(
+        shown["unknowns"] += tuple(runs_figure(unknown) for unknown in estimate.unknowns if unknown.errors is not None)
+        shown["sensors"] = tuple(
             components_figure(f"sensor-{i}", f"{sensor.name}: measured against estimated", sensor)
             for i, sensor in enumerate(estimate.sensors)
         )
-        found["sensors"] += (consistency_figure(estimate, run.number("expected_nis")),)
-        found["hold-out"] = tuple(hold_out_figures(estimate.hold_out))
+        shown["sensors"] += (consistency_figure(estimate, run.number("expected_nis")),)
+        shown["hold-out"] = tuple(hold_out_figures(estimate.hold_out))
     if (placement := run.placement) is not None:
-        found["placement"] = (trend_figure(placement.trend),)
+        shown["placement"] = (trend_figure(placement.trend),)
         if placement.placed.random_std.size:
-            found["placement"] += (random_figure(placement.placed),)
+            shown["placement"] += (random_figure(placement.placed),)
     if (motion := run.motion) is not None:
         drawings = [loads_figure(motion)] if motion.inputs else []
         drawings += [stress_figure(run.stress)] if run.stress is not None else []
         drawings += [drive_figure(motion.time, name, *drive) for name, drive in motion.drives.items()]
         for name, ring in motion.bearings.items():
             drawings += bearing_figures(motion.time, name, ring)
-        shown = {sensor.name for sensor in run.sensors}
+        estimated = {sensor.name for sensor in run.sensors}
         drawings += [
             components_figure(f"motion-{i}", f"{sensor.name}: reading", sensor)
             for i, sensor in enumerate(motion.sensors)
-            if sensor.name not in shown
+            if sensor.name not in estimated
         ]
-        found["motion"] = tuple(drawings)
-    return found
+        shown["motion"] = tuple(drawings)
+    return shown
 
 
 def bench_page(
-    run: BenchRun,
+    run: BenchPageRun,
     drawings: dict[str, tuple[Drawing, ...]],
     provenance: Mapping[str, str],
     pictures: Sequence[tuple[str, bytes]] = (),
@@ -225,46 +225,36 @@ def bench_page(
 ) -> str:
     """The page as HTML text without any resource outside itself; drawings from `bench_figures`; pictures: caption, PNG;
     turned: the section of `space_section`, or nothing."""
-    number_of = {entry.key: i for i, entry in enumerate(entry for entries in drawings.values() for entry in entries)}
+    keys = [entry.key for entries in drawings.values() for entry in entries]
 
     def each(key: str) -> list[str]:
-        return [card(entry, number_of[entry.key]) for entry in drawings.get(key, ())]
+        return [card(entry, keys.index(entry.key)) for entry in drawings.get(key, ())]
 
-    def cards(key: str) -> str:
-        return figures(each(key))
-
-    sections = [
-        f'<section class="card warnings"><h2>Warnings</h2>{bullets(run.warnings)}</section>' if run.warnings else ""
-    ]
+    sections = [notes_card("Warnings", bullets(run.warnings), kind="warnings")]
     if run.estimate is not None:
         listed = runs_table("unknowns", [(escape(run.name), run)])
         sections.append(f'<section id="answer" aria-label="answer" class="card">{listed}</section>')
-        sections.append(f"<h2>What was estimated</h2>{cards('unknowns')}")
-        sections.append(f"{section('Does it explain the sensors?', mismatch_table(run))}{cards('sensors')}")
+        sections.append(figures(each("unknowns"), "<h2>What was estimated</h2>"))
+        sections.append(section("Does it explain the sensors?", mismatch_table(run)) + figures(each("sensors")))
         sections.append(hold_out_section(run.estimate.hold_out, each("hold-out")))
     if pictures:
         head = "Gauges and stress on the body" if run.stress is not None else "Gauges on the body"
         sections.append(f"<h2>{head}</h2>" + "".join(_picture(*entry) for entry in pictures))
     sections.append(turned)
     if run.placement is not None:
-        sections.append(f"<h2>Where the gauges go</h2>{_placed(run)}{cards('placement')}")
+        sections.append(f"<h2>Where the gauges go</h2>{_placed(run)}{figures(each('placement'))}")
     if run.motion is not None:
         lead = '<p class="lead">Simulated under the loads of the config.</p>'
-        sections.append(f"<h2>How the bench moves</h2>{lead}{cards('motion')}")
+        sections.append(f"<h2>How the bench moves</h2>{lead}{figures(each('motion'))}")
     sections.append(rests_on({}, provenance, panel("Numbers", table("numbers", (), _facts(run)))))
-    return document(
-        "bench",
-        run.name,
-        headline([*((unknown.name, run.faults(unknown.name)) for unknown in run.unknowns), *too_high(run)]) + run.name,
-        bench_answer(run),
-        sections,
-        FOOTER,
-        STYLE,
-        turned=bool(turned),
-    )
+    faults = [(unknown.name, run.faults(unknown.name)) for unknown in run.unknowns]
+    if run.stress is not None and run.stress.too_high:
+        faults.append(("stress", ("beyond the allowable",)))
+    title = headline(faults) + run.name
+    return document("bench", run.name, title, bench_answer(run), sections, FOOTER, STYLE, turned=bool(turned))
 
 
-def _placed(run: BenchRun) -> str:
+def _placed(run: BenchPageRun) -> str:
     """The layout, what to do with it, and the same by other rules."""
     placement = run.placement
     assert placement is not None
@@ -297,25 +287,23 @@ NAMES: Sequence[tuple[str, str, str]] = (
 )
 
 
-def _facts(run: BenchRun) -> list[tuple[str, str]]:
-    rows = []
-    for key, name, unit in NAMES:
-        value = run.numbers.get("simulate", {}).get(key)
-        if isinstance(value, int | float):
-            rows.append((name, measure(float(value), unit)))
+def _facts(run: BenchPageRun) -> list[tuple[str, str]]:
+    simulated, placed = run.numbers.get("simulate", {}), run.numbers.get("place", {})
+    rows = [(name, measure(float(simulated[key]), unit)) for key, name, unit in NAMES if _is_number(simulated.get(key))]
     for key, name in (("method", "correction"), ("truth", "truth")):
-        if isinstance(value := run.summary.get(key), str):
-            rows.append((name, escape(value)))
-    for key, name in (
-        ("channels", "channels"),
-        ("unknowns", "unknowns"),
-        ("violation", "constraints violated by, corrected"),
-    ):
-        if (text := run.number(key)) is not None:
-            rows.append((name, plain(text, 3)))
+        if isinstance(word := run.summary.get(key), str):
+            rows.append((name, escape(word)))
+    violation = "constraints violated by, corrected"
+    for key, name in (("channels", "channels"), ("unknowns", "unknowns"), ("violation", violation)):
+        if (value := run.number(key)) is not None:
+            rows.append((name, plain(value, 3)))
     rows += [
         (escape(f"placement: {key}"), plain(float(value), 4))
-        for key, value in run.numbers.get("place", {}).items()
-        if isinstance(value, int | float) and not isinstance(value, bool) and not key.startswith("std.")
+        for key, value in placed.items()
+        if _is_number(value) and not isinstance(value, bool) and not key.startswith("std.")
     ]
     return rows
+
+
+def _is_number(value: object) -> bool:
+    return isinstance(value, int | float)

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.estimation.decision import FAULTS, OVERCONFIDENT, UNTESTED, WEAK
 from strainsight.pages import text
-from strainsight.pages.bench.data import BenchMotion, BenchPlacement, BenchRun, BenchStress, BenchUnknown
+from strainsight.pages.bench.data import BenchMotion, BenchPageRun, BenchStress, BenchUnknown, PlacedGauges
 from strainsight.pages.page.markup import (
     AXES,
     axes,
@@ -30,47 +30,42 @@ from strainsight.pages.placement.first import accused
 from strainsight.pages.text import number
 from strainsight.runner.output import Scalar
 
-Cell = Callable[[BenchRun, BenchUnknown], str]
+Cell = Callable[[BenchPageRun, BenchUnknown], str]
 
 
 def ratio(value: float | None, digits: int = 2) -> str:
     """A ratio in per cent, as a plain number where it is tiny; a dash for none."""
-    if value is None:
-        return "–"
-    return data(value, text.ratio(value, digits))
+    return "–" if value is None else data(value, text.ratio(value, digits))
 
 
-def _share(key: str) -> Cell:
-    return lambda run, unknown: ratio(run.number(f"{key}.{unknown.name}"))
+def _unit(unknown: BenchUnknown) -> str:
+    return unknown.history.unit.replace("N m", "N·m")
 
 
-def _plain(key: str, digits: int = 4) -> Cell:
-    def cell(run: BenchRun, unknown: BenchUnknown) -> str:
+def _shown(key: str, shown: Callable[[float], str]) -> Cell:
+    """A number of an unknown, or a dash."""
+
+    def cell(run: BenchPageRun, unknown: BenchUnknown) -> str:
         value = run.number(f"{key}.{unknown.name}")
-        return "–" if value is None else plain(value, digits)
+        return "–" if value is None else shown(value)
 
     return cell
 
 
-def _quantity(key: str) -> Cell:
-    return lambda run, unknown: measure(
-        run.number(f"{key}.{unknown.name}"), unknown.history.unit.replace("N m", "N·m"), 4
-    )
+def _offset(key: str) -> Cell:
+    return lambda run, unknown: measure(run.number(f"{key}.{unknown.name}"), _unit(unknown))
 
 
-def _range(run: BenchRun, unknown: BenchUnknown) -> str:
+def _range(run: BenchPageRun, unknown: BenchUnknown) -> str:
     low, high = (run.number(f"ratio_{key}.{unknown.name}") for key in ("low", "high"))
     return "–" if low is None or high is None else f"{plain(low)} to {plain(high)}"
 
 
-def _yes(run: BenchRun, unknown: BenchUnknown) -> str:
-    value = run.summary.get(f"identified.{unknown.name}")
-    if value is None:
-        return "–"
+def _yes(value: float) -> str:
     return '<strong class="good">yes</strong>' if value else '<strong class="bad">no</strong>'
 
 
-def _verdict(run: BenchRun, unknown: BenchUnknown) -> str:
+def _verdict(run: BenchPageRun, unknown: BenchUnknown) -> str:
     word = run.summary.get(f"verdict.{unknown.name}", run.summary.get(f"claim.{unknown.name}"))
     if not isinstance(word, str):
         return "–"
@@ -78,17 +73,17 @@ def _verdict(run: BenchRun, unknown: BenchUnknown) -> str:
 
 
 COLUMNS: tuple[tuple[str, Cell], ...] = (
-    ("error", _share("error")),
-    ("largest error", _share("largest_error")),
-    ("claimed σ", _share("std")),
-    ("error / σ, all runs", _plain("ratio", 3)),
+    ("error", _shown("error", ratio)),
+    ("largest error", _shown("largest_error", ratio)),
+    ("claimed σ", _shown("std", ratio)),
+    ("error / σ, all runs", _shown("ratio", lambda value: plain(value, 3))),
     ("verdict", _verdict),
-    ("identified", _yes),
-    ("slope", _plain("slope", 5)),
-    ("offset", _quantity("offset")),
-    ("load ratio: slope", _plain("ratio_slope", 5)),
-    ("its offset", _quantity("ratio_offset")),
-    ("mean ratio", _plain("ratio_mean", 5)),
+    ("identified", _shown("identified", _yes)),
+    ("slope", _shown("slope", lambda value: plain(value, 5))),
+    ("offset", _offset("offset")),
+    ("load ratio: slope", _shown("ratio_slope", lambda value: plain(value, 5))),
+    ("its offset", _offset("ratio_offset")),
+    ("mean ratio", _shown("ratio_mean", lambda value: plain(value, 5))),
     ("its range", _range),
 )
 """Heading, what stands in the cell."""
@@ -105,66 +100,68 @@ MEANINGS = {
 """What columns mean, by the beginning of their headings."""
 
 
-def _mismatch(used: bool) -> Callable[[BenchRun], str]:
-    def cell(run: BenchRun) -> str:
-        found = [run.number(f"mismatch.{sensor.name}") for sensor in run.sensors if sensor.used == used]
-        known = [value for value in found if value is not None]
+def _mismatch(used: bool) -> Callable[[BenchPageRun], str]:
+    def cell(run: BenchPageRun) -> str:
+        numbers = [run.number(f"mismatch.{sensor.name}") for sensor in run.sensors if sensor.used == used]
+        known = [value for value in numbers if value is not None]
         return ratio(max(known)) if known else ""
 
     return cell
 
 
-def _nis(run: BenchRun) -> str:
+def _nis(run: BenchPageRun) -> str:
     nis, expected = run.number("nis"), run.number("expected_nis")
     if nis is None or nis < 0:
         return ""
     return plain(nis, 3) + ("" if expected is None else f" ({plain(expected, 3)})")
 
 
-def _count(key: str) -> Callable[[BenchRun], str]:
-    def cell(run: BenchRun) -> str:
-        value = run.number(key)
-        return plain(value, 3) if value else ""
-
-    return cell
+def _iterations(run: BenchPageRun) -> str:
+    return plain(value, 3) if (value := run.number("iterations")) else ""
 
 
-def _lost(run: BenchRun) -> str:
+def _lost(run: BenchPageRun) -> str:
     lost, runs = run.number("lost"), run.number("runs")
-    if not lost:
-        return ""
-    return f'<strong class="bad">{number(lost)}{"" if runs is None else f" of {number(runs)}"}</strong>'
+    many = "" if runs is None else f" of {number(runs)}"
+    return f'<strong class="bad">{number(lost)}{many}</strong>' if lost else ""
 
 
-SHARED: tuple[tuple[str, Callable[[BenchRun], str]], ...] = (
+SHARED: tuple[tuple[str, Callable[[BenchPageRun], str]], ...] = (
     ("mismatch", _mismatch(used=True)),
     ("of others", _mismatch(used=False)),
     ("NIS (expected)", _nis),
-    ("iterations", _count("iterations")),
+    ("iterations", _iterations),
     ("lost", _lost),
 )
 """What stands once for a run; empty where it is not there."""
 
 
-def runs_table(name: str, entries: Sequence[tuple[str, BenchRun]], *, explained: bool = True) -> str:
+def runs_table(name: str, entries: Sequence[tuple[str, BenchPageRun]], *, explained: bool = True) -> str:
     """A block a run, a row an unknown, columns that say something of any of the runs; entries: heading as HTML, run.
 
     name: as of `markup.table`; explained: whether a sentence before the table says what its columns mean.
     """
     estimated = [run for _, run in entries if run.estimate is not None]
     columns = [
-        (heading, cell)
-        for heading, cell in COLUMNS
-        if any(_says(cell(run, unknown)) for run in estimated for unknown in run.unknowns)
+        (heading, of)
+        for heading, of in COLUMNS
+        if any(_says(of(run, unknown)) for run in estimated for unknown in run.unknowns)
     ]
-    shared = [(heading, cell) for heading, cell in SHARED if any(_says(cell(run)) for run in estimated)]
-    names = [heading for heading, _ in columns] + [heading for heading, _ in shared]
-    bodies = [
-        _block(heading, run, [cell for _, cell in columns], [cell for _, cell in shared]) for heading, run in entries
-    ]
-    note = " ".join(words for key, words in MEANINGS.items() if any(heading.startswith(key) for heading in names))
-    head = ("run", "unknown", *names)
-    return grouped_table(name, head, bodies, caption=note * explained, numeric=range(2, len(head)))
+    shared = [(heading, of) for heading, of in SHARED if any(_says(of(run)) for run in estimated)]
+    head = ["run", "unknown", *(heading for heading, _ in (*columns, *shared))]
+    bodies = []
+    for heading, run in entries:
+        if run.estimate is None:
+            ends = f"not estimated (ends after {escape(run.reached)})" if run.reached else "not estimated"
+            bodies.append(block(heading, [[cell(ends, across=len(head) - 1)]]))
+            continue
+        rows = [
+            [cell(escape(unknown.name)), *(cell(of(run, unknown), right=True) for _, of in columns)]
+            for unknown in run.unknowns
+        ]
+        bodies.append(block(heading, rows, [of(run) or "–" for _, of in shared], len(columns) + 1))
+    meanings = [words for key, words in MEANINGS.items() if any(heading.startswith(key) for heading in head[2:])]
+    return grouped_table(name, head, bodies, caption=" ".join(meanings) * explained, numeric=range(2, len(head)))
 
 
 def _says(cell: str) -> bool:
@@ -172,29 +169,20 @@ def _says(cell: str) -> bool:
     return re.sub("<[^>]*>", "", cell) not in ("", "–")
 
 
-def _block(heading: str, run: BenchRun, cells: Sequence[Cell], shared: Sequence[Callable[[BenchRun], str]]) -> str:
-    """The rows of a run, its own cells once beside those of its unknowns."""
-    if run.estimate is None:
-        ends = f"not estimated (ends after {escape(run.reached)})" if run.reached else "not estimated"
-        return block(heading, [[cell(ends, across=len(cells) + len(shared) + 1)]])
-    rows = [[cell(escape(own.name)), *(cell(of(run, own), right=True) for of in cells)] for own in run.unknowns]
-    return block(heading, rows, [of(run) or "–" for of in shared], len(cells) + 1)
-
-
-def mismatch_table(run: BenchRun) -> str:
+def mismatch_table(run: BenchPageRun) -> str:
     """Every sensor with its mismatch, component by component."""
     rows = []
     for sensor in run.sensors:
         parts = [(name, run.number(f"mismatch.{sensor.name}.{i}")) for i, name in enumerate(sensor.components, start=1)]
         listed = ", ".join(f"{escape(name)} {ratio(value)}" for name, value in parts if value is not None)
-        given = "given to the filter" if sensor.used else "only compared"
-        rows.append([escape(sensor.name), given, ratio(run.number(f"mismatch.{sensor.name}")), listed or "–"])
+        use = "given to the filter" if sensor.used else "only compared"
+        rows.append([escape(sensor.name), use, ratio(run.number(f"mismatch.{sensor.name}")), listed or "–"])
     caption = "RMS of measured − estimated over RMS of measured."
     head = ("sensor", "use", "worst", "by component")
     return table("sensors", head, rows, caption=caption, numeric=(2,)) if rows else ""
 
 
-def placement_table(placement: BenchPlacement, numbers: Mapping[str, Scalar]) -> str:
+def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> str:
     """The layout's expected standard deviations beside those of random layouts, and where the gauges go; numbers: the summary of
     place."""
     placed, units = placement.placed, placement.units
@@ -228,7 +216,7 @@ def placement_table(placement: BenchPlacement, numbers: Mapping[str, Scalar]) ->
     return loads + table("gauges", columns, gauges, caption=caption, numeric=[1, 2, 3, *range(5, len(columns))])
 
 
-def bench_answer(run: BenchRun) -> str:
+def bench_answer(run: BenchPageRun) -> str:
     """What does not hold, what was found, up to which frequency, and how near the stress comes to the allowable."""
     text = "Nothing was simulated."
     if run.estimate is not None:
@@ -241,26 +229,20 @@ def bench_answer(run: BenchRun) -> str:
         text += f" The time step follows loads up to {shown}."
     if (stress := run.stress) is None:
         return text
-    if stress.share is not None and stress.share > 1:
-        return f'<strong class="bad">Stress on {escape(stress.body)}: {_stressed(stress)}.</strong> {text}'
-    return f"{text} Von Mises stress on {escape(stress.body)}: {_stressed(stress)}."
+    words = f"on {escape(stress.body)}: {_stressed(stress)}."
+    if stress.too_high:
+        return f'<strong class="bad">Stress {words}</strong> {text}'
+    return f"{text} Von Mises stress {words}"
 
 
-def too_high(run: BenchRun) -> list[tuple[str, list[str]]]:
-    """The stress, where it is beyond the allowable, as `headline` takes it."""
-    beyond = run.stress is not None and run.stress.share is not None and run.stress.share > 1
-    return [("stress", ["beyond the allowable"])] * beyond
-
-
-def run_answer(run: BenchRun) -> str:
+def run_answer(run: BenchPageRun) -> str:
     """What does not hold, then what the filter made of the unknowns, of a load relative to its largest true value."""
     estimate = run.estimate
     if estimate is None:
         return ""
-    parts = [_estimated(run, unknown) for unknown in estimate.unknowns]
-    channels = run.number("channels")
-    given = sum(len(s.components) for s in estimate.sensors if s.used) if channels is None else int(channels)
-    text = f"{count(given)} channels tell {', '.join(parts) or 'nothing'}."
+    parts, channels = [_estimated(run, unknown) for unknown in estimate.unknowns], run.number("channels")
+    used = sum(len(s.components) for s in estimate.sensors if s.used) if channels is None else int(channels)
+    text = f"{count(used)} channels tell {', '.join(parts) or 'nothing'}."
     elsewhere = [unknown.name for unknown in estimate.unknowns if unknown.there is not None]
     if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
         off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in estimate.sensors if sensor.used}
@@ -269,28 +251,26 @@ def run_answer(run: BenchRun) -> str:
     return _leading(run) + text
 
 
-def _leading(run: BenchRun) -> str:
+def _leading(run: BenchPageRun) -> str:
     """What does not hold, as HTML."""
     lost = run.number("lost")
     text = f'<strong class="bad">{number(lost)} run{"s" * (lost != 1)} lost.</strong> ' if lost else ""
     for unknown in run.unknowns:
         claim = run.claim(unknown.name)
         over = OVERCONFIDENT if claim is None else claim.words(plain)
-        text += accused(unknown.name, [over if one == OVERCONFIDENT else one for one in run.faults(unknown.name)])
+        text += accused(unknown.name, [over if fault == OVERCONFIDENT else fault for fault in run.faults(unknown.name)])
     return text
 
 
-def _estimated(run: BenchRun, unknown: BenchUnknown) -> str:
-    name = f"<strong>{escape(unknown.name)}</strong>"
+def _estimated(run: BenchPageRun, unknown: BenchUnknown) -> str:
+    name, history = f"<strong>{escape(unknown.name)}</strong>", unknown.history
     error, std = run.number(f"error.{unknown.name}"), run.number(f"std.{unknown.name}")
     if error is not None:
         return f"{name} to {ratio(error)}" + (f" at a claimed σ of {ratio(std)}" if std is not None else "")
-    history = unknown.history
-    late = history.mean[len(history.mean) // 2 :]
-    unit = history.unit.replace("N m", "N·m")
     if unknown.kind == "parameter":
-        return f"{name} as {measure(float(history.mean[-1]), unit)}"
-    return f"{name} as at most {measure(float(np.max(np.abs(late), initial=0.0)), unit)} in the second half"
+        return f"{name} as {measure(float(history.mean[-1]), _unit(unknown))}"
+    largest = np.max(np.abs(history.mean[len(history.mean) // 2 :]), initial=0.0)
+    return f"{name} as at most {measure(float(largest), _unit(unknown))} in the second half"
 
 
 def _stressed(stress: BenchStress) -> str:

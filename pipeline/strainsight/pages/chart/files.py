@@ -35,10 +35,10 @@ def figure_files(drawings: Iterable[Drawing], drawn: Mapping[bytes, Figure]) -> 
     rows = []
     for drawing in drawings:
         name = file_name(drawing.key, {Path(other).stem.lower() for other in files})
-        own = drawn[drawing.svg]
+        figure = drawn[drawing.svg]
         # The numbers first: the figure is changed for the other picture.
-        files[f"{name}.csv"] = figure_csv(own)
-        files |= {f"{name}.svg": drawing.svg, f"{name}.png": _png(own)}
+        files[f"{name}.csv"] = figure_csv(figure)
+        files |= {f"{name}.svg": drawing.svg, f"{name}.png": _png(figure)}
         rows.append((name, drawing.title, drawing.caption))
     return files | {INDEX: csv_bytes([("figure", "title", "caption"), *rows])}
 
@@ -47,7 +47,7 @@ def write_figures(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write them; figures of an earlier time that there are no more are removed, other files are left alone."""
     make_folder(folder.parent)
     make_folder(folder)
-    for name in _listed(folder / INDEX) - {Path(own).stem for own in files}:
+    for name in _listed(folder / INDEX) - {Path(file).stem for file in files}:
         for suffix in (".svg", ".png", ".csv"):
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
     for name, content in files.items():

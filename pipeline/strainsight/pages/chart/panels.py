@@ -73,7 +73,7 @@ def dots(axes: Axes, x: FloatArray, y: FloatArray, label: str) -> None:
     vertices = np.repeat(shown, 2, axis=0)
     codes = np.tile(np.array([Path.MOVETO, Path.LINETO], dtype=np.uint8), len(shown))
     style = {"color": MUTED, "lw": 2.4, "capstyle": "round"}
-    # The label tells these dots from other patches for `figure_data`; with the underscore the legend passes over it.
+    # The label tells these dots from other patches for `figure_csv`; with the underscore the legend passes over it.
     axes.add_patch(PathPatch(Path(vertices, codes), fill=False, alpha=0.8, label=f"{DOTS}{label}", **style))
     if label:
         axes.plot([], [], ".", color=MUTED, ms=4, label=label)
@@ -92,15 +92,8 @@ def plain_ticks(axes: Axes, which: str) -> None:
     if not 0 < low < high < np.inf:
         return
     decades = np.log10(high / low)
-    subs = (
-        (1.0,)
-        if decades > 3
-        else (1.0, 3.0)
-        if decades > 2
-        else (1.0, 2.0, 5.0)
-        if decades > 0.7
-        else tuple(np.arange(1.0, 10.0))
-    )
+    marks = ((3, (1.0,)), (2, (1.0, 3.0)), (0.7, (1.0, 2.0, 5.0)))
+    subs = next((subs for most, subs in marks if decades > most), tuple(np.arange(1.0, 10.0)))
     axis.set_major_locator(LogLocator(subs=subs))
     axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 3)))
     axis.set_minor_formatter(NullFormatter())
@@ -256,21 +249,21 @@ def _history_alt(history: History) -> str:
 
 
 @styled()
-def posterior_figure(name: str, unit: str, own: Posterior, truth: float | None = None) -> Drawing:
+def posterior_figure(name: str, unit: str, posterior: Posterior, truth: float | None = None) -> Drawing:
     """Density of a parameter before and after the measurements, and its true value where that is known."""
-    factor, shown = prefix(float(own.value.max()), unit)
-    value = own.value / factor
+    factor, shown = prefix(float(posterior.value.max()), unit)
+    value = posterior.value / factor
     drawn, axes = figure()
-    axes.fill_between(value, own.density, color=BLUE, alpha=0.25, lw=0, label="after the measurements")
-    axes.plot(value, own.density, color=BLUE, lw=1.6, label="_")
-    axes.plot(value, own.prior, color=ORANGE, lw=1.4, label="before them")
+    axes.fill_between(value, posterior.density, color=BLUE, alpha=0.25, lw=0, label="after the measurements")
+    axes.plot(value, posterior.density, color=BLUE, lw=1.6, label="_")
+    axes.plot(value, posterior.prior, color=ORANGE, lw=1.4, label="before them")
     if truth is not None:
         axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
     axes.set_xlabel(f"{name} [{shown}]")
     axes.set_ylabel(f"density of ln {name} [–]")
     axes.set_ylim(bottom=0)
     legend_above(axes, columns=3)
-    top = quantity(float(own.value[np.argmax(own.density)]), unit)
+    top = quantity(float(posterior.value[np.argmax(posterior.density)]), unit)
     caption = (
         f"What is known of {name} after the measurements of the test, beside what was known before: the narrower of the two "
         "curves, the more they say; one with several peaks allows several values."

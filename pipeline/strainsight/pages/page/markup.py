@@ -13,7 +13,7 @@ import numpy as np
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart import drawing
 from strainsight.pages.chart.drawing import Drawing
-from strainsight.pages.picture.layout import METRES, Frame
+from strainsight.pages.picture.layout import METRES, PositionAxes
 from strainsight.pages.text import number, percent, quantity
 
 AXES = METRES.heads
@@ -63,8 +63,14 @@ def verdict_mark(verdict: str, good: bool, bad: str = "✕") -> str:
 
 
 def bullets(sentences: Iterable[str]) -> str:
-    """An escaped bullet list."""
-    return "<ul>" + "".join(f"<li>{escape(sentence)}</li>" for sentence in sentences) + "</ul>"
+    """An escaped bullet list; nothing of nothing."""
+    return items(map(escape, sentences))
+
+
+def items(texts: Iterable[str]) -> str:
+    """A bullet list of HTML; nothing of nothing."""
+    listed = "".join(f"<li>{text}</li>" for text in texts)
+    return f"<ul>{listed}</ul>" if listed else ""
 
 
 def table(
@@ -239,7 +245,7 @@ def inline_svg(entry: Drawing, prefix: str) -> str:
     return f'<svg {box[0] if box else ""} role="img" aria-label="{escape(entry.alt)}" fill="var(--ink)">{body}'
 
 
-def decimals(points: FloatArray, frame: Frame = METRES) -> int:
+def decimals(points: FloatArray, frame: PositionAxes = METRES) -> int:
     """Decimals that show a position in the frame's unit to about a ten-thousandth of the structure's size; points (n, 3) [m]."""
     size = float(np.linalg.norm(np.ptp(points, axis=0))) / frame.metres
     return min(max(4 - math.floor(math.log10(size)), 0), 9) if size > 0 else 4
@@ -250,7 +256,7 @@ def coordinates(position: FloatArray, places: int) -> str:
     return " ".join(f"{round(float(value), places) + 0.0:.{places}f}".replace("-", "−") for value in position)
 
 
-def axes(position: FloatArray, places: int, frame: Frame = METRES) -> list[str]:
+def axes(position: FloatArray, places: int, frame: PositionAxes = METRES) -> list[str]:
     """x, y and z of a position (3,) [m] as cells in the frame, with that many decimals."""
-    own = frame.place(position)
-    return [data(float(value), coordinates(own[i : i + 1], places)) for i, value in enumerate(own)]
+    place = frame.place(position)
+    return [data(float(value), coordinates(place[i : i + 1], places)) for i, value in enumerate(place)]

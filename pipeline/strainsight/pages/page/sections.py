@@ -56,7 +56,7 @@ def document(
 
 
 def text_of(name: str) -> str:
-    """The text of a file below `report/`."""
+    """The text of a file below `pages/`."""
     return PARTS.joinpath(name).read_text(encoding="utf-8")
 
 
@@ -97,15 +97,34 @@ def panel(heading: str, content: str) -> str:
     return f'<section class="card"><h3>{heading}</h3>{content}</section>' if content else ""
 
 
+def first_screen(tiles: str, content: str, cautions: Iterable[str]) -> str:
+    """What a reader decides from: tiles, what is beside or below them, and the cards of what to mind."""
+    cards = "".join(cautions)
+    cards = f'<div class="cautions">{cards}</div>' * bool(cards)
+    return (
+        f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
+        f'<div class="first">{content}</div>{cards}</section>'
+    )
+
+
+def caution(heading: str, content: str, kind: str = "notes") -> str:
+    """A card of what to mind; nothing where there is none."""
+    return f'<div class="card {kind}"><h2>{heading}</h2>{content}</div>' if content else ""
+
+
 def warnings_section(warnings: Sequence[str]) -> str:
     """What a reader has to know, the gravest first."""
-    return section("Warnings", bullets(warnings) if warnings else "", "warnings", "card warnings")
+    return section("Warnings", bullets(warnings), "warnings", "card warnings")
 
 
 def advice_card(advice: Sequence[str], level: str = "h2") -> str:
     """What to do with a layout; level: of the heading."""
-    heading = f"<{level}>What to do with this layout</{level}>"
-    return f'<section class="card notes advice">{heading}{bullets(advice)}</section>' if advice else ""
+    return notes_card("What to do with this layout", bullets(advice), level)
+
+
+def notes_card(heading: str, content: str, level: str = "h2", kind: str = "notes advice") -> str:
+    """A card that stands alone; level: of its heading."""
+    return f'<section class="card {kind}"><{level}>{heading}</{level}>{content}</section>' if content else ""
 
 
 def rests_on(facts: Mapping[str, str], provenance: Mapping[str, str], more: str = "") -> str:
@@ -118,17 +137,17 @@ def rests_on(facts: Mapping[str, str], provenance: Mapping[str, str], more: str 
     return f'<h2>What it rests on</h2><div class="panels">{panels}</div>' if panels else ""
 
 
-def listing_section(heading: str, own: Table | None, numeric: Iterable[int], lead: str = "") -> str:
+def listing_section(heading: str, listed: Table | None, numeric: Iterable[int], lead: str = "") -> str:
     """A table of the terminal; `numeric` columns are flush right."""
-    if own is None or not own.rows:
+    if listed is None or not listed.rows:
         return ""
-    head, rows = [escape(name) for name in own.columns], [[escape(cell) for cell in row] for row in own.rows]
-    return section(escape(heading), table(own.title, head, rows, caption=escape(lead), numeric=numeric))
+    head, rows = [escape(name) for name in listed.columns], [[escape(cell) for cell in row] for row in listed.rows]
+    return section(escape(heading), table(listed.title, head, rows, caption=escape(lead), numeric=numeric))
 
 
-def damage_section(own: Table | None) -> str:
+def damage_section(listed: Table | None) -> str:
     """Hot spots and virtual gauges."""
-    return listing_section("Fatigue damage", own, (2, 4), DAMAGE)
+    return listing_section("Fatigue damage", listed, (2, 4), DAMAGE)
 
 
 def held_mark(verdict: str) -> str:
@@ -142,32 +161,23 @@ def filters_section(compared: Compared | None, units: Mapping[str, str]) -> str:
     if compared is None:
         return ""
     rows = []
-    for name, estimate in compared.estimate.items():
-        for i, kind in enumerate(compared.filter):
-            ratio = float(compared.ratio[name][i])
+    for name, estimates in compared.estimate.items():
+        columns = (compared.filter, estimates.tolist(), compared.std[name].tolist(), compared.ratio[name].tolist())
+        for kind, estimate, std, ratio in zip(*columns, strict=True):
             verdict = "" if kind == BANK else comparison_verdict(ratio)
-            rows.append(
-                [
-                    escape(name),
-                    escape(kind),
-                    measure(float(estimate[i]), units[name]),
-                    share(float(compared.std[name][i] / estimate[i])),
-                    plain(ratio, 3) if verdict else "–",
-                    held_mark(verdict),
-                ]
-            )
+            numbers = [measure(estimate, units[name]), share(std / estimate), plain(ratio, 3) if verdict else "–"]
+            rows.append([escape(name), escape(kind), *numbers, held_mark(verdict)])
     head = ("parameter", "filter", "estimate", "claimed σ", "ratio", "verdict")
     text = table("filters compared", head, rows, caption=FILTERS, numeric=(2, 3, 4))
-    return f'<h2>By other filters</h2><p class="lead">{LEAD}</p><div class="card">{text}</div>'
+    return section("By other filters", text, lead=LEAD)
 
 
 def budget_section(budget: Mapping[str, Mapping[str, float]]) -> str:
     """Bars, their key and the table; nothing without a budget. budget: unknown's name → source → share of its variance."""
-    if not budget:
-        return ""
-    sources = list(dict.fromkeys(source for shares in budget.values() for source in shares))
-    largest = {source: max(shares.get(source, 0.0) for shares in budget.values()) for source in sources}
-    order = sorted(sources, key=lambda source: -largest[source])
+    largest: dict[str, float] = {}
+    for source, value in (part for shares in budget.values() for part in shares.items()):
+        largest[source] = max(value, largest.get(source, 0.0))
+    order = sorted(largest, key=lambda source: -largest[source])
     colour = dict(zip(order, COLOURS, strict=False))
     bars = "".join(_bar(name, shares, colour) for name, shares in budget.items())
     shown = {**colour, **({OTHER: REST} if len(order) > len(colour) else {})}
@@ -177,10 +187,8 @@ def budget_section(budget: Mapping[str, Mapping[str, float]]) -> str:
     rows = [[escape(name), *(share(shares.get(source)) for source in order)] for name, shares in budget.items()]
     head = ["variance of", *map(escape, order)]
     text = table("shares of the variance", head, rows, caption=BUDGET, numeric=range(1, len(head)))
-    return (
-        f'<h2>What the uncertainty is made of</h2><div class="card">{bars}<ul class="key">{key}</ul>'
-        f'<div class="below">{text}</div></div>'
-    )
+    content = f'{bars}<ul class="key">{key}</ul><div class="below">{text}</div>' if budget else ""
+    return section("What the uncertainty is made of", content)
 
 
 def _bar(name: str, shares: Mapping[str, float], colour: Mapping[str, str]) -> str:
@@ -188,13 +196,11 @@ def _bar(name: str, shares: Mapping[str, float], colour: Mapping[str, str]) -> s
     parts = {source: shares.get(source, 0.0) for source in colour}
     parts[OTHER] = sum(value for source, value in shares.items() if source not in colour)
     largest = sorted(parts.items(), key=lambda part: -part[1])
-    said = ", ".join(f"{source} {percent(value, 2)}" for source, value in largest if value >= 0.005)
+    words = ", ".join(f"{source} {percent(value, 2)}" for source, value in largest if value >= 0.005)
     pieces = "".join(
         f'<i style="width:{100 * value:.2f}%;background:var(--{colour.get(source, REST)})"></i>'
         for source, value in parts.items()
         if value >= 0.0005
     )
-    return (
-        f'<p class="of">{escape(name)}</p>'
-        f'<div class="bar" role="img" aria-label="{escape(f"Variance of {name}: {said}.")}">{pieces}</div>'
-    )
+    label = escape(f"Variance of {name}: {words}.")
+    return f'<p class="of">{escape(name)}</p><div class="bar" role="img" aria-label="{label}">{pieces}</div>'

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from strainsight.pages.arrays import FloatArray, IntArray
 from strainsight.pages.chart.drawing import matplotlib
-from strainsight.pages.picture.layout import Gauge, Layout, Load
+from strainsight.pages.picture.layout import Gauge, LoadArrow, PictureLayout
 from strainsight.pages.text import number
 
 # Local node triples by number of facet nodes, in VTK order; facets with mid-side nodes are cut along them.
@@ -186,9 +186,9 @@ def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]
     """(n, 3) of 0 to 255; missing: "#rrggbb" of what is no number."""
     share = scale.share(values)
     rgb = np.asarray(matplotlib().colormaps[scale.name](np.nan_to_num(share)), dtype=float)[..., :3]
-    found = np.round(255 * rgb).astype(np.uint8)
-    found[~np.isfinite(share)] = np.frombuffer(bytes.fromhex(missing[1:]), np.uint8)
-    return found
+    table = np.round(255 * rgb).astype(np.uint8)
+    table[~np.isfinite(share)] = np.frombuffer(bytes.fromhex(missing[1:]), np.uint8)
+    return table
 
 
 def stops(scale: Scale) -> NDArray[np.uint8]:
@@ -206,9 +206,9 @@ def scale_bar(scale: Scale) -> str:
     """Colours from low to high with their values, in words for those who do not see them."""
     low, middle, high = (number(value, 3) for value in (scale.low, (scale.low + scale.high) / 2, scale.high))
     low, high = "≤\u00a0" * scale.below + low, "≥\u00a0" * scale.above + high
-    said = escape(f"{scale.quantity} from {low} to {high} {scale.unit}")
+    label = escape(f"{scale.quantity} from {low} to {high} {scale.unit}")
     return (
-        f'<div class="scale" role="img" aria-label="{said}"><p>{escape(scale.quantity)} [{escape(scale.unit)}]</p>'
+        f'<div class="scale" role="img" aria-label="{label}"><p>{escape(scale.quantity)} [{escape(scale.unit)}]</p>'
         f'<i style="background:{gradient(scale)}"></i><p class="ends"><span>{low}</span><span>{middle}</span>'
         f"<span>{high}</span></p></div>"
     )
@@ -229,35 +229,25 @@ def marker(gauge: Gauge, length: float) -> list[Any]:
 
     length [m] of a bar. A direction of zero is unknown: then a ball stands for a strain gauge.
     """
-    if gauge.arms:
-        return [_bar(arm.position, arm.direction, arm.normal, length, 0.17) for arm in gauge.arms]
-    known = [direction for direction in gauge.channels if np.any(direction)]
-    position, normal = np.asarray(gauge.position, dtype=float), np.asarray(gauge.normal, dtype=float)
+    known = [grid for grid in gauge.grids if gauge.arms or np.any(grid[1])]
+    position, _, normal = gauge.grids[0]
     if (form := shape(gauge.kind)) == "block":
-        return _block(position, known, normal, 0.42 * length)
+        return _block(position, [direction for _, direction, _ in known], normal, 0.42 * length)
     if form == "cone":
-        return [_cone(position, direction, normal, 0.8 * length) for direction in known or [np.array([0.0, 0.0, 1.0])]]
+        return [_cone(*grid, 0.8 * length) for grid in known or [(position, np.array([0.0, 0.0, 1.0]), normal)]]
     if not known:
         import pyvista as pv
 
         return [pv.Sphere(radius=0.25 * length, center=position)]
-    width = 0.17 if len(known) == 1 else 0.06
-    return [_bar(position, direction, normal, length, width) for direction in known]
+    width = 0.17 if gauge.arms or len(known) == 1 else 0.06
+    return [_bar(*grid, length, width) for grid in known]
 
 
 def foil(gauge: Gauge) -> list[Any]:
     """Meshes of the foil of a gauge as large as it is, of a bridge that of each arm; none where its size is not known."""
     long, wide = gauge.foil
-    if not long:
-        return []
-    places = [(arm.position, arm.direction, arm.normal) for arm in gauge.arms] or [
-        (
-            np.asarray(gauge.position, dtype=float),
-            np.asarray(gauge.direction, dtype=float),
-            np.asarray(gauge.normal, float),
-        )
-    ]
-    return [_bar(*place, long, 0.5 * wide / long) for place in places if np.any(place[1])]
+    grids = gauge.grids if gauge.arms else gauge.grids[:1]
+    return [_bar(*grid, long, 0.5 * wide / long) for grid in grids if long and np.any(grid[1])]
 
 
 def _bar(position: FloatArray, direction: FloatArray, normal: FloatArray, length: float, width: float) -> Any:
@@ -315,7 +305,7 @@ def _frame(position: FloatArray, direction: FloatArray, normal: FloatArray) -> F
     return frame
 
 
-def arrow(load: Load, layout: Layout) -> tuple[FloatArray, FloatArray]:
+def arrow(load: LoadArrow, layout: PictureLayout) -> tuple[FloatArray, FloatArray]:
     """Start (3,) and step (3,) of a load's arrow: from the loaded point if that leads out of the body, else to it."""
     low, high = layout.points.min(axis=0), layout.points.max(axis=0)
 
@@ -327,13 +317,13 @@ def arrow(load: Load, layout: Layout) -> tuple[FloatArray, FloatArray]:
     return (load.point - step if inward else load.point), step
 
 
-def free_end(load: Load, layout: Layout) -> FloatArray:
+def free_end(load: LoadArrow, layout: PictureLayout) -> FloatArray:
     """The end (3,) of a load's arrow that is not the loaded point: where its name goes."""
     start, step = arrow(load, layout)
     return start if start is not load.point else start + step
 
 
-def arrow_mesh(load: Load, layout: Layout) -> Any:
+def arrow_mesh(load: LoadArrow, layout: PictureLayout) -> Any:
     """The arrow of a load."""
     import pyvista as pv
 

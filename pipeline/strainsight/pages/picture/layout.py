@@ -11,7 +11,7 @@ from strainsight.pages.arrays import FloatArray, IntArray
 
 
 @dataclass(frozen=True)
-class Frame:
+class PositionAxes:
     """x' = R (x/L − o): unit of length by name, L [m] of one; origin o (3,) [unit]; axes R (3, 3), rows x, y, z, unit vectors."""
 
     unit: str
@@ -49,7 +49,7 @@ class Frame:
         return f"the datum at ({origin}) {self.unit} of the deck, x along ({x}), y along ({y})"
 
 
-METRES = Frame("m", 1.0, np.zeros(3), np.eye(3))
+METRES = PositionAxes("m", 1.0, np.zeros(3), np.eye(3))
 """The deck's coordinates in metres."""
 
 
@@ -111,13 +111,21 @@ class Gauge:
     foil: tuple[float, float] = (0.0, 0.0)
 
     @property
+    def grids(self) -> list[tuple[FloatArray, FloatArray, FloatArray]]:
+        """Position, direction and normal of all that it reads: of every arm of a bridge, else of every channel at its place."""
+        if self.arms:
+            return [(arm.position, arm.direction, arm.normal) for arm in self.arms]
+        position, normal = np.asarray(self.position, dtype=float), np.asarray(self.normal, dtype=float)
+        return [(position, direction, normal) for direction in self.channels]
+
+    @property
     def channels(self) -> FloatArray:
         """Directions of all that it reads (c, 3), one where no more are stated."""
         return self.directions if len(self.directions) else np.asarray(self.direction, dtype=float).reshape(1, 3)
 
 
 @dataclass(frozen=True)
-class Load:
+class LoadArrow:
     """A point load to draw: name, point (3,) [m], direction (3,), and whether its history is known to the filter."""
 
     name: str
@@ -127,7 +135,7 @@ class Load:
 
 
 @dataclass(frozen=True)
-class Layout:
+class PictureLayout:
     """The structure and what sits on it.
 
     points (n, 3) [m]; faces (f, 8) indices into points, padded with −1: exterior facets tri3, quad4, tri6 or quad8
@@ -140,11 +148,16 @@ class Layout:
     faces: IntArray
     pool: FloatArray
     gauges: tuple[Gauge, ...]
-    loads: tuple[Load, ...] = ()
+    loads: tuple[LoadArrow, ...] = ()
     fixed: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     loose: FloatArray = field(default_factory=lambda: np.empty((0, 3)))
     bars: IntArray = field(default_factory=lambda: np.empty((0, 2), dtype=np.int64))
-    frame: Frame = METRES
+    frame: PositionAxes = METRES
+
+    @property
+    def size(self) -> float:
+        """The diagonal of the box around the structure [m]."""
+        return float(np.linalg.norm(np.ptp(self.points, axis=0)))
 
     @property
     def places(self) -> tuple[FloatArray, FloatArray]:

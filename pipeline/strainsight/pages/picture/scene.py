@@ -8,6 +8,7 @@ stdout, both pickled: no file is left behind where either process is interrupted
 from __future__ import annotations
 
 import io
+import itertools
 import os
 import pickle
 import re
@@ -37,7 +38,7 @@ from strainsight.pages.picture.geometry import (
     triangles,
     views,
 )
-from strainsight.pages.picture.layout import Layout
+from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.text import short
 from strainsight.processes import end_with_parent, inherited, python
 
@@ -115,23 +116,23 @@ DOTS = 4000
 """More of a kind cannot be distinguished."""
 
 
-def render(layout: Layout) -> bytes:
+def render(layout: PictureLayout) -> bytes:
     """PNG of 1280 × 840 pixels on a transparent ground, for light and dark pages alike.
 
     Shows the facets with their edges, the candidate pool as dots, sensors as labelled marks by their kind
-    (`markers.marker`), loads as arrows, clamped nodes as squares; two views where one corner does not show every gauge.
+    (`geometry.marker`), loads as arrows, clamped nodes as squares; two views where one corner does not show every gauge.
     Raises StrainsightError that names the Debian packages where nothing can render.
     """
     return render_all([layout])[0]
 
 
-def render_all(layouts: Sequence[Layout]) -> list[bytes]:
+def render_all(layouts: Sequence[PictureLayout]) -> list[bytes]:
     """A picture of each, as `render` makes it, in one child process: to start it takes longer than to draw."""
     limit = TIME_LIMIT + TIME_A_PICTURE * (len(layouts) - 1)
     return draw_apart("strainsight.pages.picture.scene", [thinned(layout) for layout in layouts], limit)
 
 
-def thinned(layout: Layout) -> Layout:
+def thinned(layout: PictureLayout) -> PictureLayout:
     """The layout with no more dots of a kind than one can see."""
 
     def some(points: FloatArray) -> FloatArray:
@@ -140,11 +141,10 @@ def thinned(layout: Layout) -> Layout:
     return replace(layout, pool=some(layout.pool), fixed=some(layout.fixed), loose=some(layout.loose))
 
 
-def look(layout: Layout) -> str:
+def look(layout: PictureLayout) -> str:
     """A digest of what the picture shows, the same for layouts that are drawn alike."""
     words = [(g.label, g.kind, g.bonded) for g in layout.gauges], [load.name for load in layout.loads]
-    places = [array for g in layout.gauges for array in (g.position, g.normal, g.channels)]
-    places += [array for g in layout.gauges for arm in g.arms for array in (arm.position, arm.normal, arm.direction)]
+    places = [array for gauge in layout.gauges for grid in gauge.grids for array in grid]
     arrows = [array for load in layout.loads for array in (load.point, load.direction)]
     digest = sha256(repr(words).encode())
     for array in (layout.points, layout.faces, layout.pool, layout.fixed, layout.loose, layout.bars, *places, *arrows):
@@ -152,7 +152,7 @@ def look(layout: Layout) -> str:
     return digest.hexdigest()
 
 
-def drawn(layouts: Sequence[Layout]) -> list[bytes]:
+def drawn(layouts: Sequence[PictureLayout]) -> list[bytes]:
     """In the child process: a picture of every layout of `render_all`."""
     return [draw(layout, WIDTH, HEIGHT) for layout in layouts]
 
@@ -170,7 +170,7 @@ WIDE, HIGH, MARGIN = 4.6, 12.5, 7.5
 """Half the width of a name is MARGIN + WIDE a letter, half its height HIGH [px]."""
 
 
-def draw(layout: Layout, width: int, height: int) -> bytes:
+def draw(layout: PictureLayout, width: int, height: int) -> bytes:
     """PNG bytes, for width × height pixels of the page: the layout from one corner or, where that hides a gauge, from two."""
     triangle = triangles(layout.faces)
     position, normal = layout.places
@@ -190,11 +190,11 @@ def draw(layout: Layout, width: int, height: int) -> bytes:
     return labelled(layout, panels, rows, columns, size, FINER)
 
 
-def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int]) -> tuple[Any, Any]:  # type: ignore[no-untyped-def]
+def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[int, int]) -> tuple[Any, Any]:  # type: ignore[no-untyped-def]
     """RGBA image of one view, FINER times as fine as the page, and the function points (k, 3) → pixels of the page (k, 2)."""
     import pyvista as pv
 
-    diagonal = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
+    diagonal = layout.size
     plotter = pv.Plotter(off_screen=True, window_size=[FINER * length for length in size], lighting="none")
     for direction, strength in (((0.3, 0.5, 1.0), 0.75), ((-0.6, 0.1, 0.5), 0.3), ((0.2, -0.9, 0.2), 0.2)):
         light = pv.Light(light_type="camera light", intensity=strength)
@@ -236,7 +236,7 @@ def _geometry(layout: Layout, triangle, corner: FloatArray, size: tuple[int, int
     return image, pixels
 
 
-def _add_surface(plotter: Any, layout: Layout, triangle, lift: FloatArray) -> None:  # type: ignore[no-untyped-def]
+def _add_surface(plotter: Any, layout: PictureLayout, triangle, lift: FloatArray) -> None:  # type: ignore[no-untyped-def]
     """Shaded facets with their outlines and the sharp edges of the body."""
     surface = surface_mesh(layout.points, triangle)
     shaded = surface.compute_normals(
@@ -280,7 +280,9 @@ def aim(plotter: Any, middle: FloatArray, corner: FloatArray, reach: float, scal
 
 
 @styled({})
-def labelled(layout: Layout, panels: list[Any], rows: int, columns: int, size: tuple[int, int], finer: int) -> bytes:
+def labelled(
+    layout: PictureLayout, panels: list[Any], rows: int, columns: int, size: tuple[int, int], finer: int
+) -> bytes:
     """The views side by side or one above the other, with names, axes and a word on where one looks from."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -290,50 +292,37 @@ def labelled(layout: Layout, panels: list[Any], rows: int, columns: int, size: t
     FigureCanvasAgg(figure)
     figure.patch.set_alpha(0)
     middle = layout.points.mean(axis=0)
-    diagonal = float(np.linalg.norm(np.ptp(layout.points, axis=0)))
+    diagonal = layout.size
     for place, (image, pixels, seen, named, corner) in enumerate(panels):
         row, column = divmod(place, columns)
         axes = figure.add_axes((column / columns, 1 - (row + 1) / rows, 1 / columns, 1 / rows))
         axes.imshow(image, extent=(0, size[0], size[1], 0), interpolation="none", aspect="auto")
         axes.set_axis_off()
         centre = pixels(middle[None])[0]
-        anchors, names, colours, hollow, away = [], [], [], [], []
-        for i, gauge in enumerate(layout.gauges):
-            if seen[i]:
-                anchors.append(pixels(gauge.position[None])[0])
-                names.append(short(gauge.label))
-                colours.append(gauge_colour(i))
-                hollow.append(gauge.bonded)
-                away.append(np.array([0.0, -1.0 if anchors[-1][1] <= centre[1] else 1.0]))
-        for load, shown in zip(layout.loads, named, strict=True):
-            if not shown:
-                continue
+        labels: list[tuple[FloatArray, FloatArray, str, str, bool]] = []
+        for i in np.flatnonzero(seen).tolist():
+            gauge, anchor = layout.gauges[i], pixels(layout.gauges[i].position[None])[0]
+            up = np.array([0.0, -1.0 if anchor[1] <= centre[1] else 1.0])
+            labels.append((anchor, up, short(gauge.label), gauge_colour(i), gauge.bonded))
+        for load in itertools.compress(layout.loads, named):
             fixed, free = pixels(np.array([load.point, free_end(load, layout)]))
-            anchors.append(free)
-            away.append((free - fixed) / max(float(np.linalg.norm(free - fixed)), 1.0))
-            names.append(short(load.name))
-            colours.append(VERMILION)
-            hollow.append(False)
-        places = spread_labels(np.array(anchors).reshape(-1, 2), np.array(away).reshape(-1, 2), names, size)
-        for anchor, spot, name, colour, empty in zip(anchors, places, names, colours, hollow, strict=True):
-            ground = EMPTY if empty else colour
+            ahead = (free - fixed) / max(float(np.linalg.norm(free - fixed)), 1.0)
+            labels.append((free, ahead, short(load.name), VERMILION, False))
+        anchors, away = (np.array([label[k] for label in labels]).reshape(-1, 2) for k in (0, 1))
+        places = spread_labels(anchors, away, [name for _, _, name, _, _ in labels], size)
+        for place_of, (anchor, _, name, colour, hollow) in zip(places, labels, strict=True):
+            ground, edge, thick = (EMPTY, colour, 2.2) if hollow else (colour, "white", 0.8)
+            box = {"boxstyle": "round,pad=0.32", "fc": ground, "ec": edge, "lw": thick}
+            line = {"arrowstyle": "-", "color": colour, "lw": 1.4, "shrinkA": 0, "shrinkB": 2}
+            style: dict[str, Any] = {
+                "ha": "center",
+                "va": "center",
+                "fontsize": FONT,
+                "fontweight": "bold",
+                "parse_math": False,
+            }
             axes.annotate(
-                name,
-                xy=anchor,
-                xytext=spot,
-                ha="center",
-                va="center",
-                fontsize=FONT,
-                fontweight="bold",
-                color=ink_on(ground),
-                parse_math=False,
-                bbox={
-                    "boxstyle": "round,pad=0.32",
-                    "fc": ground,
-                    "ec": colour if empty else "white",
-                    "lw": 2.2 if empty else 0.8,
-                },
-                arrowprops={"arrowstyle": "-", "color": colour, "lw": 1.4, "shrinkA": 0, "shrinkB": 2},
+                name, tuple(anchor), tuple(place_of), color=ink_on(ground), bbox=box, arrowprops=line, **style
             )
         _triad(axes, pixels, middle, diagonal, size)
         side = "above" if corner[2] > 0 else "below"
@@ -370,12 +359,12 @@ def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size:
 
 
 def _is_free(
-    option: FloatArray, half: FloatArray, places: list[FloatArray], halves: FloatArray, anchors: FloatArray, own: int
+    option: FloatArray, half: FloatArray, places: list[FloatArray], halves: FloatArray, anchors: FloatArray, index: int
 ) -> bool:
     for other, place in enumerate(places):
         if np.all(np.abs(option - place) < half + halves[other] + 4):
             return False
-    others = np.delete(anchors, own, axis=0)
+    others = np.delete(anchors, index, axis=0)
     return not np.any(np.all(np.abs(others - option) < half + 7, axis=1))
 
 

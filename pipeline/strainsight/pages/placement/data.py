@@ -15,7 +15,7 @@ import numpy as np
 
 from strainsight.estimation.decision import Benefit, Claim
 from strainsight.pages.arrays import FloatArray, History, IntArray, Reading
-from strainsight.pages.picture.layout import Layout
+from strainsight.pages.picture.layout import PictureLayout
 from strainsight.records.estimated import Compared, Posterior
 from strainsight.records.placed import ByCase
 
@@ -88,7 +88,7 @@ class Unknown:
 
 
 @dataclass(frozen=True)
-class Metric:
+class MetricWords:
     """What a layout is judged by, a variance, as a formula and in words."""
 
     symbol: str
@@ -108,7 +108,7 @@ class Trend:
     value: FloatArray
     blocks: Mapping[str, FloatArray]
     final: float
-    metric: Metric
+    metric: MetricWords
     lower_bound: float | None = None
     gap: float | None = None
 
@@ -133,7 +133,7 @@ class Criteria:
 
 
 @dataclass(frozen=True)
-class Case:
+class ObservabilityCase:
     """How well one set of unknowns could be distinguished: its names; excitation ("training run", "35 Hz"); condition of the
     scaled PBH matrix at λ = 0, raw: that of the unscaled one, which orders cases by their units; lost: in words what is (nearly)
     unobservable, empty where nothing is."""
@@ -146,7 +146,7 @@ class Case:
 
 
 @dataclass(frozen=True)
-class RandomSets:
+class RandomSetErrors:
     """The same estimation with gauges drawn at random, for one unknown.
 
     pool_label where they were drawn from; error (sets,) relative, NaN where the filter diverged;
@@ -205,17 +205,17 @@ class PlacementReport:
     name: str
     title: str
     unknowns: tuple[Unknown, ...]
-    layout: Layout
+    layout: PictureLayout
     trend: Trend
     histories: tuple[History, ...] = ()
     posteriors: Mapping[str, Posterior] = field(default_factory=dict)
     gauge_signals: tuple[Reading, ...] = ()
-    random_sets: tuple[RandomSets, ...] = ()
+    random_sets: tuple[RandomSetErrors, ...] = ()
     noise: Noise | None = None
     frequencies: tuple[float, ...] = ()
-    metrics: tuple[Metric, ...] = ()
+    metrics: tuple[MetricWords, ...] = ()
     criteria: tuple[Criteria, ...] = ()
-    cases: tuple[Case, ...] = ()
+    cases: tuple[ObservabilityCase, ...] = ()
     load_cases: ByCase | None = None
     budget: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
     advice: tuple[str, ...] = ()

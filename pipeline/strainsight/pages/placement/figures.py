@@ -40,20 +40,20 @@ from strainsight.pages.chart.panels import (
     shown_unit,
     time_axis,
 )
-from strainsight.pages.placement.data import Noise, PlacementReport, RandomSets, Repeats, Trend
+from strainsight.pages.placement.data import Noise, PlacementReport, RandomSetErrors, Repeats, Trend
 from strainsight.pages.text import READINGS, number, percent, reading_unit, short
 
 
 def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
     """All figures that the report has data for, in the order of the page."""
-    kind = {unknown.name: unknown.kind for unknown in report.unknowns}
+    unknowns = {unknown.name: unknown for unknown in report.unknowns}
     history = {entry.name: entry for entry in report.histories}
     drawings = [trend_figure(report.trend)]
-    for entry in report.histories:
-        drawings.append(estimate_figure(entry))
-        drawings.append(closing_figure(entry, kind.get(entry.name, "parameter")))
-    truth, units = {unknown.name: unknown.truth for unknown in report.unknowns}, report.units
-    drawings += [posterior_figure(name, units[name], own, truth[name]) for name, own in report.posteriors.items()]
+    for name, entry in history.items():
+        kind = unknowns[name].kind if name in unknowns else "parameter"
+        drawings += [estimate_figure(entry), closing_figure(entry, kind)]
+    for name, posterior in report.posteriors.items():
+        drawings.append(posterior_figure(name, unknowns[name].unit, posterior, unknowns[name].truth))
     drawings += map(signal_figure, report.gauge_signals)
     for name in dict.fromkeys(sets.name for sets in report.random_sets):
         sets = tuple(entry for entry in report.random_sets if entry.name == name)
@@ -61,10 +61,10 @@ def placement_figures(report: PlacementReport) -> tuple[Drawing, ...]:
         if name in history and any(entry.history is not None for entry in sets):
             drawings.append(random_histories_figure(sets, history[name]))
     if report.noise is not None:
-        drawings.append(noise_figure(report.noise, list(report.units)))
-    drawings += [
-        repeats_figure(own.name, own.repeats, own.claims) for own in report.unknowns if own.repeats is not None
-    ]
+        drawings.append(noise_figure(report.noise, list(unknowns)))
+    for name, unknown in unknowns.items():
+        if unknown.repeats is not None:
+            drawings.append(repeats_figure(name, unknown.repeats, unknown.claims))
     return tuple(drawings)
 
 
@@ -88,19 +88,12 @@ def trend_figure(trend: Trend) -> Drawing:
     """The metric against the number of gauges left, the certified bound and the elbow."""
     shown = np.isfinite(trend.value)
     count, value = trend.count[shown], trend.value[shown]
-    bend = elbow(count, value)
+    bend, keep, every, symbol = elbow(count, value), int(trend.count[-1]), int(trend.count[0]), trend.metric.symbol
     drawn, axes = figure()
     if len(trend.blocks) > 1:
         for (name, block), colour in zip(trend.blocks.items(), (GREEN, PURPLE, ORANGE, SKY), strict=False):
-            axes.plot(
-                trend.count,
-                np.where(np.isfinite(block), block, np.nan),
-                color=colour,
-                lw=1.2,
-                label=f"variance of {short(name)}",
-            )
-    axes.plot(count, value, color=BLUE, lw=2, label=trend.metric.symbol)
-    keep = int(trend.count[-1])
+            axes.plot(trend.count, drawable(block), color=colour, lw=1.2, label=f"variance of {short(name)}")
+    axes.plot(count, value, color=BLUE, lw=2, label=symbol)
     axes.plot([keep], [trend.final], "o", color=BLUE, ms=7, label=f"chosen set: {number(trend.final)}")
     if trend.lower_bound is not None and np.isfinite(trend.lower_bound):
         label = f"no set of {keep} below {number(trend.lower_bound)}"
@@ -111,26 +104,24 @@ def trend_figure(trend: Trend) -> Drawing:
     # An axis without a point to show has no logarithm.
     if len(count):
         axes.set_xscale("log")
-    positive = value[value > 0]
-    if len(positive) == len(value) and len(value) and positive.max() > 5 * positive.min():
-        axes.set_yscale("log")
+        if value.min() > 0 and value.max() > 5 * value.min():
+            axes.set_yscale("log")
     plain_ticks(axes, "x")
     plain_ticks(axes, "y")
     axes.set_xlabel("gauges left [–]")
-    axes.set_ylabel(f"metric {trend.metric.symbol} [–]")
+    axes.set_ylabel(f"metric {symbol} [–]")
     legend_above(axes, columns=2)
-    all_gauges = int(trend.count[0])
     ratio = trend.final / value[0] if len(value) and value[0] > 0 else np.nan
     caption = (
         f"{trend.metric.meaning.capitalize()} while gauges are taken away one by one, read from right to left: "
-        f"with {keep} of {all_gauges} gauges it is {number(ratio, 3)} times what all together reach."
+        f"with {keep} of {every} gauges it is {number(ratio, 3)} times what all together reach."
     )
     if trend.lower_bound is not None:
         caption += " The dashed line is a certified bound: no set of that size lies below it."
     if bend is not None:
         caption += f" The elbow, {bend} gauges, is where the trend bends most: further gauges mostly average noise."
-    start, end = number(trend.value[0]), number(trend.final)
-    alt = f"Line chart of the metric from {start} with {all_gauges} gauges to {end} with {keep}."
+    ends = f"{number(trend.value[0])} with {every} gauges to {number(trend.final)} with {keep}"
+    alt = f"Line chart of the metric from {ends}."
     return Drawing("trend", "What every gauge is worth", caption, alt, svg(drawn))
 
 
@@ -140,38 +131,42 @@ def signal_figure(signal: Reading) -> Drawing:
     window, colour = last_periods(signal.estimated), gauge_colour(signal.gauge)
     factor, unit = reading_unit(largest(signal.measured[window]), signal.unit)
     what = READINGS.get(signal.unit, "reading")
-    time = signal.time[window]
-    whole = [drawable(values) / factor for values in (signal.measured, signal.estimated, signal.std)]
-    measured, estimated, std = (values[window] for values in whole)
-    index = visible_instants(np.column_stack([measured, estimated]))
+    curves = [drawable(values) / factor for values in (signal.measured, signal.estimated, signal.std)]
+    residual = float(np.sqrt(np.mean((curves[0] - curves[1]) ** 2)))
+    peak = number(largest(curves[1][window]), 3)
+    index = np.arange(len(signal.time))[window]
+    index = index[visible_instants(np.column_stack([curve[window] for curve in curves[:2]]))]
+    time, (measured, estimated, std) = signal.time[index], (curve[index] for curve in curves)
     drawn, axes, below = figure(4.1, (2.2, 1.0))
-    dots(axes, time[index], measured[index], "measured")
+    dots(axes, time, measured, "measured")
     if signal.truth is not None:
-        truth = drawable(signal.truth)[window][index] / factor
-        axes.plot(time[index], truth, color=INK, lw=1, ls=(0, (4, 2)), label="without noise")
-    axes.plot(time[index], estimated[index], color=colour, label="estimated")
-    below.fill_between(time[index], -2 * std[index], 2 * std[index], color=colour, alpha=0.35, lw=0)
-    dots(below, time[index], (measured - estimated)[index], "")
+        truth = drawable(signal.truth)[index] / factor
+        axes.plot(time, truth, color=INK, lw=1, ls=(0, (4, 2)), label="without noise")
+    axes.plot(time, estimated, color=colour, label="estimated")
+    below.fill_between(time, -2 * std, 2 * std, color=colour, alpha=0.35, lw=0)
+    dots(below, time, measured - estimated, "")
     axes.set_ylabel(f"{what} [{short(unit)}]")
     below.set_ylabel(f"measured −\nestimated [{short(unit)}]")
     time_axis(below)
     legend_above(axes)
-    residual = float(np.sqrt(np.mean((whole[0] - whole[1]) ** 2)))
     caption = (
         f"{what.capitalize()} at gauge {signal.label}, last periods. Below, what the filter leaves unexplained "
         f"(RMS {number(residual, 3)} {unit} over the run) and the ±2σ band of its estimate."
     )
-    peak = number(largest(estimated), 3)
     alt = f"Line chart of measured and estimated {what} at gauge {signal.label}, peak {peak} {unit}."
     return Drawing(f"signal-{signal.label}", f"Gauge {signal.label}", caption, alt, svg(drawn))
 
 
+POOLS = (ORANGE, PURPLE)
+"""Colours of random sets by the pool that they are drawn from."""
+
+
 @styled()
-def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
+def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
     """Errors of random sets as dots, one row a pool, and the chosen set's as a line."""
     name, chosen = sets[0].name, sets[0].chosen_error
     drawn, axes = figure(1.5 + 0.6 * len(sets))
-    for row, (entry, colour) in enumerate(zip(sets, (ORANGE, PURPLE), strict=False)):
+    for row, (entry, colour) in enumerate(zip(sets, POOLS, strict=False)):
         error = 100 * entry.finite
         # A fixed fan keeps equal errors apart without a random jitter.
         fan = 0.16 * np.resize([0.0, 1.0, -1.0, 0.5, -0.5], len(error))
@@ -186,50 +181,44 @@ def random_errors_figure(sets: tuple[RandomSets, ...]) -> Drawing:
         axes.set_xscale("log")
     plain_ticks(axes, "x")
     right = axes.transAxes.inverted().transform(axes.transData.transform((100 * chosen, 0)))[0] > 0.6
-    axes.annotate(
-        f"chosen set {percent(chosen)}", (100 * chosen, -0.62), (-7 if right else 7, 0), textcoords="offset points",
-        color=BLUE, va="center", ha="right" if right else "left",
-    )  # fmt: skip
+    off, align = (-7, "right") if right else (7, "left")
+    words = {"textcoords": "offset points", "color": BLUE, "va": "center", "ha": align}
+    axes.annotate(f"chosen set {percent(chosen)}", (100 * chosen, -0.62), (off, 0), **words)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(f"relative error of {short(name)} [%]")
-    caption, parts = f"Error of {name} from random sets of the same size; dots are sets, the bar is their median.", []
+    caption = f"Error of {name} from random sets of the same size; dots are sets, the bar is their median."
+    alt = f"Dot plot of errors of {name}: chosen set {percent(chosen)}; "
     for entry in sets:
-        good = entry.finite
-        better, lost = int(np.sum(good < entry.chosen_error)), len(entry.error) - len(good)
+        better, lost = int(np.sum(entry.finite < chosen)), len(entry.error) - len(entry.finite)
         pool = "all candidates" if entry.pool_label == "all candidates" else "the screened pool"
-        sentence = f" {better} of {len(entry.error)} drawn from {pool} came closer than the chosen set"
-        parts.append(sentence + (f", {lost} diverged and are not drawn." if lost else "."))
-    caption += "".join(parts) + " This is one noise sample: a lucky set can come closer."
-    alt = f"Dot plot of errors of {name}: chosen set {percent(chosen)}; " + "; ".join(
-        f"random from {e.pool_label} median {percent(float(np.median(e.finite)))}" for e in sets if len(e.finite)
-    )
+        caption += f" {better} of {len(entry.error)} drawn from {pool} came closer than the chosen set"
+        caption += f", {lost} diverged and are not drawn." if lost else "."
+    medians = [f"{e.pool_label} median {percent(float(np.median(e.finite)))}" for e in sets if len(e.finite)]
+    alt += "; ".join(f"random from {median}" for median in medians)
+    caption += " This is one noise sample: a lucky set can come closer."
     return Drawing(f"random-errors-{name}", f"{name}: errors of random sets", caption, alt, svg(drawn))
 
 
 @styled()
-def random_histories_figure(sets: tuple[RandomSets, ...], chosen: History) -> Drawing:
+def random_histories_figure(sets: tuple[RandomSetErrors, ...], chosen: History) -> Drawing:
     """The estimate over time from the chosen set against those from random ones."""
     factor, unit = shown_unit(chosen)
-    drawable = [
-        (entry, colour) for entry, colour in zip(sets, (ORANGE, PURPLE), strict=False) if entry.history is not None
-    ]
     drawn, axes = figure()
-    values = []
-    for entry, colour in drawable:
-        assert entry.history is not None
-        for i, curve in enumerate(entry.history / factor):
+    values, count, quarter = [], 0, len(chosen.time) // 4
+    for entry, colour in zip(sets, POOLS, strict=False):
+        for i, curve in enumerate(() if entry.history is None else entry.history / factor):
             index = visible_instants(curve[:, None], buckets=90)
             label = entry.pool_label if i == 0 else None
             axes.plot(chosen.time[index], curve[index], color=colour, lw=0.9, alpha=0.75, label=label)
-            values.append(curve[len(curve) // 4 :])
+            values.append(curve[quarter:])
+        count += 0 if entry.history is None else len(entry.error)
     index = visible_instants(chosen.mean[:, None], buckets=180)
     axes.plot(chosen.time[index], chosen.mean[index] / factor, color=BLUE, lw=2, label="chosen set")
     if chosen.truth is not None:
-        index = visible_instants(chosen.truth[:, None], buckets=180)
-        axes.plot(chosen.time[index], chosen.truth[index] / factor, color=INK, lw=1.1, ls=(0, (5, 3)), label="truth")
-        values.append(chosen.truth / factor)
-    values.append(chosen.mean[len(chosen.mean) // 4 :] / factor)
-    focus_on(axes, np.concatenate(values))
+        index, truth = visible_instants(chosen.truth[:, None], buckets=180), chosen.truth / factor
+        axes.plot(chosen.time[index], truth[index], color=INK, lw=1.1, ls=(0, (5, 3)), label="truth")
+        values.append(truth)
+    focus_on(axes, np.concatenate([*values, chosen.mean[quarter:] / factor]))
     time_axis(axes)
     axes.set_ylabel(f"{short(chosen.name)} [{unit}]")
     legend_above(axes)
@@ -237,7 +226,6 @@ def random_histories_figure(sets: tuple[RandomSets, ...], chosen: History) -> Dr
         f"Estimates of {chosen.name} from random sets, by the pool they were drawn from, beside the chosen one; "
         "the scale shows what happens after the first quarter."
     )
-    count = sum(len(entry.error) for entry, _ in drawable)
     alt = f"Line chart of estimates of {chosen.name} from {count} random sets and the chosen set."
     return Drawing(f"random-histories-{chosen.name}", f"{chosen.name}: random sets over time", caption, alt, svg(drawn))
 
@@ -272,7 +260,7 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
 @styled()
 def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Drawing:
     """Real error beside the claimed standard deviation, over seeds and starts, smallest error first; claims: on the unknown."""
-    claim = next((own for own in claims if own.of == "repeats"), None)
+    claim = next((one for one in claims if one.of == "repeats"), None)
     verdict = "identified" if repeats.identified else LOST
     order = np.argsort(np.abs(repeats.error))
     error, std = 100 * np.abs(repeats.error[order]), 100 * repeats.claimed_std[order]

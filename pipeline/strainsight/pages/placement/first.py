@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from html import escape
 
 from strainsight.estimation.decision import DIVERGED, LOST, OVERCONFIDENT, WITHHELD
@@ -17,6 +17,7 @@ from strainsight.pages.page.markup import (
     coordinates,
     count,
     decimals,
+    items,
     mark,
     measure,
     plain,
@@ -24,10 +25,11 @@ from strainsight.pages.page.markup import (
     table,
     tile,
 )
+from strainsight.pages.page.sections import caution, first_screen
 from strainsight.pages.picture.geometry import shape
-from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.picture.scene import CLAMP, LINES, POOL
-from strainsight.pages.placement.data import Case, PlacementReport, Unknown
+from strainsight.pages.placement.data import ObservabilityCase, PlacementReport, Unknown
 from strainsight.pages.placement.gauge_table import SINGLE, expected_with_all, names_without
 from strainsight.pages.text import listed
 
@@ -36,10 +38,10 @@ HARDLY = "the measurements hardly narrow it"
 
 def faults(unknown: Unknown, diverged: bool = False) -> tuple[str, ...]:
     """What is wrong with the estimate of an unknown, empty where nothing is; diverged: whether a repeat did."""
-    found = [DIVERGED] * (diverged or (unknown.error is not None and not math.isfinite(unknown.error)))
-    found += [WITHHELD] * unknown.withheld
-    found += [OVERCONFIDENT] * (bool(unknown.claims) and unknown.claims[0].overconfident)
-    return (*found, *[LOST] * unknown.lost)
+    wrong = [DIVERGED] * (diverged or (unknown.error is not None and not math.isfinite(unknown.error)))
+    wrong += [WITHHELD] * unknown.withheld
+    wrong += [OVERCONFIDENT] * (bool(unknown.claims) and unknown.claims[0].overconfident)
+    return (*wrong, *[LOST] * unknown.lost)
 
 
 def why(fault: str, unknown: Unknown) -> str:
@@ -49,9 +51,9 @@ def why(fault: str, unknown: Unknown) -> str:
     return f"{LOST} ({HARDLY})" if fault == LOST else fault
 
 
-def headline(found: Iterable[tuple[str, Sequence[str]]]) -> str:
+def headline(accusations: Iterable[tuple[str, Sequence[str]]]) -> str:
     """Faults by unknown as the beginning of a page's title, empty where there are none."""
-    parts = [f"{name} {' and '.join(faults)}" for name, faults in found if faults]
+    parts = [f"{name} {' and '.join(faults)}" for name, faults in accusations if faults]
     return f"✕ {', '.join(parts)} – " if parts else ""
 
 
@@ -78,9 +80,9 @@ def no_benefit(unknowns: Sequence[Unknown]) -> str:
         return ""
     of = "" if len(none) == len(unknowns) else f" for {' and '.join(escape(unknown.name) for unknown in none)}"
     counts = " and ".join(
-        f"{plain(own.as_well)} of {plain(own.sets)}" + f" ({escape(unknown.name)})" * (len(none) > 1)
+        f"{plain(benefit.as_well)} of {plain(benefit.sets)}" + f" ({escape(unknown.name)})" * (len(none) > 1)
         for unknown in none
-        if (own := unknown.benefit) is not None
+        if (benefit := unknown.benefit) is not None
     )
     text = f"Placement brings no benefit here{of}: {counts} random layouts of the same size do as well."
     return f'<strong class="bad">{text}</strong> '
@@ -89,10 +91,10 @@ def no_benefit(unknowns: Sequence[Unknown]) -> str:
 def not_shown(unknowns: Sequence[Unknown]) -> list[str]:
     """Sentences, as HTML: of which unknowns too many random layouts do as well to tell."""
     return [
-        f"That the placement helps {escape(unknown.name)} is not shown: {plain(own.as_well)} of {plain(own.sets)} random "
+        f"That the placement helps {escape(unknown.name)} is not shown: {plain(benefit.as_well)} of {plain(benefit.sets)} random "
         "layouts of the same size do as well."
         for unknown in unknowns
-        if (own := unknown.benefit) is not None and own.verdict == "not shown"
+        if (benefit := unknown.benefit) is not None and benefit.verdict == "not shown"
     ]
 
 
@@ -105,23 +107,20 @@ def denominator(unknown: Unknown) -> str:
 
 def answer(report: PlacementReport) -> str:
     """The first sentences: what does not hold, then how many gauges tell what, how well, and which unknown is weakest."""
-    gauges, pool = len(report.layout.gauges), int(report.trend.count[0])
-    bonded = sum(gauge.bonded for gauge in report.layout.gauges)
-    word = "gauge" if {gauge.kind for gauge in report.layout.gauges} <= SINGLE else "sensor"
-    many = f"{word}{'s' * (gauges != 1)}, {f'{count(bonded)} of them bonded already, ' if bonded else ''}chosen"
+    gauges, pool = report.layout.gauges, int(report.trend.count[0])
+    bonded = sum(gauge.bonded for gauge in gauges)
+    word = "gauge" if {gauge.kind for gauge in gauges} <= SINGLE else "sensor"
+    many = f"{word}{'s' * (len(gauges) != 1)}, {f'{count(bonded)} of them bonded already, ' if bonded else ''}chosen"
+    text = leading(report.unknowns)
+    text += f"<strong>{count(len(gauges))} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
     sound = [unknown for unknown in report.unknowns if not faults(unknown)]
     known = [unknown for unknown in sound if _sigma(unknown) is not None]
-    parts = [f"{escape(own.name)} to within ±{share(_sigma(own))} {denominator(own)}" for own in known]
-    text = leading(report.unknowns)
-    text += f"<strong>{count(gauges)} {many} from {count(pool)} candidate{'s' * (pool != 1)}</strong>"
-    tell = "tells" if gauges == 1 else "tell"
-    if parts:
+    if parts := [f"{escape(one.name)} to within ±{share(_sigma(one))} {denominator(one)}" for one in known]:
         names = dict.fromkeys(_name_of_sigma(unknown) for unknown in known)
-        text += f" {tell} {listed(parts)} ({' or '.join(names)})."
-    elif sound:
-        text += f" {tell} {listed([escape(unknown.name) for unknown in sound])}."
+        summary = f"{listed(parts)} ({' or '.join(names)})"
     else:
-        text += "."
+        summary = listed([escape(unknown.name) for unknown in sound])
+    text += f" {'tells' if len(gauges) == 1 else 'tell'} {summary}." if summary else "."
     if len(known) > 1:
         weakest = max(known, key=lambda unknown: _sigma(unknown) or 0.0)
         text += f" The weakest unknown is <strong>{escape(weakest.name)}</strong>."
@@ -133,9 +132,9 @@ def _worst_cases(report: PlacementReport) -> str:
     if report.load_cases is None:
         return ""
     parts = [
-        f"{escape(own.name)} ±{share(own.expected_std)} in {escape(own.worst_case)}"
-        for own in report.unknowns
-        if own.worst_case
+        f"{escape(unknown.name)} ±{share(unknown.expected_std)} in {escape(unknown.worst_case)}"
+        for unknown in report.unknowns
+        if unknown.worst_case
     ]
     many = len(report.load_cases.name)
     return (
@@ -143,15 +142,12 @@ def _worst_cases(report: PlacementReport) -> str:
     )
 
 
-def first_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
-    """What a reader decides from: the unknowns and the distance from the best, where the gauges go and what each is worth,
-    and what to mind. Every number in it is a `data` element."""
+def placement_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
+    """The unknowns and the distance from the best, where the gauges go and what each is worth, and what to mind. Every number in
+    it is a `data` element."""
     order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
-    tiles = "".join(_tile(unknown) for unknown in order) + _bound_tile(report)
-    return (
-        f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
-        f'<div class="first">{_without(report)}{pictured(report.layout, scene, problem)}</div>{_cautions(report)}</section>'
-    )
+    tiles = "".join(map(_tile, order)) + _bound_tile(report)
+    return first_screen(tiles, _without(report) + pictured(report.layout, scene, problem), _cautions(report))
 
 
 def _sigma(unknown: Unknown) -> float | None:
@@ -167,28 +163,23 @@ def _name_of_sigma(unknown: Unknown) -> str:
 
 def _tile(unknown: Unknown) -> str:
     """One unknown: its estimate and band, whether the claim held, and what they are beside."""
-    kind = "load" if unknown.kind == "input" else "parameter"
-    sigma = _sigma(unknown)
-    if unknown.kind == "parameter" and unknown.estimate is not None:
+    load, sigma = unknown.kind == "input", _sigma(unknown)
+    if not load and unknown.estimate is not None:
         value = measure(unknown.estimate, unknown.unit)
         value += f' <small class="whole">± {share(sigma)}</small>' if sigma is not None else ""
     else:
         value = "σ withheld" if unknown.withheld else f"± {share(sigma)}"
-    load = unknown.kind == "input"
-    rows = [(f"± {_name_of_sigma(unknown)}", denominator(unknown) if sigma is not None else "–")]
-    rows += [
+    rows = [
+        (f"± {_name_of_sigma(unknown)}", denominator(unknown) if sigma is not None else "–"),
         ("true RMS" if load else "true value", measure(unknown.truth, unknown.unit)),
         ("estimated RMS", measure(unknown.estimate if load else None, unknown.unit)),
         ("error in the test", share(unknown.error)),
         ("error after smoothing", share(unknown.smoothed_error if load else None)),
+        ("amplitude", measure(unknown.guess if unknown.zero else None, unknown.unit)),
+        ("expected σ", share(None if unknown.std is None else unknown.expected_std)),
+        ("expected in load case", escape(unknown.worst_case) or "–"),
     ]
-    if unknown.zero:
-        rows.append(("amplitude", measure(unknown.guess, unknown.unit)))
-    if unknown.std is not None:
-        rows.append(("expected σ", share(unknown.expected_std)))
-    if unknown.worst_case:
-        rows.append(("expected in load case", escape(unknown.worst_case)))
-    return tile(f"{escape(unknown.name)}, {kind}", value, rows, _mark(unknown))
+    return tile(f"{escape(unknown.name)}, {'load' if load else 'parameter'}", value, rows, _mark(unknown))
 
 
 def _mark(unknown: Unknown) -> str:
@@ -247,36 +238,30 @@ def _without(report: PlacementReport) -> str:
     return f'<div class="card without">{text}{note}</div>'
 
 
-def _cautions(report: PlacementReport) -> str:
+def _cautions(report: PlacementReport) -> Iterator[str]:
     """What can be known and what cannot, what was not tested, and how many warnings there are."""
-    cards = ""
-    if known := _observable(report):
-        cards += f'<div class="card notes"><h2>What can be known</h2><ul>{known}</ul></div>'
-    if report.not_tested:
-        cards += f'<div class="card notes"><h2>Not tested</h2>{bullets(report.not_tested)}</div>'
+    yield caution("What can be known", items(_observable(report)))
+    yield caution("Not tested", bullets(report.not_tested))
     if many := len(report.warnings):
-        words = f"{count(many)} warning{'s' * (many > 1)}"
-        cards += (
-            f'<div class="card warnings"><h2>Warnings</h2><p><a href="#warnings">{words}</a>: '
-            f"read {'them' if many > 1 else 'it'} before you decide.</p></div>"
-        )
-    return f'<div class="cautions">{cards}</div>' if cards else ""
+        link = f'<a href="#warnings">{count(many)} warning{"s" * (many > 1)}</a>'
+        words = f"<p>{link}: read {'them' if many > 1 else 'it'} before you decide.</p>"
+        yield caution("Warnings", words, "warnings")
 
 
-def _observable(report: PlacementReport) -> str:
+def _observable(report: PlacementReport) -> list[str]:
     """Items: whether all unknowns are observable, and the smallest sets that are not."""
     asked = frozenset(unknown.name for unknown in report.unknowns)
-    lost: dict[frozenset[str], list[Case]] = {}
+    lost: dict[frozenset[str], list[ObservabilityCase]] = {}
     for case in report.cases:
         if case.lost:
             lost.setdefault(frozenset(case.unknowns), []).append(case)
     excitations = {case.excitation for case in report.cases}
     gone = [unknown.name for unknown in report.unknowns if math.isinf(_sigma(unknown) or 0.0)]
-    items = []
+    known = []
     if gone:
-        items.append(f'<strong class="bad">{listed([escape(name) for name in gone])}: not with these gauges.</strong>')
+        known.append(f'<strong class="bad">{listed([escape(name) for name in gone])}: not with these gauges.</strong>')
     elif asked and asked not in lost and (report.cases or all(u.expected_std is not None for u in report.unknowns)):
-        items.append("All unknowns are observable.")
+        known.append("All unknowns are observable.")
     for names, cases in lost.items():
         where = {case.excitation for case in cases}
         if any(other < names and where <= {case.excitation for case in others} for other, others in lost.items()):
@@ -284,9 +269,8 @@ def _observable(report: PlacementReport) -> str:
         how = "cannot be estimated" if any(math.isinf(case.condition) for case in cases) else "can hardly be estimated"
         at = "" if where == excitations else f" in {listed([escape(case.excitation) for case in cases])}"
         text = f"{listed([escape(name) for name in sorted(names)])} {how}{' together' * (len(names) > 1)}{at}."
-        items.append(f'<strong class="bad">{text}</strong>' if names == asked else text)
-    items += not_shown(report.unknowns)
-    return "".join(f"<li>{item}</li>" for item in items)
+        known.append(f'<strong class="bad">{text}</strong>' if names == asked else text)
+    return known + not_shown(report.unknowns)
 
 
 OUTLINES = {
@@ -294,41 +278,39 @@ OUTLINES = {
     "star": "polygon(38% 0,62% 0,62% 38%,100% 38%,100% 62%,62% 62%,62% 100%,38% 100%,38% 62%,0 62%,0 38%,38% 38%)",
     "cone": "polygon(0 0,100% 0,50% 100%)",
 }
-"""The shapes of `markers.shape` that are no square, in small."""
+"""The shapes of `geometry.shape` that are no square, in small."""
 
 
-def pictured(layout: Layout, scene: bytes | None, problem: str = "") -> str:
+def pictured(layout: PictureLayout, scene: bytes | None, problem: str = "") -> str:
     """Where the gauges go, as a picture with its key; scene: PNG bytes, or None with the sentence on why ("": no card)."""
     if scene is None:
         shown = f"<p><strong>No picture.</strong> {escape(problem)}</p>" if problem else ""
     else:
-        frame = layout.frame
-        places = decimals(layout.points, frame)
+        frame, places = layout.frame, decimals(layout.points, layout.frame)
         where = "; ".join(
             f"{gauge.label} at {coordinates(frame.place(gauge.position), places)} {frame.unit}"
             for gauge in layout.gauges
         )
         alt = f"The structure from one or two sides with its {len(layout.gauges)} gauges: {where}."
-        key = [("var(--muted)", name, text) for name, text in _kinds(layout.gauges)]
-        key.append((POOL, "dot", f"{count(len(layout.pool))} candidates in the pool"))
-        if layout.loads:
-            loads = [f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads]
-            key.append((VERMILION, "", f"load {', '.join(loads)}"))
-        if len(layout.fixed):
-            key.append((CLAMP, "", "clamped nodes"))
-        if len(layout.loose):
-            key.append((LINES, "", "nodes outside the solids"))
-        items = "".join(_key(*entry) for entry in key)
-        shown = f'{markup.scene(scene, alt, "picture of the gauges")}<ul class="key">{items}</ul>'
+        key = "".join(_key(*entry) for entry in _entries(layout))
+        shown = f'{markup.scene(scene, alt, "picture of the gauges")}<ul class="key">{key}</ul>'
     return f'<figure class="card"><h2>Where the gauges go</h2>{shown}</figure>' if shown else ""
 
 
-def _kinds(gauges: tuple[Gauge, ...]) -> list[tuple[str, str]]:
-    """Which marks stand for sensors, and how many of each kind, as HTML: only what occurs."""
-    found = Counter(gauge.kind for gauge in gauges)
-    marks = [(shape(kind), f"{count(many)} {escape(kind)}{'s' * (many > 1)}") for kind, many in found.items()]
-    bonded = sum(gauge.bonded for gauge in gauges)
-    return marks + [("hollow", f"{count(bonded)} of them bonded already")] * bool(bonded)
+def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
+    """Colour, shape and words of all that the picture shows: only what occurs."""
+    for kind, many in Counter(gauge.kind for gauge in layout.gauges).items():
+        yield "var(--muted)", shape(kind), f"{count(many)} {escape(kind)}{'s' * (many > 1)}"
+    if bonded := sum(gauge.bonded for gauge in layout.gauges):
+        yield "var(--muted)", "hollow", f"{count(bonded)} of them bonded already"
+    yield POOL, "dot", f"{count(len(layout.pool))} candidates in the pool"
+    if layout.loads:
+        loads = [f"{escape(load.name)} ({'known' if load.known else 'unknown'})" for load in layout.loads]
+        yield VERMILION, "", f"load {', '.join(loads)}"
+    if len(layout.fixed):
+        yield CLAMP, "", "clamped nodes"
+    if len(layout.loose):
+        yield LINES, "", "nodes outside the solids"
 
 
 def _key(colour: str, name: str, text: str) -> str:

@@ -10,8 +10,8 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.page.markup import axes, badge, data, decimals, measure, plain, share, table
-from strainsight.pages.picture.layout import Frame, Gauge
-from strainsight.pages.placement.data import Case, Criteria, Metric, PlacementReport, Trend
+from strainsight.pages.picture.layout import Gauge, PositionAxes
+from strainsight.pages.placement.data import Criteria, MetricWords, ObservabilityCase, PlacementReport, Trend
 from strainsight.pages.text import number, percent, reading_unit
 
 SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
@@ -29,46 +29,50 @@ def _where(report: PlacementReport) -> str:
     places = decimals(report.layout.points, frame)
     edged = any(len(gauge.edges) for gauge in gauges)
     noted = any(gauge.notes for gauge in gauges)
-
-    def row(index: int, gauge: Gauge) -> list[str]:
-        cells = [
-            badge(gauge.label, index, hollow=gauge.bonded), _kind(gauge),
-            *map("<br>".join, zip(*(axes(x, places, frame) for x in _positions(gauge)), strict=True)),
-            "<br>".join(_whole(_direction(frame.turn(vector))) for vector in _directions(gauge)),
-        ]  # fmt: skip
-        cells += _edges(gauge, frame) * edged
-        return cells + ["<br>".join(map(escape, gauge.notes.split("; "))) or "–"] * noted
-
+    rows = [
+        [
+            badge(gauge.label, index, hollow=gauge.bonded),
+            _kind(gauge),
+            *map(
+                "<br>".join,
+                zip(*(axes(x, places, frame) for x, _, _ in gauge.grids[: len(gauge.arms) or 1]), strict=True),
+            ),
+            "<br>".join(_whole(_direction(frame.turn(vector))) for _, vector, _ in gauge.grids),
+            *_edges(gauge, frame) * edged,
+            *["<br>".join(map(escape, gauge.notes.split("; "))) or "–"] * noted,
+        ]
+        for index, gauge in enumerate(gauges)
+    ]
     head = ["gauge", "kind", *frame.heads, "direction"]
     head += [f"nearest edges [{frame.unit}]", "angle to them"] * edged
     numeric = [2, 3, 4, *range(6, len(head))]
     head += ["where it is bonded"] * noted
-    rows = map(row, range(len(gauges)), gauges)
     return table("gauges", head, rows, caption=_caption(gauges, frame), numeric=numeric)
 
 
 def _worth(report: PlacementReport) -> str:
-    gauges = report.layout.gauges
-    names = names_without(report)
+    gauges, names = report.layout.gauges, names_without(report)
     read = any(gauge.peak is not None for gauge in gauges)
     tested = any(gauge.refined is not None for gauge in gauges)
-
-    def row(index: int, gauge: Gauge) -> list[str]:
-        cells = [
-            badge(gauge.label, index, hollow=gauge.bonded), *_ids(gauge),
-            "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge)) if gauge.kind in SINGLE else "–",
-        ]  # fmt: skip
-        cells += [_reading(gauge)] * read
-        cells += [_changed(gauge)] * tested
-        return cells + [share(gauge.without.get(name, math.nan)) for name in names]
-
+    rows = [
+        [
+            badge(gauge.label, index, hollow=gauge.bonded),
+            *_ids(gauge),
+            "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge))
+            if gauge.kind in SINGLE
+            else "–",
+            *[_reading(gauge)] * read,
+            *[_changed(gauge)] * tested,
+            *(share(gauge.without.get(name, math.nan)) for name in names),
+        ]
+        for index, gauge in enumerate(gauges)
+    ]
     head = ["gauge", "number" if given(gauges) else "element", "facet", "angle"]
-    head += ["training peak"] * read
-    head += ["strain on a finer mesh"] * tested
-    first = len(head)
+    head += ["training peak"] * read + ["strain on a finer mesh"] * tested
+    foot = (
+        ["all together", *[""] * (len(head) - 1), *expected] if (expected := expected_with_all(report, names)) else []
+    )
     head += [f"expected σ({escape(name)}) without it" for name in names]
-    foot = ["all together", *[""] * (first - 1), *expected] if (expected := expected_with_all(report, names)) else []
-    rows = map(row, range(len(gauges)), gauges)
     caption = _caption_of_worth(gauges)
     return table("gauges: readings", head, rows, caption=caption, numeric=range(1, len(head)), foot=foot)
 
@@ -89,7 +93,7 @@ def given(gauges: tuple[Gauge, ...]) -> bool:
     return not any(gauge.facet for gauge in gauges)
 
 
-def _caption(gauges: tuple[Gauge, ...], frame: Frame) -> str:
+def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
     """What the columns of places mean, as far as they occur."""
     text = [
         f"Places and measuring directions are in {frame.in_words()}"
@@ -151,14 +155,6 @@ def _ids(gauge: Gauge) -> tuple[str, str]:
     return str(gauge.element), str(gauge.facet or "–")
 
 
-def _positions(gauge: Gauge) -> list[FloatArray]:
-    return [arm.position for arm in gauge.arms] or [gauge.position]
-
-
-def _directions(gauge: Gauge) -> list[FloatArray]:
-    return [arm.direction for arm in gauge.arms] or list(gauge.channels)
-
-
 def _angles(gauge: Gauge) -> list[float]:
     """Angles [deg] of all its directions: that of the first, and by how much the others are turned about the normal."""
     first = gauge.channels[0]
@@ -166,13 +162,13 @@ def _angles(gauge: Gauge) -> list[float]:
     return [round(gauge.angle + math.degrees(angle), 6) for angle in turn]
 
 
-def _edges(gauge: Gauge, frame: Frame) -> list[str]:
+def _edges(gauge: Gauge, frame: PositionAxes) -> list[str]:
     """Distances and angles to both edges of its place, of a bridge of all its arms: two cells."""
     distance, angle = gauge.edges.reshape(-1, 2).T if len(gauge.edges) else np.empty((2, 0))
-    there = np.isfinite(distance)
-    sizes = [data(float(x), number(float(x), 4)) for x in frame.length(distance[there])]
+    known = np.isfinite(distance)
+    sizes = [data(float(x), number(float(x), 4)) for x in frame.length(distance[known])]
     turns = [
-        data(float(a), f"{number(round(float(a), 1) + 0.0, 3)}°", "°") if np.isfinite(a) else "–" for a in angle[there]
+        data(float(a), f"{number(round(float(a), 1) + 0.0, 3)}°", "°") if np.isfinite(a) else "–" for a in angle[known]
     ]
     return ["<br>".join(sizes) or "–", "<br>".join(turns) or "–"]
 
@@ -227,7 +223,7 @@ STEADY = (
 
 
 def criteria_table(
-    trend: Trend, metrics: Sequence[Metric], criteria: Sequence[Criteria], unit: Mapping[str, str]
+    trend: Trend, metrics: Sequence[MetricWords], criteria: Sequence[Criteria], unit: Mapping[str, str]
 ) -> str:
     """Layouts by rule, the chosen one and its bound first, the others by their metric.
 
@@ -266,7 +262,7 @@ def criteria_table(
     return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
-def criteria_meaning(metrics: Sequence[Metric]) -> str:
+def criteria_meaning(metrics: Sequence[MetricWords]) -> str:
     """What the columns of the criteria mean, as a list."""
     words = [
         (metric.symbol, metric.meaning + "; what this placement makes small" * (i == 0))
@@ -281,17 +277,17 @@ def criteria_meaning(metrics: Sequence[Metric]) -> str:
 
 def load_cases_table(report: PlacementReport) -> str:
     """Load cases one a row: weight, metric, expected σ of every unknown; "" without load cases."""
-    own, names = report.load_cases, list(report.units)
-    if own is None:
+    cases, names = report.load_cases, list(report.units)
+    if cases is None:
         return ""
     rows = [
         [
             escape(case),
-            plain(float(own.weight[i])),
-            plain(float(own.metric[i])),
-            *(share(float(own.std[name][i])) if own.acts[name][i] else "silent" for name in names),
+            plain(float(cases.weight[i])),
+            plain(float(cases.metric[i])),
+            *(share(float(cases.std[name][i])) if cases.acts[name][i] else "silent" for name in names),
         ]
-        for i, case in enumerate(own.name)
+        for i, case in enumerate(cases.name)
     ]
     expected = [f"expected σ({escape(name)})" for name in names]
     head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
@@ -302,26 +298,26 @@ def load_cases_table(report: PlacementReport) -> str:
     return table("load cases", head, rows, caption=caption, numeric=range(1, len(head)))
 
 
-def cases_table(cases: Sequence[Case]) -> str:
+def cases_table(cases: Sequence[ObservabilityCase]) -> str:
     """Sets of unknowns one a row, excitations side by side: condition numbers and what is lost."""
     excitations = list(dict.fromkeys(case.excitation for case in cases))
-    grid: dict[tuple[str, ...], dict[str, Case]] = {}
+    grid: dict[tuple[str, ...], dict[str, ObservabilityCase]] = {}
     for case in cases:
         grid.setdefault(case.unknowns, {})[case.excitation] = case
 
-    def row(unknowns: tuple[str, ...], found: dict[str, Case]) -> list[str]:
+    def row(unknowns: tuple[str, ...], cases_of: dict[str, ObservabilityCase]) -> list[str]:
         cells = [escape(", ".join(unknowns)) or "none"]
         for excitation in excitations:
-            case = found.get(excitation)
+            case = cases_of.get(excitation)
             cells.append("–" if case is None else plain(case.condition, 3))
-        return [*cells, _lost(found, len(excitations))]
+        return [*cells, _lost(cases_of, len(excitations))]
 
     head = ["unknown together", *map(escape, excitations)]
     caption = (
         "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0, the larger the harder to distinguish. "
         "States are scaled by their sizes in the training run, so that rows can be compared at the same excitation."
     )
-    rows = [row(unknowns, found) for unknowns, found in grid.items()]
+    rows = [row(unknowns, cases_of) for unknowns, cases_of in grid.items()]
     return table("sets of unknowns", [*head, "what is lost"], rows, caption=caption, numeric=range(1, len(head)))
 
 
@@ -332,9 +328,9 @@ def _sigma(value: float | None, unit: str) -> str:
     return '<data value="inf">cannot observe</data>' if math.isinf(value) else measure(value, unit, 3)
 
 
-def _lost(found: dict[str, Case], excitations: int) -> str:
+def _lost(cases: dict[str, ObservabilityCase], excitations: int) -> str:
     """What is lost, once where it is the same at every excitation."""
-    text = [(case.excitation, case.lost) for case in found.values() if case.lost]
+    text = [(case.excitation, case.lost) for case in cases.values() if case.lost]
     if len(text) == excitations and len({lost for _, lost in text}) == 1:
         return escape(text[0][1])
     return "<br>".join(f"{escape(excitation)}: {escape(lost)}" for excitation, lost in text)

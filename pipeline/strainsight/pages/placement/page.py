@@ -12,13 +12,14 @@ from strainsight.pages.page.sections import (
     document,
     filters_section,
     held_mark,
+    notes_card,
     panel,
     rests_on,
     section,
     warnings_section,
 )
 from strainsight.pages.placement.data import PlacementReport
-from strainsight.pages.placement.first import answer, faults, first_screen, headline
+from strainsight.pages.placement.first import answer, faults, headline, placement_screen
 from strainsight.pages.placement.gauge_table import (
     cases_table,
     criteria_meaning,
@@ -27,7 +28,7 @@ from strainsight.pages.placement.gauge_table import (
     load_cases_table,
 )
 from strainsight.pages.sheets.sheet import sheets_section
-from strainsight.pages.space.model import Shape
+from strainsight.pages.space.model import ShownState
 from strainsight.pages.space.section import space_section
 from strainsight.pages.text import unbroken
 
@@ -48,7 +49,7 @@ def placement_page(
     drawings: tuple[Drawing, ...],
     scene: bytes | None,
     scene_problem: str = "",
-    shapes: tuple[Shape, ...] = (),
+    shapes: tuple[ShownState, ...] = (),
     sheets: tuple[bytes, ...] = (),
 ) -> str:
     """The report as HTML text without any resource outside itself.
@@ -57,7 +58,7 @@ def placement_page(
     shapes: deformed states that the view in space offers; sheets: drawing sheets of the gauges, as SVG.
     """
     sections = (
-        first_screen(report, scene, scene_problem),
+        placement_screen(report, scene, scene_problem),
         _test(report),
         space_section([("", report.layout)], shapes),
         advice_card(report.advice),
@@ -75,7 +76,7 @@ def placement_page(
         section("What this model assumes", _assumes(report), "assumes"),
         warnings_section(report.warnings),
     )
-    title = headline((own.name, faults(own)) for own in report.unknowns) + report.title
+    title = headline((unknown.name, faults(unknown)) for unknown in report.unknowns) + report.title
     return document("gauge placement", report.name, title, answer(report), sections, FOOTER, turned=True)
 
 
@@ -83,10 +84,8 @@ def _test(report: PlacementReport) -> str:
     if not report.test:
         return ""
     link = f'<a href="{TEST_PAGE}">the page of the test</a>'
-    return (
-        f'<section class="card notes advice"><h2>The test</h2><p>{escape(report.test)}: {link}.</p>'
-        "<p>The rest of this page is of a simulated test.</p></section>"
-    )
+    words = f"<p>{escape(report.test)}: {link}.</p><p>The rest of this page is of a simulated test.</p>"
+    return notes_card("The test", words)
 
 
 def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
@@ -94,17 +93,16 @@ def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     if report.criteria:
         cards += f'<div class="card">{criteria_meaning(report.metrics)}</div>'
     rules = criteria_table(report.trend, report.metrics, report.criteria, report.units)
-    return f'<h2>How good the set is</h2><div class="figures">{cards}</div><div class="card below">{rules}</div>'
+    return section("How good the set is", cards, kind="figures", more=f'<div class="card below">{rules}</div>')
 
 
 def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     shown = figures(chosen(drawings, "estimate-", "closing-", "posterior-"))
-    signals = folded(chosen(drawings, "signal-"), "figures")
-    if not shown and not signals:
-        return ""
-    truth = report.truth_description
-    lead = f'<p class="lead">Truth: {unbroken(escape(truth))}.</p>' if truth else ""
-    text = f"<h2>What they tell</h2>{lead}{shown}"
+    signals, text = folded(chosen(drawings, "signal-"), "figures"), ""
+    if shown or signals:
+        truth = unbroken(escape(report.truth_description))
+        lead = f'<p class="lead">Truth: {truth}.</p>' if truth else ""
+        text = f"<h2>What they tell</h2>{lead}{shown}"
     if signals:
         strains = all(signal.unit == "strain" for signal in report.gauge_signals)
         lead = '<p class="lead">What each gauge measured and what the filter makes of it.</p>'
@@ -133,25 +131,19 @@ def _observability(report: PlacementReport) -> str:
             "the larger its condition number, the harder the estimate."
         )
         cards.append(table("observability", ("observability", "number"), rows, caption=caption, numeric=(1,)))
-    rows = [
-        [
-            escape(check.name),
-            plain(check.value, 3),
-            f"{plain(check.band[0], 2)} to {plain(check.band[1], 3)}",
-            held_mark(check.verdict),
-        ]
-        for check in report.consistency
-    ]
-    if rows:
+    if report.consistency:
+        rows = []
+        for check in report.consistency:
+            band = f"{plain(check.band[0], 2)} to {plain(check.band[1], 3)}"
+            rows.append([escape(check.name), plain(check.value, 3), band, held_mark(check.verdict)])
         caption = "Squared errors over claimed variances, per dimension; 1 is ideal."
         head = ("consistency", "number", "band", "verdict")
         cards.append(table("consistency", head, rows, caption=caption, numeric=(1, 2)))
     if report.frequencies:
-        rows = [[str(i + 1), measure(value, "Hz")] for i, value in enumerate(report.frequencies)]
+        rows = [[str(i), measure(value, "Hz")] for i, value in enumerate(report.frequencies, start=1)]
         caption = "Natural frequencies of the model at the first guess."
         cards.append(table("modes", ("mode", "frequency"), rows, caption=caption, numeric=(1,)))
-    body = "".join(f'<div class="card">{card}</div>' for card in cards)
-    body = f'<div class="panels">{body}</div>' if cards else ""
+    body = figures((f'<div class="card">{card}</div>' for card in cards), grid="panels")
     if report.cases:
         body = f'<div class="card"><h3>What can be distinguished</h3>{cases_table(report.cases)}</div>{body}'
     return f"<h2>Observability, consistency, modes</h2>{body}" if body else ""

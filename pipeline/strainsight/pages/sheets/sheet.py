@@ -15,7 +15,7 @@ from strainsight.pages.sheets.views import (
     THICK,
     WIDTH,
     Paper,
-    Placed,
+    PlacedView,
     Projection,
     Sheet,
     datum,
@@ -65,12 +65,12 @@ def _views(paper: Paper, sheet: Sheet) -> str:
     left = EDGE + MARGIN + 0.5 * (room[0] - scale * width)
     top = EDGE + ABOVE + 0.5 * (room[1] - scale * height)
     top2 = top + scale * (high - low)[1] + BETWEEN
-    for view, (own, far), y, caption in (
+    for view, (near, far), y, caption in (
         (sheet.front, boxes[0], top, "Seen from outside, along the normal"),
         (sheet.side, boxes[1], top2, "Seen from below the upper view, the normal upward"),
     ):
-        placed = Placed(view, np.array([low[0], far[1]]), (left, y), scale)
-        bottom = y + scale * float(far[1] - own[1])
+        placed = PlacedView(view, np.array([low[0], far[1]]), (left, y), scale)
+        bottom = y + scale * float(far[1] - near[1])
         paper.text((EDGE + 4, y - 15.5), f"{caption}, {_words(ratio)}", size=3.0)
         outline(paper, placed)
         front = view is sheet.front
@@ -134,13 +134,13 @@ def _title(paper: Paper, sheet: Sheet, top: float, scales: str) -> None:
     paper.path([(COLUMN, top), (right, top)], THICK)
     paper.text((COLUMN + 3, top + 6), sheet.name, size=6.0, bold=True)
     paper.text((right - 3, top + 6), sheet.kind, size=3.4, anchor="end")
-    said = (
+    lines = (
         f"lengths in {sheet.frame.unit}; angles counter-clockwise, from outside",
         f"{scales}, printed at 100 % on A4",
         f"deck {short(sheet.deck, 32)}",
         f"run {short(sheet.run, 32)}, layout {sheet.layout}",
     )
-    for i, words in enumerate(said):
+    for i, words in enumerate(lines):
         paper.text((COLUMN + 3, top + 13 + 4.4 * i), words, size=2.7)
 
 

@@ -12,7 +12,7 @@ from html import escape
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.picture.layout import Frame
+from strainsight.pages.picture.layout import PositionAxes
 
 Point = tuple[float, float]
 WIDTH, HEIGHT = 297.0, 210.0
@@ -202,7 +202,7 @@ class Sheet:
     run: str
     deck: str
     layout: str
-    frame: Frame
+    frame: PositionAxes
     position: FloatArray
     normal: FloatArray
     directions: FloatArray
@@ -248,7 +248,7 @@ USUAL_GRID = 0.375
 
 
 @dataclass(frozen=True)
-class Placed:
+class PlacedView:
     """A view on paper: what of it is at `centre` [unit] lies at the point `at` [mm]; scale [mm/unit]."""
 
     view: Projection
@@ -284,7 +284,7 @@ def degrees(angle: float) -> str:
     return f"{round(float(angle), 1) + 0.0:g}°".replace("-", MINUS)
 
 
-def outline(paper: Paper, placed: Placed) -> None:
+def outline(paper: Paper, placed: PlacedView) -> None:
     """Edges of the part, those behind broken."""
     for path in joined(placed.lines(placed.view.hidden)):
         paper.path(path, 0.13, HIDDEN)
@@ -292,7 +292,7 @@ def outline(paper: Paper, placed: Placed) -> None:
         paper.path(path, THICK)
 
 
-def datum(paper: Paper, placed: Placed, sheet: Sheet) -> None:
+def datum(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
     """The origin, and its axes as far as they lie in the paper."""
     at = placed(np.zeros(3))
     paper.circle(at, 1.2)
@@ -303,7 +303,7 @@ def datum(paper: Paper, placed: Placed, sheet: Sheet) -> None:
             paper.ray(at, (at[0] + AXIS * float(flat[0]), at[1] - AXIS * float(flat[1])), name, 0.25)
 
 
-def from_datum(paper: Paper, placed: Placed, sheet: Sheet, box: tuple[float, float], across: bool = True) -> None:
+def from_datum(paper: Paper, placed: PlacedView, sheet: Sheet, box: tuple[float, float], across: bool = True) -> None:
     """Dimensions from the origin along axes of the datum that lie along those of the paper; box: bottom and left of the view
     [mm]; across: the horizontal one too."""
     o, g = placed(np.zeros(3)), placed(sheet.position)
@@ -322,7 +322,7 @@ def from_datum(paper: Paper, placed: Placed, sheet: Sheet, box: tuple[float, flo
             paper.dimension((x, o[1]), (x, g[1]), words)
 
 
-def to_edges(paper: Paper, placed: Placed, sheet: Sheet) -> None:
+def to_edges(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
     """Dimensions to both edges, where they are long enough on paper to be read."""
     g = placed(sheet.position)
     for distance, foot in zip(sheet.distance, sheet.foot, strict=True):
@@ -330,7 +330,7 @@ def to_edges(paper: Paper, placed: Placed, sheet: Sheet) -> None:
             paper.dimension(g, end, size(distance, sheet), beside=2.0)
 
 
-def foil(paper: Paper, placed: Placed, sheet: Sheet, axis: float = 0.0) -> None:
+def foil(paper: Paper, placed: PlacedView, sheet: Sheet, axis: float = 0.0) -> None:
     """The gauge to scale: carrier and grid of a single one, a line a grid of a rosette, a circle of what is not bonded on; axis
     [mm] that its centre lines are longer than it."""
     g = placed(sheet.position)
@@ -353,7 +353,7 @@ def foil(paper: Paper, placed: Placed, sheet: Sheet, axis: float = 0.0) -> None:
             paper.ray(g, tip, str(k) * (axis > 0 and len(sheet.directions) > 1), 0.3)
 
 
-def profile(paper: Paper, placed: Placed, sheet: Sheet) -> None:
+def profile(paper: Paper, placed: PlacedView, sheet: Sheet) -> None:
     """The gauge from the side: its width on the surface, and the normal."""
     g, half = placed(sheet.position), max(placed.scale * sheet.carrier[0] / 2, 0.5)
     paper.path([(g[0] - half, g[1]), (g[0] + half, g[1])], 1.0)
@@ -362,7 +362,7 @@ def profile(paper: Paper, placed: Placed, sheet: Sheet) -> None:
 
 def detail(paper: Paper, sheet: Sheet, centre: Point, half: tuple[float, float], scale: float) -> None:
     """The gauge enlarged in a window, with its angle to the nearest edge and the edges that lie in the window."""
-    placed = Placed(sheet.front, sheet.front.flat(sheet.position), centre, scale)
+    placed = PlacedView(sheet.front, sheet.front.flat(sheet.position), centre, scale)
     low, high = np.array(centre) - half, np.array(centre) + half
     paper.path([(low[0], low[1]), (high[0], low[1]), (high[0], high[1]), (low[0], high[1]), (low[0], low[1])])
     for path in joined(clipped(placed.lines(sheet.front.seen), low, high)):
@@ -376,7 +376,7 @@ def detail(paper: Paper, sheet: Sheet, centre: Point, half: tuple[float, float],
         _angle(paper, placed, sheet, min(half) - 4.0)
 
 
-def _angle(paper: Paper, placed: Placed, sheet: Sheet, radius: float) -> None:
+def _angle(paper: Paper, placed: PlacedView, sheet: Sheet, radius: float) -> None:
     """A line through the gauge along the edge, the measuring direction, and an arc between them."""
     t = placed.angle(sheet.along[0])
     if float(sheet.along[0] @ sheet.directions[0]) < 0:

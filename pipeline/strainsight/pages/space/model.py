@@ -24,7 +24,7 @@ from strainsight.pages.picture.geometry import (
     triangles,
     views,
 )
-from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.picture.layout import Gauge, PictureLayout
 from strainsight.pages.picture.scene import CLAMP, CREASES, LINES, POOL, STEEL, thinned
 
 LENGTH = 0.034
@@ -52,7 +52,7 @@ class Contour:
 
 
 @dataclass(frozen=True)
-class Shape:
+class ShownState:
     """A state in which the structure can be seen: caption; shift (n, 3) [m] of the layout's points, as large as it is to be seen,
     empty: where they are; contour, None: plain; group: heading of the list that it is offered in."""
 
@@ -81,7 +81,7 @@ class Space:
     """position (v, 3) [m]; normal (v, 3), zero where a vertex is not shaded; colour (v, 3) 0 to 255; source (v,): the point of
     the structure that a vertex moves with; surface: so many vertices, the first ones, are of its surface; parts in the order
     they are drawn; anchor: of every gauge of every layout, a vertex that moves with it; eye (3,): unit vector towards the
-    first view; thinned: as in `Surface`."""
+    first view; thinned: as in `DrawnSurface`."""
 
     position: FloatArray
     normal: FloatArray
@@ -94,7 +94,7 @@ class Space:
     thinned: bool
 
 
-def space(layouts: Sequence[Layout]) -> Space:
+def space(layouts: Sequence[PictureLayout]) -> Space:
     """A structure with its loads and clamps, and the gauges and candidates of one or more layouts on it.
 
     What the layouts share is taken from the first.
@@ -102,7 +102,7 @@ def space(layouts: Sequence[Layout]) -> Space:
     layouts = [thinned(layout) for layout in layouts]
     shared = layouts[0]
     body = surface(shared.points, shared.faces)
-    size = float(np.linalg.norm(np.ptp(shared.points, axis=0))) or 1.0
+    size = shared.size or 1.0
     gathered = _Gathered(shared.points)
 
     def solid(mesh: Any, colour: str, anchor: FloatArray) -> IntArray:
@@ -136,10 +136,10 @@ def space(layouts: Sequence[Layout]) -> Space:
         seen, true = [], []
         for i, gauge in enumerate(layout.gauges):
             anchor.append(gathered.count)
-            own = marked(gauge, marker(gauge, LENGTH * size), gauge_colour(i))
-            seen += own
+            parts_of = marked(gauge, marker(gauge, LENGTH * size), gauge_colour(i))
+            seen += parts_of
             # What has no foil is drawn alike either way.
-            true += marked(gauge, foil(gauge), gauge_colour(i)) or own
+            true += marked(gauge, foil(gauge), gauge_colour(i)) or parts_of
         either = any(gauge.foil[0] for gauge in layout.gauges)
         parts += [Drawn("triangles", np.concatenate(seen), group=group, when="seen" if either else "")] if seen else []
         parts += [Drawn("triangles", np.concatenate(true), group=group, when="scale")] if either else []
@@ -149,7 +149,7 @@ def space(layouts: Sequence[Layout]) -> Space:
     return Space(*gathered.arrays(), len(body.position), tuple(parts), tuple(anchor), eye, body.thinned)
 
 
-def contour_of(values: FloatArray, layout: Layout, quantity: str, unit: str) -> Contour:
+def contour_of(values: FloatArray, layout: PictureLayout, quantity: str, unit: str) -> Contour:
     """Colours of values (f,) [unit] on the layout's facets, on a scale that a peak does not stretch."""
     values = np.where(np.abs(values) > ROUNDING * np.abs(values).max(initial=0.0), values, 0.0)
     shown = at_points(values, layout.faces, len(layout.points))
@@ -157,7 +157,7 @@ def contour_of(values: FloatArray, layout: Layout, quantity: str, unit: str) -> 
     return Contour(shown, scale, float(values.min()), float(values.max()))
 
 
-def vertex_shift(space: Space, shape: Shape) -> FloatArray:
+def vertex_shift(space: Space, shape: ShownState) -> FloatArray:
     """The shift (v, 3) [m] of every vertex: that of the layout's point it stands for."""
     return np.asarray(shape.shift[space.source])
 
@@ -190,7 +190,7 @@ class _Gathered:
 
 
 @dataclass(frozen=True)
-class Surface:
+class DrawnSurface:
     """position (v, 3) [m], normal (v, 3) unit vectors; triangle (t, 3), line (l, 2), crease (c, 2): indices into them;
     source (v,): which point of the structure a vertex stands for; thinned: whether triangles were merged."""
 
@@ -203,7 +203,7 @@ class Surface:
     thinned: bool
 
 
-def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Surface:
+def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> DrawnSurface:
     """points (n, 3) [m], faces (f, 8) padded with −1 → what is drawn of them: at most about `largest` triangles.
 
     Too many are first drawn without their mid-side nodes, then merged by quadric errors (Garland and Heckbert, 1997).
@@ -211,7 +211,7 @@ def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Surf
     triangle = triangles(faces)
     if not len(triangle):
         nothing, none = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
-        return Surface(nothing, nothing, triangle, none, none, np.empty(0, dtype=np.int64), False)
+        return DrawnSurface(nothing, nothing, triangle, none, none, np.empty(0, dtype=np.int64), False)
     lines = mesh_lines(faces)
     if len(triangle) > largest:
         faces = straight(faces)
@@ -228,7 +228,7 @@ def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Surf
     source = np.asarray(shaded.point_data["source"], dtype=np.int64)
     position = np.asarray(shaded.points, dtype=float)
     edges = body.extract_feature_edges(CREASE, manifold_edges=False, non_manifold_edges=False)
-    return Surface(
+    return DrawnSurface(
         position,
         np.asarray(shaded.point_data["Normals"], dtype=float),
         shaded.faces.reshape(-1, 4)[:, 1:],

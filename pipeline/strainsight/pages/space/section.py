@@ -16,8 +16,8 @@ from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart.drawing import gauge_colour, ink_on
 from strainsight.pages.page.markup import coordinates, decimals, measure
 from strainsight.pages.picture.geometry import scale_bar, stops
-from strainsight.pages.picture.layout import Frame, Gauge, Layout
-from strainsight.pages.space.model import Contour, Shape, Space, space, vertex_shift
+from strainsight.pages.picture.layout import Gauge, PictureLayout, PositionAxes
+from strainsight.pages.space.model import Contour, ShownState, Space, space, vertex_shift
 from strainsight.pages.text import number, percent
 
 AXES = (
@@ -44,7 +44,7 @@ TRUE_SIZE = (
 
 
 def space_section(
-    layouts: Sequence[tuple[str, Layout]], shapes: Sequence[Shape] = (), name: str = "", first: int = -1
+    layouts: Sequence[tuple[str, PictureLayout]], shapes: Sequence[ShownState] = (), name: str = "", first: int = -1
 ) -> str:
     """HTML: the view, its buttons, a chip for every gauge and what is known of the picked one.
 
@@ -81,9 +81,9 @@ def space_section(
     )
 
 
-def _extremes(own: Contour) -> str:
+def _extremes(contour: Contour) -> str:
     """What the surface has at least and at most: a scale about zero ends elsewhere."""
-    least, largest = (measure(value, own.scale.unit, 3) for value in (own.least, own.largest))
+    least, largest = (measure(value, contour.scale.unit, 3) for value in (contour.least, contour.largest))
     return f'<p class="note">From {least} to {largest}, by facets at their middles.</p>'
 
 
@@ -103,7 +103,7 @@ def _side(gauges: Sequence[Mapping[str, Any]]) -> str:
     )
 
 
-def _choices(captions: Sequence[str], shapes: Sequence[Shape], first: int) -> str:
+def _choices(captions: Sequence[str], shapes: Sequence[ShownState], first: int) -> str:
     """Which layout and which state is shown."""
 
     def options(names: Iterable[tuple[int, str]]) -> str:
@@ -117,7 +117,9 @@ def _choices(captions: Sequence[str], shapes: Sequence[Shape], first: int) -> st
         groups: dict[str, list[tuple[int, str]]] = {}
         for i, shape in enumerate(shapes):
             groups.setdefault(shape.group, []).append((i, shape.caption))
-        offered = "".join(f'<optgroup label="{escape(name)}">{options(own)}</optgroup>' for name, own in groups.items())
+        offered = "".join(
+            f'<optgroup label="{escape(name)}">{options(members)}</optgroup>' for name, members in groups.items()
+        )
         text += (
             f'<label>Show <select id="space-shape">{options([(-1, "plain body")])}{offered}</select></label>'
             '<button type="button" id="space-play" hidden>Hold</button>'
@@ -125,7 +127,7 @@ def _choices(captions: Sequence[str], shapes: Sequence[Shape], first: int) -> st
     return text
 
 
-def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[Shape], first: int) -> str:
+def _data(model: Space, gauges: Sequence[Mapping[str, Any]], shapes: Sequence[ShownState], first: int) -> str:
     """What the script draws, as JSON: numbers and texts, and all arrays in one deflated, base64-coded run of bytes.
 
     Positions are 16-bit parts of the bounding box, normals and shifts 8-bit: a pixel's worth. Of a contour the surface has a byte
@@ -174,11 +176,11 @@ def _vector(direction: FloatArray) -> str:
     return " ".join(number(round(float(value), 4), 4) for value in direction)
 
 
-def _place(position: FloatArray, frame: Frame, places: int) -> str:
+def _place(position: FloatArray, frame: PositionAxes, places: int) -> str:
     return f"{coordinates(frame.place(position), places)} {frame.unit}"
 
 
-def _gauge(gauge: Gauge, index: int, group: int, frame: Frame, places: int) -> dict[str, Any]:
+def _gauge(gauge: Gauge, index: int, group: int, frame: PositionAxes, places: int) -> dict[str, Any]:
     """A gauge's mark and what its panel says."""
     text = [("kind", gauge.kind)]
     text += [("element" if gauge.facet else "number", str(gauge.element))] * bool(gauge.element)

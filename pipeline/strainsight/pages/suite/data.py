@@ -14,10 +14,10 @@ from html import escape
 import numpy as np
 
 from strainsight.pages.arrays import History
-from strainsight.pages.bench.data import BenchRun, Run
+from strainsight.pages.bench.data import BenchPageRun, PageRun
 from strainsight.pages.page.markup import count, links, plain, sheet, verdict_mark
-from strainsight.pages.picture.layout import Layout
-from strainsight.pages.placement.data import Case, Metric, Trend, Unknown
+from strainsight.pages.picture.layout import PictureLayout
+from strainsight.pages.placement.data import MetricWords, ObservabilityCase, Trend, Unknown
 from strainsight.pages.text import number
 
 SEEDS_ASIDE = 0.1
@@ -32,7 +32,7 @@ HOLDS, THEIRS_ONLY, OURS_ONLY, UNMEASURED = (
 
 
 @dataclass(frozen=True)
-class PlacementRun(Run):
+class PlacementRun(PageRun):
     """A placement.
 
     unknowns: what was to be estimated, with numbers where it was validated; pool: how many gauges there were to choose from, None
@@ -42,9 +42,9 @@ class PlacementRun(Run):
     unknowns: tuple[Unknown, ...] = ()
     pool: int | None = None
     trend: Trend | None = None
-    layout: Layout | None = None
+    layout: PictureLayout | None = None
     histories: tuple[History, ...] = ()
-    cases: tuple[Case, ...] = ()
+    cases: tuple[ObservabilityCase, ...] = ()
     frequencies: tuple[float, ...] = ()
     truth_description: str = ""
 
@@ -59,11 +59,11 @@ class PlacementRun(Run):
         return None if self.layout is None else len(self.layout.gauges)
 
 
-SuiteRun = PlacementRun | BenchRun
+SuiteRun = PlacementRun | BenchPageRun
 
 
 @dataclass(frozen=True)
-class Study:
+class SuiteStudy:
     """A question that several runs answer: name, note; over: the key they vary or None; numbers that are drawn over it, or
     none for the errors; runs: their places in the suite, from 0."""
 
@@ -92,10 +92,10 @@ class Statement:
     @property
     def seeds(self) -> dict[tuple[int, str], list[float]]:
         """(Place of the run, name of the number) → its value of every seed."""
-        found: dict[tuple[int, str], list[float]] = {}
+        numbers: dict[tuple[int, str], list[float]] = {}
         for place, name, value in self.found:
-            found.setdefault((place, name), []).append(value)
-        return found
+            numbers.setdefault((place, name), []).append(value)
+        return numbers
 
     @property
     def verdict(self) -> str:
@@ -124,7 +124,7 @@ class Statement:
 
 
 @dataclass(frozen=True)
-class Comparison:
+class SourceComparison:
     """What a source says, where and with which number; as_printed and ours: the same measured under its settings and under ours,
     None where it is not; why: in words."""
 
@@ -138,15 +138,15 @@ class Comparison:
     @property
     def verdict(self) -> str:
         """Holds where every side that is measured is confirmed; no number where one has none and the other is not against it."""
-        found = [None if side is None else side.verdict for side in (self.as_printed, self.ours)]
-        measured = [verdict for verdict in found if verdict is not None]
+        verdicts = [None if side is None else side.verdict for side in (self.as_printed, self.ours)]
+        measured = [verdict for verdict in verdicts if verdict is not None]
         if not measured:
             return UNMEASURED
         if UNDECIDED in measured and CONTRADICTED not in measured:
             return UNDECIDED
         if CONTRADICTED not in measured:
             return HOLDS
-        return {CONFIRMED: THEIRS_ONLY}.get(found[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
+        return {CONFIRMED: THEIRS_ONLY}.get(verdicts[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
 
 
 def unexplained(verdict: str, why: str) -> bool:
@@ -161,9 +161,9 @@ class Suite:
     name: str
     title: str
     runs: tuple[SuiteRun, ...]
-    studies: tuple[Study, ...] = ()
+    studies: tuple[SuiteStudy, ...] = ()
     statements: tuple[Statement, ...] = ()
-    comparisons: tuple[Comparison, ...] = ()
+    comparisons: tuple[SourceComparison, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
 
     @property
@@ -172,22 +172,22 @@ class Suite:
         return tuple((i, run) for i, run in enumerate(self.runs, start=1) if isinstance(run, PlacementRun))
 
     @property
-    def benches(self) -> tuple[tuple[int, BenchRun], ...]:
+    def benches(self) -> tuple[tuple[int, BenchPageRun], ...]:
         """The runs of benches, with their numbers from 1."""
-        return tuple((i, run) for i, run in enumerate(self.runs, start=1) if isinstance(run, BenchRun))
+        return tuple((i, run) for i, run in enumerate(self.runs, start=1) if isinstance(run, BenchPageRun))
 
 
-def metrics_of(runs: Iterable[PlacementRun]) -> tuple[Metric, ...]:
+def metrics_of(runs: Iterable[PlacementRun]) -> tuple[MetricWords, ...]:
     """What the layouts of these runs were chosen by, each once."""
     return tuple(dict.fromkeys(run.trend.metric for run in runs if run.trend is not None))
 
 
-def metric_name(metrics: Sequence[Metric]) -> str:
+def metric_name(metrics: Sequence[MetricWords]) -> str:
     """What a column of them is called: by its formula where they are all one."""
     return metrics[0].symbol if len(metrics) == 1 else "metric"
 
 
-def metric_words(metrics: Sequence[Metric]) -> str:
+def metric_words(metrics: Sequence[MetricWords]) -> str:
     """What they are, as the beginning of a sentence."""
     return "; ".join(f"{metric.symbol}: {metric.meaning}" for metric in metrics)
 
@@ -228,10 +228,10 @@ def comparisons_answer(suite: Suite) -> str:
     return f"<strong>{count(rows)} comparison{'s' * (rows != 1)}</strong>: {', '.join(parts)}." if parts else ""
 
 
-def _by_verdict(rows: Sequence[Statement | Comparison], verdicts: Sequence[str]) -> list[tuple[str, list[int]]]:
+def _by_verdict(rows: Sequence[Statement | SourceComparison], verdicts: Sequence[str]) -> list[tuple[str, list[int]]]:
     """Verdicts that occur, in this order, with the numbers of their rows from 1."""
-    found = [(verdict, [i for i, row in enumerate(rows, 1) if row.verdict == verdict]) for verdict in verdicts]
-    return [(verdict, places) for verdict, places in found if places]
+    counted = [(verdict, [i for i, row in enumerate(rows, 1) if row.verdict == verdict]) for verdict in verdicts]
+    return [(verdict, places) for verdict, places in counted if places]
 
 
 def statements_table(suite: Suite) -> str:
@@ -313,9 +313,9 @@ def _spread(seeds: Sequence[Sequence[float]], shown: Shown, unit: str) -> str:
     return f"{medians} ({around}){unit}, {shown(len(seeds))} numbers"
 
 
-def side(own: Statement | None, shown: Shown = number) -> str:
+def side(statement: Statement | None, shown: Shown = number) -> str:
     """What one side of a comparison measures, and the bounds that it is held against."""
-    return "–" if own is None else f"{measured(own, shown)} ({target(own, shown)})"
+    return "–" if statement is None else f"{measured(statement, shown)} ({target(statement, shown)})"
 
 
 def _few(texts: Sequence[str], between: str = ", ") -> str:
@@ -324,9 +324,9 @@ def _few(texts: Sequence[str], between: str = ", ") -> str:
     return between.join(texts[:FEW]) + more
 
 
-def _runs(suite: Suite, own: Statement) -> str:
+def _runs(suite: Suite, statement: Statement) -> str:
     """Links to the runs that a statement is measured in."""
-    places = dict.fromkeys(place for place, _, _ in own.found)
+    places = dict.fromkeys(place for place, _, _ in statement.found)
     return _few([f'<a href="#run-{i + 1}">{escape(suite.runs[i].label)}</a>' for i in places])
 
 
@@ -367,10 +367,10 @@ def _failed(statement: Statement, values: Sequence[float]) -> str:
     return f"holds in {sum(statement.holds(value) is True for value in values)} of {len(values)} seeds"
 
 
-def _comparison_row(suite: Suite, index: int, row: Comparison) -> str:
+def _comparison_row(suite: Suite, index: int, row: SourceComparison) -> str:
     cells = "".join(
-        f'<td data-label="{label}">{_side(suite, own)}</td>'
-        for label, own in zip(COMPARED[3:5], (row.as_printed, row.ours), strict=True)
+        f'<td data-label="{label}">{_side(suite, statement)}</td>'
+        for label, statement in zip(COMPARED[3:5], (row.as_printed, row.ours), strict=True)
     )
     return (
         f'<tr id="comparison-{index}"><td data-label="{COMPARED[0]}">{index}. {escape(row.source)}</td>'
@@ -379,7 +379,7 @@ def _comparison_row(suite: Suite, index: int, row: Comparison) -> str:
     )
 
 
-def _side(suite: Suite, own: Statement | None) -> str:
-    if own is None:
+def _side(suite: Suite, statement: Statement | None) -> str:
+    if statement is None:
         return "–"
-    return f"{side(replace(own, unit=escape(own.unit)), plain)}<br><small>{_runs(suite, own)}</small>"
+    return f"{side(replace(statement, unit=escape(statement.unit)), plain)}<br><small>{_runs(suite, statement)}</small>"

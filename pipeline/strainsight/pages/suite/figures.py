@@ -12,13 +12,29 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray, History
-from strainsight.pages.bench.data import BenchRun, BenchSensor
+from strainsight.pages.bench.data import BenchPageRun, BenchSensor
 from strainsight.pages.bench.figures import STROKES, line_style, ratio_figure, sensor_figure, unknown_figure
 from strainsight.pages.chart.drawing import MUTED, SERIES, Drawing, figure, styled, svg
 from strainsight.pages.chart.panels import drawable, estimate_figure, legend_above, log_ticks, plain_ticks
 from strainsight.pages.placement.data import Trend
-from strainsight.pages.suite.data import PlacementRun, Study, Suite, SuiteRun, metric_name, metric_words, metrics_of
-from strainsight.pages.suite.summary import SINGULAR, Result, Series, groups_of, numbered, results_of, series_of
+from strainsight.pages.suite.data import (
+    PlacementRun,
+    Suite,
+    SuiteRun,
+    SuiteStudy,
+    metric_name,
+    metric_words,
+    metrics_of,
+)
+from strainsight.pages.suite.summary import (
+    SINGULAR,
+    ExcitationSeries,
+    Result,
+    groups_of,
+    numbered,
+    results_of,
+    series_of,
+)
 from strainsight.pages.text import SUPERSCRIPTS, number, percent, short
 
 if TYPE_CHECKING:
@@ -30,17 +46,17 @@ WIDE = 3.0
 """Ratio of the largest to the smallest from which an axis is logarithmic."""
 
 
-def study_figures(suite: Suite, study: Study) -> tuple[Drawing, ...]:
+def study_figures(suite: Suite, study: SuiteStudy) -> tuple[Drawing, ...]:
     """First what the study varies, then every unknown and every sensor of its benches."""
     place = suite.studies.index(study)
     runs = [suite.runs[i] for i in study.runs]
     drawings = [] if study.over is None else _sweeps(f"study-{place}", study, runs)
-    for i, (group, part) in enumerate(_parts([run for run in runs if isinstance(run, BenchRun) and run.estimate])):
+    for i, (group, part) in enumerate(_parts([run for run in runs if isinstance(run, BenchPageRun) and run.estimate])):
         drawings += _pair(f"study-{place}-{i}", group, part)
     return tuple(drawings)
 
 
-def _parts(runs: Sequence[BenchRun]) -> list[tuple[str, Sequence[BenchRun]]]:
+def _parts(runs: Sequence[BenchPageRun]) -> list[tuple[str, Sequence[BenchPageRun]]]:
     """The runs in handfuls that one figure can hold: by group where there are too many, then in their order."""
     if len(runs) <= TOGETHER:
         return [("", runs)] * bool(runs)
@@ -52,7 +68,7 @@ def _parts(runs: Sequence[BenchRun]) -> list[tuple[str, Sequence[BenchRun]]]:
     ]
 
 
-def _pair(key: str, group: str, runs: Sequence[BenchRun]) -> list[Drawing]:
+def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
     """Estimates of every unknown, then every sensor as measured and as estimated."""
     drawings = []
     behind = f" ({group})" if group else ""
@@ -77,7 +93,7 @@ def _largest(sensor: BenchSensor) -> int:
     return int(np.argmax(np.ptp(finite, axis=0)))
 
 
-def _sweeps(key: str, study: Study, runs: Sequence[SuiteRun]) -> list[Drawing]:
+def _sweeps(key: str, study: SuiteStudy, runs: Sequence[SuiteRun]) -> list[Drawing]:
     """The numbers of the study over the key; the errors of its loads and of its parameters where it names none."""
     if study.numbers:
         return [_sweep(f"{key}-sweep", study, runs, [(name, None, name) for name in study.numbers])]
@@ -97,7 +113,7 @@ def _sweeps(key: str, study: Study, runs: Sequence[SuiteRun]) -> list[Drawing]:
 @styled()
 def _sweep(
     key: str,
-    study: Study,
+    study: SuiteStudy,
     runs: Sequence[SuiteRun],
     numbers: Sequence[tuple[str, str | None, str]],
     what: str = "numbers",
@@ -201,7 +217,7 @@ def suite_figures(report: Suite) -> tuple[Drawing, ...]:
 
 
 @styled()
-def pbh_figure(series: tuple[Series, ...]) -> Drawing:
+def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     """Condition of the scaled PBH matrix at λ = 0: a group a set of unknowns, a colour an excitation."""
     groups = groups_of(series)
     values = np.array(

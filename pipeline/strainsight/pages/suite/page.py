@@ -7,7 +7,7 @@ from html import escape
 
 import numpy as np
 
-from strainsight.pages.bench.data import BenchRun
+from strainsight.pages.bench.data import BenchPageRun
 from strainsight.pages.bench.page import FOOTER as BENCHES
 from strainsight.pages.bench.page import STYLE
 from strainsight.pages.bench.tables import MEANINGS, run_answer
@@ -32,7 +32,7 @@ from strainsight.pages.page.markup import (
     unfolding,
 )
 from strainsight.pages.page.sections import document
-from strainsight.pages.picture.layout import Layout
+from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.placement.page import FOOTER as PLACEMENTS
 from strainsight.pages.space.section import space_section
 from strainsight.pages.suite import data, summary
@@ -90,7 +90,7 @@ def _studies(suite: Suite, cards: Cards) -> list[str]:
     if len(suite.studies) > 1:
         contents = f'<h2>Studies</h2><ol class="contents">{items}</ol>'
         parts.insert(0, f'<nav class="card" aria-label="studies">{contents}</nav>')
-    if alone := [i for i, run in enumerate(suite.runs) if isinstance(run, BenchRun) and not run.study]:
+    if alone := [i for i, run in enumerate(suite.runs) if isinstance(run, BenchPageRun) and not run.study]:
         heading = "Other runs" if suite.studies else "Runs"
         parts.append(f"<h2>{heading}</h2>{_benches(suite, alone, 'other runs')}")
     if suite.benches:
@@ -166,7 +166,7 @@ def _modes(run: PlacementRun) -> str:
     return ", ".join(measure(value, "Hz") for value in run.frequencies[:3]) or "–"
 
 
-def _of_bench(run: BenchRun) -> list[str]:
+def _of_bench(run: BenchPageRun) -> list[str]:
     numbers, method = run.numbers.get("simulate", {}), run.summary.get("method")
     cells = [numbers.get(key) for key in ("coordinates", "constraints", "first_frequency")]
     shown = ["–" if not isinstance(value, int | float) else plain(float(value), 4) for value in cells]
@@ -178,14 +178,14 @@ def suite_space(report: Suite) -> str:
 
     Equal layouts are offered once, under the numbers of their runs.
     """
-    found: dict[bytes, tuple[list[int], Layout]] = {}
+    layouts: dict[bytes, tuple[list[int], PictureLayout]] = {}
     placed = [(index, run.layout) for index, run in report.placements if run.layout is not None]
     for index, layout in placed:
         if _same_structure(layout, placed[0][1]):
-            found.setdefault(_look(layout), ([], layout))[0].append(index)
+            layouts.setdefault(_look(layout), ([], layout))[0].append(index)
     label = {index: run.label for index, run in report.placements}
     return space_section(
-        [(f"{', '.join(f'{index}.' for index in runs)} {label[runs[0]]}", layout) for runs, layout in found.values()]
+        [(f"{', '.join(f'{index}.' for index in runs)} {label[runs[0]]}", layout) for runs, layout in layouts.values()]
     )
 
 
@@ -219,7 +219,7 @@ def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
     return f'<figure class="card"><h3>{title}</h3>{shown}<figcaption>{escape(nearest)}</figcaption></figure>'
 
 
-def _nearest(layout: Layout | None) -> dict[str, tuple[str, float]]:
+def _nearest(layout: PictureLayout | None) -> dict[str, tuple[str, float]]:
     """Gauge → its nearest other one and the distance between them [m]."""
     gauges, nearest = () if layout is None else layout.gauges, {}
     for gauge in gauges:
@@ -230,7 +230,7 @@ def _nearest(layout: Layout | None) -> dict[str, tuple[str, float]]:
     return nearest
 
 
-def _gauge_rows(index: int, run: PlacementRun, layout: Layout) -> str:
+def _gauge_rows(index: int, run: PlacementRun, layout: PictureLayout) -> str:
     places, nearest = decimals(layout.points), _nearest(layout)
     rows = []
     for i, gauge in enumerate(layout.gauges):
@@ -242,16 +242,11 @@ def _gauge_rows(index: int, run: PlacementRun, layout: Layout) -> str:
     return block(f"{index}. {escape(run.label)}", rows)
 
 
-def _same_structure(one: Layout, other: Layout) -> bool:
+def _same_structure(one: PictureLayout, other: PictureLayout) -> bool:
     return np.array_equal(one.points, other.points) and np.array_equal(one.faces, other.faces)
 
 
-def _look(layout: Layout) -> bytes:
+def _look(layout: PictureLayout) -> bytes:
     """What two layouts have in common that are drawn alike."""
-    marks = [
-        np.concatenate(
-            [gauge.position, *gauge.channels, *(own for arm in gauge.arms for own in (arm.position, arm.direction))]
-        )
-        for gauge in layout.gauges
-    ]
+    marks = [vector for gauge in layout.gauges for position, along, _ in gauge.grids for vector in (position, along)]
     return b"".join(np.asarray(array, dtype=float).tobytes() for array in (*marks, layout.pool))

@@ -10,7 +10,7 @@ from urllib.parse import quote
 
 from strainsight.estimation.decision import CONSISTENT, DIVERGED, FAULTS, LOST, OVERCONFIDENT, TOO_CAUTIOUS, Claim
 from strainsight.pages.arrays import rms
-from strainsight.pages.bench.data import BenchRun
+from strainsight.pages.bench.data import BenchPageRun
 from strainsight.pages.page.markup import (
     block,
     cell,
@@ -24,7 +24,7 @@ from strainsight.pages.page.markup import (
     verdict_mark,
 )
 from strainsight.pages.page.sections import section
-from strainsight.pages.placement.data import Case, Unknown
+from strainsight.pages.placement.data import ObservabilityCase, Unknown
 from strainsight.pages.placement.first import accused, faults, no_benefit, why
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.pages.text import listed
@@ -35,14 +35,14 @@ TRAINING = "training run"
 
 
 @dataclass(frozen=True)
-class Series:
+class ExcitationSeries:
     """The cases at one excitation: numbers of the runs that share it, from 1; excitation as the first of them calls it;
     label of that run; group → its case."""
 
     runs: tuple[int, ...]
     excitation: str
     label: str
-    cases: Mapping[str, Case]
+    cases: Mapping[str, ObservabilityCase]
 
     @property
     def heading(self) -> str:
@@ -50,23 +50,23 @@ class Series:
         return numbered(self.runs) + ("" if self.excitation == TRAINING else f" at {self.excitation}")
 
 
-def series_of(report: Suite) -> tuple[Series, ...]:
+def series_of(report: Suite) -> tuple[ExcitationSeries, ...]:
     """Every distinct excitation of the runs, in their order; runs with the same one and the same numbers are one series."""
-    found: list[Series] = []
+    series: list[ExcitationSeries] = []
     loads = _loads(report)
     for index, run in report.placements:
         for excitation in dict.fromkeys(case.excitation for case in run.cases):
             cases = {_group(case, run, loads): case for case in run.cases if case.excitation == excitation}
-            for place, other in enumerate(found):
+            for place, other in enumerate(series):
                 if _same(cases, other.cases):
-                    found[place] = replace(other, runs=(*other.runs, index))
+                    series[place] = replace(other, runs=(*other.runs, index))
                     break
             else:
-                found.append(Series((index,), excitation, run.label, cases))
-    return tuple(found)
+                series.append(ExcitationSeries((index,), excitation, run.label, cases))
+    return tuple(series)
 
 
-def groups_of(series: tuple[Series, ...]) -> tuple[str, ...]:
+def groups_of(series: tuple[ExcitationSeries, ...]) -> tuple[str, ...]:
     """Sets of unknowns that occur, fewest unknowns first."""
     names = dict.fromkeys(group for entry in series for group in entry.cases)
     return tuple(sorted(names, key=lambda group: group.count(" + ")))
@@ -109,14 +109,14 @@ def _loads(report: Suite) -> frozenset[str]:
     return frozenset(inputs | drawn)
 
 
-def _group(case: Case, run: PlacementRun, loads: frozenset[str]) -> str:
+def _group(case: ObservabilityCase, run: PlacementRun, loads: frozenset[str]) -> str:
     """The set of unknowns in words: all loads together are "input", as the runs differ in how many they have."""
-    own = {unknown.name for unknown in run.unknowns if unknown.kind == "parameter"}
-    parts = ["input" if name in loads and name not in own else name for name in case.unknowns]
+    parameters = {unknown.name for unknown in run.unknowns if unknown.kind == "parameter"}
+    parts = ["input" if name in loads and name not in parameters else name for name in case.unknowns]
     return " + ".join(dict.fromkeys(parts)) or "none"
 
 
-def _same(one: Mapping[str, Case], other: Mapping[str, Case]) -> bool:
+def _same(one: Mapping[str, ObservabilityCase], other: Mapping[str, ObservabilityCase]) -> bool:
     return one.keys() == other.keys() and all(
         case.excitation == other[group].excitation and _equal(case.condition, other[group].condition)
         for group, case in one.items()
@@ -177,11 +177,11 @@ def results_of(run: PlacementRun) -> tuple[Result, ...]:
 
 def counts(report: Suite) -> dict[str, list[int]]:
     """Numbers of the runs, from 1, by what they came to, in the order of WORDS; a run may have several faults."""
-    found: dict[str, list[int]] = {word: [] for word in WORDS}
+    numbers: dict[str, list[int]] = {word: [] for word in WORDS}
     for index, run in enumerate(report.runs, start=1):
         for word in _words(run):
-            found[word].append(index)
-    return {word: places for word, places in found.items() if places}
+            numbers[word].append(index)
+    return {word: places for word, places in numbers.items() if places}
 
 
 def without_benefit(report: Suite) -> list[int]:
@@ -189,7 +189,8 @@ def without_benefit(report: Suite) -> list[int]:
     return [
         index
         for index, run in report.placements
-        if run.unknowns and all(own.benefit is not None and own.benefit.verdict == "none" for own in run.unknowns)
+        if run.unknowns
+        and all(unknown.benefit is not None and unknown.benefit.verdict == "none" for unknown in run.unknowns)
     ]
 
 
@@ -197,7 +198,7 @@ def _words(run: SuiteRun) -> tuple[str, ...]:
     """What is wrong with a run, each once; else whether its σ hold."""
     if not run.is_estimated:
         return (NOT_ESTIMATED,)
-    if isinstance(run, BenchRun):
+    if isinstance(run, BenchPageRun):
         wrong, held = run.all_faults, {run.summary.get(f"claim.{unknown.name}") for unknown in run.unknowns}
     else:
         results = results_of(run)
@@ -218,11 +219,11 @@ MEASURED = COLUMNS[5:]
 
 def answer(report: Suite) -> str:
     """What the runs came to, what does not hold first."""
-    found, parts = counts(report), []
-    for word, places in found.items():
+    counted, parts = counts(report), []
+    for word, places in counted.items():
         text = f'<strong class="bad">{word}</strong>' if word in FAULTS else word
         parts.append(f"{count(len(places))} {text} ({_links(places)})")
-    both = [index for index in found.get(OVERCONFIDENT, ()) if index in found.get(LOST, ())]
+    both = [index for index in counted.get(OVERCONFIDENT, ()) if index in counted.get(LOST, ())]
     ending = f"; {numbered(tuple(both))} both" if both else ""
     none = without_benefit(report)
     gains = f' <strong class="bad">Placement brings no benefit in {_links(none)}.</strong>' if none else ""

@@ -10,7 +10,7 @@ from strainsight.pages.chart.drawing import Drawing
 from strainsight.pages.chart.panels import posterior_figure
 from strainsight.pages.page.markup import bullets, count, figure, figures, measure, plain, share, table
 from strainsight.pages.page.sections import damage_section, document, rests_on, section, warnings_section
-from strainsight.pages.tested.data import Findings, Unknown
+from strainsight.pages.tested.data import Findings, TestedUnknown
 from strainsight.pages.tested.page import broken_digest
 from strainsight.records.estimated import CampaignRecord
 from strainsight.runner.output import Table
@@ -48,15 +48,15 @@ class CampaignFindings:
         return self.records[0].report
 
     @property
-    def parameters(self) -> tuple[Unknown, ...]:
+    def parameters(self) -> tuple[TestedUnknown, ...]:
         """The unknown parameters, by all records."""
-        return tuple(own for own in self.first.unknowns if own.kind == "parameter")
+        return tuple(unknown for unknown in self.first.unknowns if unknown.kind == "parameter")
 
 
 def campaign_figures(report: CampaignFindings) -> tuple[Drawing, ...]:
     """The density of every parameter by all records."""
     units = report.first.units
-    return tuple(posterior_figure(name, units[name], own) for name, own in report.shared.posterior.items())
+    return tuple(posterior_figure(name, units[name], posterior) for name, posterior in report.shared.posterior.items())
 
 
 def page_of_campaign(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
@@ -74,47 +74,36 @@ def page_of_campaign(report: CampaignFindings, drawings: tuple[Drawing, ...]) ->
 
 def _answer(report: CampaignFindings) -> str:
     text = f'<strong class="bad">{escape(report.warnings[0])}</strong> ' if report.warnings else ""
-    found = ", ".join(
-        f"{escape(own.name)} {measure(own.estimate, own.unit)} "
-        + ("(σ withheld)" if own.std is None else f"(± {share(own.relative)})")
-        for own in report.parameters
+    values = ", ".join(
+        f"{escape(unknown.name)} {measure(unknown.estimate, unknown.unit)} "
+        + ("(σ withheld)" if unknown.std is None else f"(± {share(unknown.relative)})")
+        for unknown in report.parameters
     )
-    samples = sum(own.report.file.samples for own in report.records)
-    said = f"<strong>{found}</strong>, from" if found else "From"
-    return f"{text}{said} {count(samples)} samples in {count(len(report.records))} records."
+    samples = sum(record.report.file.samples for record in report.records)
+    start = f"<strong>{values}</strong>, from" if values else "From"
+    return f"{text}{start} {count(samples)} samples in {count(len(report.records))} records."
 
 
 def _records(report: CampaignFindings) -> str:
     head = ["record", "date", "duration"]
-    for own in report.first.loads:
-        head += [f"{escape(own.name)}, peak", "± σ there", f"{escape(own.name)}, RMS", "± σ"]
+    for load in report.first.loads:
+        head += [f"{escape(load.name)}, peak", "± σ there", f"{escape(load.name)}, RMS", "± σ"]
     head += ["innovations within 2σ", "verdict"]
     rows = []
     for record in report.records:
-        row = [
-            f'<a href="{escape(record.page)}">{escape(record.report.record)}</a>',
-            escape(record.report.file.source.date) or "–",
-            measure(record.report.file.duration, "s"),
-        ]
-        for own in record.report.loads:
-            peak, at_peak = (None, None) if own.peak is None else (own.peak.largest[0], own.peak_std)
-            row += [
-                measure(peak, own.unit),
-                _std(at_peak, own.unit),
-                measure(own.estimate, own.unit),
-                _std(own.std, own.unit),
-            ]
-        tone = "good" if record.report.consistent else "bad"
-        row += [share(record.inside), f'<span class="{tone}">{escape(record.verdict)}</span>']
-        rows.append(row)
-    text = table(
-        "records",
-        head,
-        rows,
-        caption="Each record has a page of its own. Of innovations, measured less foreseen, 95 % are within 2σ where the model "
-        "and the stated noise hold.",
-        numeric=range(2, len(head) - 1),
+        findings, tone = record.report, "good" if record.report.consistent else "bad"
+        row = [f'<a href="{escape(record.page)}">{escape(findings.record)}</a>']
+        row += [escape(findings.file.source.date) or "–", measure(findings.file.duration, "s")]
+        for load in findings.loads:
+            peak = None if load.peak is None else load.peak.largest[0]
+            for value, std in ((peak, load.peak_std), (load.estimate, load.std)):
+                row += [measure(value, load.unit), _std(std, load.unit)]
+        rows.append([*row, share(record.inside), f'<span class="{tone}">{escape(record.verdict)}</span>'])
+    caption = (
+        "Each record has a page of its own. Of innovations, measured less foreseen, 95 % are within 2σ where the model "
+        "and the stated noise hold."
     )
+    text = table("records", head, rows, caption=caption, numeric=range(2, len(head) - 1))
     return section("Record by record", text, "records")
 
 
@@ -125,29 +114,26 @@ def _std(value: float | None, unit: str) -> str:
 def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
     if not report.parameters:
         return ""
-    names = [own.report.record for own in report.records]
     rows = []
-    for own in report.parameters:
-        each = [measure(value, own.unit) for value in report.shared.alone[own.name].tolist()]
-        rows.append([escape(own.name), measure(own.estimate, own.unit), _std(own.std, own.unit), *each])
-    text = table(
-        "parameters",
-        ("parameter", "together", "± claimed σ", *(f"{escape(name)} alone" for name in names)),
-        rows,
-        caption="The most likely value by each record alone stands beside that by all of them that agree with the model.",
-        numeric=range(1, 3 + len(names)),
-    )
-    doubts = [doubt for own in report.parameters for doubt in own.doubts]
-    said = f'<div class="card warnings">{bullets(doubts)}</div>' if doubts else ""
-    cards = figures(figure(own, i) for i, own in enumerate(drawings))
-    return f"{section('Parameters, the same in all records', text, 'parameters')}{said}{cards}"
+    for unknown in report.parameters:
+        alone = [measure(value, unknown.unit) for value in report.shared.alone[unknown.name].tolist()]
+        together = [measure(unknown.estimate, unknown.unit), _std(unknown.std, unknown.unit)]
+        rows.append([escape(unknown.name), *together, *alone])
+    head = ["parameter", "together", "± claimed σ"]
+    head += [f"{escape(record.report.record)} alone" for record in report.records]
+    caption = "The most likely value by each record alone stands beside that by all of them that agree with the model."
+    text = table("parameters", head, rows, caption=caption, numeric=range(1, len(head)))
+    doubts = bullets(doubt for unknown in report.parameters for doubt in unknown.doubts)
+    warned = f'<div class="card warnings">{doubts}</div>' if doubts else ""
+    cards = figures(figure(entry, i) for i, entry in enumerate(drawings))
+    return section("Parameters, the same in all records", text, "parameters", more=warned) + cards
 
 
 def _files(report: CampaignFindings) -> str:
     rows = []
-    for own in report.records:
-        file, source = own.report.file, own.report.file.source
-        cells = [escape(own.report.record), escape(source.file), broken_digest(source.sha256), escape(source.format)]
+    for record in report.records:
+        file, source = record.report.file, record.report.file.source
+        cells = [escape(record.report.record), escape(source.file), broken_digest(source.sha256), escape(source.format)]
         rows.append([*cells, plain(file.rate), count(file.samples)])
     text = table("files", ("record", "file", "SHA-256", "format", "rate [Hz]", "samples"), rows, numeric=(4, 5))
     return section("The files of the test", text, "file")

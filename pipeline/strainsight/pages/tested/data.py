@@ -13,13 +13,13 @@ from typing import Literal
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray, History, Reading
-from strainsight.pages.picture.layout import Layout
+from strainsight.pages.picture.layout import PictureLayout
 from strainsight.records.estimated import Compared, Posterior, Source
 from strainsight.runner.output import Table
 
 
 @dataclass(frozen=True)
-class Peak:
+class Extremes:
     """The least and the largest value of a signal [unit], NaN where it has none, and when [s]."""
 
     low: float
@@ -33,17 +33,17 @@ class Peak:
         return (self.low, self.low_at) if abs(self.low) > abs(self.high) else (self.high, self.high_at)
 
 
-def peak_of(time: FloatArray, values: FloatArray) -> Peak:
+def peak_of(time: FloatArray, values: FloatArray) -> Extremes:
     """time (T,) [s], values (T,) [unit], of which those count that are finite."""
-    there = np.flatnonzero(np.isfinite(values))
-    if not len(there):
-        return Peak(np.nan, np.nan, np.nan, np.nan)
-    low, high = there[np.argmin(values[there])], there[np.argmax(values[there])]
-    return Peak(float(values[low]), float(time[low]), float(values[high]), float(time[high]))
+    known = np.flatnonzero(np.isfinite(values))
+    if not len(known):
+        return Extremes(np.nan, np.nan, np.nan, np.nan)
+    low, high = known[np.argmin(values[known])], known[np.argmax(values[known])]
+    return Extremes(float(values[low]), float(time[low]), float(values[high]), float(time[high]))
 
 
 @dataclass(frozen=True)
-class Unknown:
+class TestedUnknown:
     """A load or a parameter: estimate, of a load its RMS [unit]; std [unit] one σ, None where it is withheld; peak of a load,
     peak_std its σ where that is not withheld; doubts: sentences about it alone."""
 
@@ -52,7 +52,7 @@ class Unknown:
     kind: Literal["load", "parameter"]
     estimate: float
     std: float | None
-    peak: Peak | None = None
+    peak: Extremes | None = None
     doubts: tuple[str, ...] = ()
     peak_std: float | None = None
 
@@ -84,7 +84,7 @@ class Map:
 
 
 @dataclass(frozen=True)
-class Moment:
+class SurfaceMoment:
     """The surface at the moment [s] of the largest reading, of the channel `label`: shift (n, 3) [m] of the layout's points, as
     large as it is to be seen, `factor` times itself; maps."""
 
@@ -121,12 +121,12 @@ class Findings:
 
     name: str
     title: str
-    unknowns: tuple[Unknown, ...]
+    unknowns: tuple[TestedUnknown, ...]
     verdict: str
     consistent: bool
     warnings: tuple[str, ...]
     notes: tuple[str, ...]
-    layout: Layout
+    layout: PictureLayout
     histories: tuple[History, ...]
     file: File
     readings: tuple[Reading, ...]
@@ -140,7 +140,7 @@ class Findings:
     hold_out: tuple[Reading, ...] = ()
     checked: Table | None = None
     damage: Table | None = None
-    moment: Moment | None = None
+    moment: SurfaceMoment | None = None
     facts: Mapping[str, str] = field(default_factory=dict)
     provenance: Mapping[str, str] = field(default_factory=dict)
     record: str = ""
@@ -152,6 +152,6 @@ class Findings:
         return {unknown.name: unknown.unit for unknown in self.unknowns}
 
     @property
-    def loads(self) -> tuple[Unknown, ...]:
+    def loads(self) -> tuple[TestedUnknown, ...]:
         """The unknown loads."""
         return tuple(unknown for unknown in self.unknowns if unknown.kind == "load")

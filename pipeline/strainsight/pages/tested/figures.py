@@ -139,16 +139,16 @@ def reading_figure(reading: Reading) -> Drawing:
     return Drawing(f"reading-{reading.label}", reading.label, caption, alt, svg(drawn))
 
 
-def inside(own: Reading) -> float:
+def inside(channel: Reading) -> float:
     """Share of the samples within ±2σ of what they were predicted, noise of the sample in σ; NaN without σ."""
-    ratio = np.abs(own.residual / own.std)
-    there = ratio[np.isfinite(ratio)]
-    return float(np.mean(there <= INSIDE)) if len(there) else float("nan")
+    ratio = np.abs(channel.residual / channel.std)
+    known = ratio[np.isfinite(ratio)]
+    return float(np.mean(known <= INSIDE)) if len(known) else float("nan")
 
 
 def hold_out_figures(held: Sequence[Reading]) -> list[Drawing]:
     """Of every channel a cross-plot and an overlay in time."""
-    return [drawing for own in held for drawing in (_cross(own), _overlay(own))]
+    return [drawing for channel in held for drawing in (_cross(channel), _overlay(channel))]
 
 
 @styled()
@@ -220,17 +220,17 @@ LINES = 700
 def figures_of_test(report: Findings) -> tuple[Drawing, ...]:
     """Those that the report has data for; their keys begin with what they are of: "reading-", "residual-", "hold-out", "load-",
     "known-", "resultant-", "spectrum-", "estimate-", "posterior-"."""
-    loads = {own.name for own in report.loads}
-    drawings = [reading_figure(own) for own in report.readings]
+    loads = {entry.name for entry in report.loads}
+    drawings = [reading_figure(entry) for entry in report.readings]
     drawings += hold_out_figures(report.hold_out)
-    colours = {own.label: gauge_colour(own.gauge) for own in report.readings}
-    drawings += [residual_figure(own, colours.get(own.name, BLUE)) for own in report.residuals]
-    drawings += [load_figure("load", own, BLUE) for own in report.histories if own.name in loads]
-    drawings += [load_figure("resultant", own, BLUE) for own in report.resultants]
-    drawings += [load_figure("known", own, VERMILION) for own in report.known]
-    drawings += [load_spectrum_figure(own) for own in report.load_spectra]
-    drawings += [estimate_figure(own) for own in report.histories if own.name not in loads]
-    drawings += [posterior_figure(name, report.units[name], own) for name, own in report.posteriors.items()]
+    colours = {entry.label: gauge_colour(entry.gauge) for entry in report.readings}
+    drawings += [residual_figure(entry, colours.get(entry.name, BLUE)) for entry in report.residuals]
+    drawings += [load_figure("load", entry, BLUE) for entry in report.histories if entry.name in loads]
+    drawings += [load_figure("resultant", entry, BLUE) for entry in report.resultants]
+    drawings += [load_figure("known", entry, VERMILION) for entry in report.known]
+    drawings += [load_spectrum_figure(entry) for entry in report.load_spectra]
+    drawings += [estimate_figure(entry) for entry in report.histories if entry.name not in loads]
+    drawings += [posterior_figure(name, report.units[name], entry) for name, entry in report.posteriors.items()]
     return tuple(drawings)
 
 

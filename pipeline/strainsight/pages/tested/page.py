@@ -1,12 +1,12 @@
 """One self-contained HTML page of a test: what was found first, then what it rests on.
 
-What a section shows stands in `Findings`, its figures in `figures.figures_of_test`.
+What a section shows stands in `Findings`, its figures in `figures_of_test`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
 
@@ -31,9 +31,11 @@ from strainsight.pages.page.markup import (
 )
 from strainsight.pages.page.sections import (
     budget_section,
+    caution,
     damage_section,
     document,
     filters_section,
+    first_screen,
     listing_section,
     panel,
     rests_on,
@@ -41,10 +43,10 @@ from strainsight.pages.page.sections import (
     warnings_section,
 )
 from strainsight.pages.picture.geometry import Scale, areas, scale_bar, scale_of
-from strainsight.pages.picture.layout import Layout
-from strainsight.pages.space.model import Shape, contour_of
+from strainsight.pages.picture.layout import PictureLayout
+from strainsight.pages.space.model import ShownState, contour_of
 from strainsight.pages.space.section import space_section
-from strainsight.pages.tested.data import Findings, Map, Moment, Peak, Unknown, peak_of
+from strainsight.pages.tested.data import Findings, Map, TestedUnknown, peak_of
 from strainsight.pages.tested.figures import hold_out_section, reading
 from strainsight.pages.text import listed, number, quantity
 from strainsight.pages.view.viewing import FACETS, Panel, View
@@ -58,92 +60,70 @@ SHOWN = 3
 
 def answer(report: Findings) -> str:
     """The first sentences: the gravest warning, then every unknown, from what it was found."""
-    parts = ", ".join(_found(own) for own in report.unknowns)
+    parts = ", ".join(map(_estimated, report.unknowns))
     channels, samples = len(report.readings), report.file.samples
     text = f'<strong class="bad">{escape(_sentence(report.warnings[0]))}</strong> ' if report.warnings else ""
     text += f"<strong>{parts}</strong>" if parts else "<strong>No unknown was estimated</strong>"
-    return (
-        f"{text}, from {count(samples)} samples of {count(channels)} channel{'s' * (channels != 1)} in "
-        f"{escape(report.file.source.file)}."
-    )
+    source = f"{count(samples)} samples of {count(channels)} channel{'s' * (channels != 1)}"
+    return f"{text}, from {source} in {escape(report.file.source.file)}."
 
 
-def _found(own: Unknown) -> str:
-    name = escape(own.name)
-    if own.kind == "parameter":
-        sigma = "σ withheld" if own.std is None else f"±\u00a0{share(own.relative)}"
-        return f"{name} {measure(own.estimate, own.unit)} ({sigma})"
-    sigma = "σ withheld" if own.std is None else f"±\u00a0{measure(own.std, own.unit, 2)}"
-    top = "" if own.peak is None else f", at most {_peak(own.peak, own.unit)}"
-    return f"{name} {measure(own.estimate, own.unit)} RMS ({sigma}){top}"
+def _estimated(unknown: TestedUnknown) -> str:
+    load, value = unknown.kind == "load", measure(unknown.estimate, unknown.unit)
+    sigma = share(unknown.relative) if not load else measure(unknown.std, unknown.unit, 2)
+    sigma = "σ withheld" if unknown.std is None else f"±\u00a0{sigma}"
+    top = ""
+    if unknown.peak is not None:
+        size, at = unknown.peak.largest
+        top = ", at most –" if math.isnan(size) else f", at most {measure(size, unknown.unit)} at {measure(at, 's')}"
+    return f"{escape(unknown.name)} {value}{' RMS' * load} ({sigma}){top}"
 
 
-def _peak(peak: Peak, unit: str) -> str:
-    value, at = peak.largest
-    return "–" if math.isnan(value) else f"{measure(value, unit)} at {measure(at, 's')}"
-
-
-def first_screen(report: Findings) -> str:
+def findings_screen(report: Findings) -> str:
     """Every unknown, the verdict on the record, every channel, and what to mind. Every number in it is a `data` element."""
-    tiles = "".join(_tile(own) for own in report.unknowns) + _verdict(report)
-    return (
-        f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
-        f'<div class="first">{_channels(report)}</div>{_cautions(report)}</section>'
-    )
-
-
-def _tile(own: Unknown) -> str:
-    load = own.kind == "load"
-    value = measure(own.estimate, own.unit)
-    if load:
-        value += ' <small class="whole">RMS</small>'
-    elif own.std is not None:
-        value += f' <small class="whole">± {share(own.relative)}</small>'
-    rows = []
-    if own.std is not None:
-        rows.append(("± claimed σ", measure(own.std, own.unit, 3)))
-        if load:
-            rows.append(("σ of its RMS", share(own.relative)))
-    if own.peak is not None:
-        ends = (("largest", own.peak.high, own.peak.high_at), ("least", own.peak.low, own.peak.low_at))
-        rows += [
-            (words, f"{measure(size, own.unit)} at {measure(at, 's')}")
-            for words, size, at in ends
-            if not math.isnan(size)
-        ]
-    doubts = ["σ is withheld"] * (own.std is None) + list(own.doubts)
-    marks = "".join(mark(escape(text), False) for text in doubts)
-    return tile(f"{escape(own.name)}, {own.kind}", value, rows, marks)
-
-
-def _verdict(report: Findings) -> str:
-    """Whether the record is what the model and the stated noise make one expect."""
     good = report.consistent
     words = mark(escape(_sentence(report.verdict)), good)
-    return tile("the record and what was stated", "fits" if good else "does not fit", after=words)
+    verdict = tile("the record and what was stated", "fits" if good else "does not fit", after=words)
+    return first_screen("".join(map(_tile, report.unknowns)) + verdict, _channels(report), _cautions(report))
+
+
+def _tile(unknown: TestedUnknown) -> str:
+    load, known = unknown.kind == "load", unknown.std is not None
+    small = "RMS" if load else f"± {share(unknown.relative)}" if known else ""
+    value = measure(unknown.estimate, unknown.unit) + f' <small class="whole">{small}</small>' * bool(small)
+    rows = [
+        ("± claimed σ", measure(unknown.std, unknown.unit, 3)),
+        ("σ of its RMS", share(unknown.relative if load and known else None)),
+    ]
+    if (peak := unknown.peak) is not None and not math.isnan(peak.low):
+        for words, size, at in (("largest", peak.high, peak.high_at), ("least", peak.low, peak.low_at)):
+            rows.append((words, f"{measure(size, unknown.unit)} at {measure(at, 's')}"))
+    doubts = ["σ is withheld"] * (not known) + list(unknown.doubts)
+    marks = "".join(mark(escape(text), False) for text in doubts)
+    return tile(f"{escape(unknown.name)}, {unknown.kind}", value, rows, marks)
 
 
 def _channels(report: Findings) -> str:
     """Every channel: its size, what the estimate leaves of it beside the noise, its largest reading and when."""
     rows = []
-    for own in report.readings:
-        value, at = peak_of(own.time, own.measured).largest
-        left = rms(own.residual)
+    for channel in report.readings:
+        value, at = peak_of(channel.time, channel.measured).largest
+        left, size = rms(channel.residual), rms(channel.measured)
+        times = left / channel.noise_std if channel.noise_std > 0 else math.nan
+        loud = f'<strong class="bad">{plain(times, 3)}</strong>' if times > LOUD else plain(times, 3)
         rows.append(
             [
-                badge(own.label, own.gauge),
-                reading(rms(own.measured), own.unit),
-                reading(left, own.unit),
-                _times(left / own.noise_std if own.noise_std > 0 else math.nan),
-                reading(value, own.unit, 4),
+                badge(channel.label, channel.gauge),
+                *(reading(signal, channel.unit) for signal in (size, left)),
+                "–" if math.isnan(times) else loud,
+                reading(value, channel.unit, 4),
                 "–" if math.isnan(at) else measure(at, "s"),
-                count(own.missing),
+                count(channel.missing),
             ]
         )
-    head = ("channel", "RMS", "left over, RMS", "of its noise", "largest reading", "at", "missing")
     text = table(
         "channels",
-        head,
+        ("channel", "RMS", "left over, RMS", "of its noise", "largest reading", "at", "missing"),
         rows,
         title="<h2>Channel by channel</h2>",
         caption="Left over: measured less reconstructed. Of its noise: that over the noise as stated; one or less where the "
@@ -153,42 +133,30 @@ def _channels(report: Findings) -> str:
     return f'<div class="card without">{text}</div>'
 
 
-def _times(ratio: float) -> str:
-    if math.isnan(ratio):
-        return "–"
-    return f'<strong class="bad">{plain(ratio, 3)}</strong>' if ratio > LOUD else plain(ratio, 3)
-
-
-def _cautions(report: Findings) -> str:
-    cards = ""
-    if report.warnings:
-        shown = bullets(_sentence(text) for text in report.warnings[:SHOWN])
-        many = len(report.warnings)
+def _cautions(report: Findings) -> Iterator[str]:
+    if many := len(report.warnings):
         more = f'<p><a href="#warnings">All {count(many)} warnings</a></p>' if many > SHOWN else ""
-        cards += f'<div class="card warnings"><h2>Warnings</h2>{shown}{more}</div>'
+        yield caution("Warnings", bullets(map(_sentence, report.warnings[:SHOWN])) + more, "warnings")
     if not report.hold_out:
-        cards += (
-            '<div class="card notes"><h2>Not tested</h2>'
-            + bullets(["No gauge was held out: how well places without a gauge are predicted was not tested."])
-            + "</div>"
-        )
-    return f'<div class="cautions">{cards}</div>' if cards else ""
+        yield caution("Not tested", bullets([NOT_TESTED]))
 
 
 def _sentence(text: str) -> str:
-    """With a capital letter, where it begins with a word and no name, and a full stop."""
+    """With a full stop."""
     return f"{text}{'' if text.endswith(('.', '!', '?')) else '.'}"
 
 
 def extremes_section(report: Findings) -> str:
     """The least and the largest of every load and channel, and when."""
-    loads = {own.name for own in report.loads}
-    rows = [_row(own.name, "load", own, own.mean, own.std) for own in report.histories if own.name in loads]
-    rows += [_row(f"size of the sum at {own.name}", "loads", own, own.mean, own.std) for own in report.resultants]
-    rows += [_row(own.name, "known load", own, own.mean) for own in report.known]
-    for own in report.readings:
-        rows.append(_row(own.label, "measured", own, own.measured))
-        rows.append(_row(own.label, "reconstructed", own, own.estimated, own.std))
+    loads = {load.name for load in report.loads}
+    rows = [_row(load.name, "load", load, load.mean, load.std) for load in report.histories if load.name in loads]
+    rows += [
+        _row(f"size of the sum at {total.name}", "loads", total, total.mean, total.std) for total in report.resultants
+    ]
+    rows += [_row(load.name, "known load", load, load.mean) for load in report.known]
+    for channel in report.readings:
+        rows.append(_row(channel.label, "measured", channel, channel.measured))
+        rows.append(_row(channel.label, "reconstructed", channel, channel.estimated, channel.std))
     head = ("signal", "what", "least", "at [s]", "largest", "at [s]", "± σ there")
     return section("Extremes", table("extremes", head, rows, numeric=range(2, 7)) if rows else "")
 
@@ -222,6 +190,9 @@ SPECTRA = (
     "stands out above it the model does not have."
 )
 
+READINGS = "What each channel measured, and what the estimate says that it reads; below, the difference."
+NOT_TESTED = "No gauge was held out: how well places without a gauge are predicted was not tested."
+
 CHECKED = (
     "RMS of each channel and of what the rest of the record says that it reads; residual over its σ is 1 where they agree. What "
     "explains the record best is named also where the record agrees with the model, and then says little."
@@ -233,11 +204,11 @@ def page_of_test(
 ) -> str:
     """The page as HTML text without any resource outside itself.
 
-    drawings from `figures.figures_of_test`; pictures: PNG of `field.views_of`, or none with the sentence on why.
+    drawings from `figures_of_test`; pictures: PNG of `views_of`, or none with the sentence on why.
     """
     sections = (
         _other_records(report),
-        first_screen(report),
+        findings_screen(report),
         _readings(drawings),
         listing_section("Every channel beside the others", report.checked, range(1, 5), CHECKED),
         hold_out_section(report.hold_out, chosen(drawings, "hold-out-")),
@@ -266,40 +237,36 @@ def _other_records(report: Findings) -> str:
 
 
 def _readings(drawings: tuple[Drawing, ...]) -> str:
-    lead = '<p class="lead">What each channel measured, and what the estimate says that it reads; below, the difference.</p>'
     shown = folded(chosen(drawings, "reading-"), "multiples")
-    return f"<h2>Measured and reconstructed</h2>{lead}{shown}" if shown else ""
+    return f'<h2>Measured and reconstructed</h2><p class="lead">{READINGS}</p>{shown}' if shown else ""
 
 
 def _residuals(report: Findings, drawings: tuple[Drawing, ...]) -> str:
     shown = folded(chosen(drawings, "residual-"), "multiples")
-    known = {own.name for own in report.residuals}
-    none = [own.label for own in report.readings if own.label not in known]
-    if none:
-        shown += f'<p class="note">None of {escape(", ".join(none))}: too few samples follow one another.</p>'
+    known = {spectrum.name for spectrum in report.residuals}
+    if missing := ", ".join(channel.label for channel in report.readings if channel.label not in known):
+        shown += f'<p class="note">None of {escape(missing)}: too few samples follow one another.</p>'
     return f'<h2>Spectra of what is left over</h2><p class="lead">{SPECTRA}</p>{shown}' if shown else ""
 
 
 def _file(report: Findings) -> str:
     """What a reader needs to know, a year later, of where the numbers come from."""
-    own, source = report.file, report.file.source
-    facts = {
-        "file": escape(source.file),
-        "SHA-256": broken_digest(source.sha256),
-        "size": _size_in_words(source.bytes),
-        "format": escape(source.format),
-        "date": escape(source.date) or "not stated (estimate.date)",
-        "sample rate": quantity(own.rate, "Hz"),
-        "record": f"{number(own.duration)} s from {number(own.start)} s, {number(own.samples, 12)} samples",
-    }
-    rows = [
-        [escape(name), escape(source.measures[i]), escape(source.unit[i]), escape(_calibration_in_words(source, i))]
-        for i, name in enumerate(source.channel)
+    file, source = report.file, report.file.source
+    facts = [
+        ("file", escape(source.file)),
+        ("SHA-256", broken_digest(source.sha256)),
+        ("size", _size_in_words(source.bytes)),
+        ("format", escape(source.format)),
+        ("date", escape(source.date) or "not stated (estimate.date)"),
+        ("sample rate", quantity(file.rate, "Hz")),
+        ("record", f"{number(file.duration)} s from {number(file.start)} s, {number(file.samples, 12)} samples"),
     ]
+    columns = zip(source.channel, source.measures, source.unit, strict=True)
+    rows = [[*map(escape, words), escape(_calibration_in_words(source, i))] for i, words in enumerate(columns)]
     channels = table("calibration", ("channel", "measures", "unit in the file", "what was done to it"), rows)
-    panels = panel("The file", table("file", (), list(facts.items()))) + panel("Its channels", channels)
-    panels += panel("What was done to the record", bullets(report.notes) if report.notes else "")
-    return f'<h2 id="file">The file of the test</h2><div class="panels">{panels}</div>'
+    panels = panel("The file", table("file", (), facts)) + panel("Its channels", channels)
+    panels += panel("What was done to the record", bullets(report.notes))
+    return section("The file of the test", panels, "file", "panels")
 
 
 def broken_digest(sha256: str) -> str:
@@ -349,68 +316,66 @@ def views_of(report: Findings) -> tuple[View, ...]:
     # Names of loads at one node would stand on one another; the view in space has the arrows.
     bare = replace(report.layout, loads=())
     return tuple(
-        View("", bare, (Panel(panel, own.values, moment.shift),), own.quantity, own.unit, FACETS, size=SIZE, bar=False)
-        for own in moment.maps
+        View(
+            "",
+            bare,
+            (Panel(panel, shown.values, moment.shift),),
+            shown.quantity,
+            shown.unit,
+            FACETS,
+            size=SIZE,
+            bar=False,
+        )
+        for shown in moment.maps
     )
 
 
 def field_section(report: Findings, pictures: Sequence[bytes], problem: str) -> str:
     """Maps side by side; nothing where the mesh has no surface. pictures: of every map, or none with the sentence on why."""
-    moment = report.moment
+    moment, cards = report.moment, ""
     if moment is None:
         return ""
-    lead = (
-        f'<p class="lead">The whole surface at {measure(moment.time, "s")}, the moment of the largest reading '
-        f"({escape(moment.label)}), smoothed.</p>"
-    )
-    cards = ""
-    for own, png in zip(moment.maps, pictures, strict=False):
-        name = own.quantity
-        shown = scene(png, _alt(own, moment, report.layout), f"picture: {name}", *SIZE)
-        bar = scale_bar(scale(own, report.layout))
-        cards += (
-            f'<figure class="card"><h3>{escape(name)}</h3>{shown}{bar}<figcaption>{_said(own)}</figcaption></figure>'
+    for shown, png in zip(moment.maps, pictures, strict=False):
+        name, scale = shown.quantity, scale_in(report.layout, shown)
+        alt = (
+            f"{name} of the surface at {number(moment.time)} s, in colours from {number(scale.low, 3)} to "
+            f"{number(scale.high, 3)} {shown.unit}."
         )
+        image = f"{scene(png, alt, f'picture: {name}', *SIZE)}{scale_bar(scale)}"
+        words = f"<figcaption>{_extremes(shown)}</figcaption>"
+        cards += f'<figure class="card"><h3>{escape(name)}</h3>{image}{words}</figure>'
     if not pictures:
-        said = f"<p><strong>No picture.</strong> {escape(problem)}</p>" if problem else ""
-        cards = f'<div class="card">{said}{"".join(f"<p>{_said(own)}</p>" for own in moment.maps)}</div>'
-    return f'<h2>Strain and stress of the surface</h2>{lead}<div class="figures">{cards}</div>'
+        words = f"<p><strong>No picture.</strong> {escape(problem)}</p>" if problem else ""
+        cards = f'<div class="card">{words}{"".join(f"<p>{_extremes(shown)}</p>" for shown in moment.maps)}</div>'
+    lead = f"The whole surface at {measure(moment.time, 's')}, the moment of the largest reading "
+    lead += f"({escape(moment.label)}), smoothed."
+    return section("Strain and stress of the surface", cards, kind="figures", lead=lead)
 
 
 def space_of(report: Findings) -> str:
     """The structure to turn round, coloured by each map of the moment, the last of them first."""
-    moment = report.moment
+    moment, layout = report.moment, report.layout
     if moment is None:
-        return space_section([("", report.layout)])
+        return space_section([("", layout)])
     when, group = f"at {number(moment.time)}\u00a0s", "Strain and stress"
-    shapes = [
-        Shape(
-            f"{own.quantity} {when}", contour=contour_of(own.values, report.layout, own.quantity, own.unit), group=group
-        )
-        for own in reversed(moment.maps)
-    ]
-    moved = Shape(f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Moved")
-    return space_section([("", report.layout)], [*shapes, moved], first=0)
+    shapes = []
+    for shown in reversed(moment.maps):
+        contour = contour_of(shown.values, layout, shown.quantity, shown.unit)
+        shapes.append(ShownState(f"{shown.quantity} {when}", contour=contour, group=group))
+    moved = ShownState(f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Moved")
+    return space_section([("", layout)], [*shapes, moved], first=0)
 
 
-def scale(own: Map, layout: Layout) -> Scale:
-    """That of the picture: about zero where both signs occur, a peak beyond its ends."""
-    return scale_of(own.quantity, own.unit, own.values, areas(layout.points, layout.faces))
+def scale_in(layout: PictureLayout, shown: Map) -> Scale:
+    """That of the picture of a map: about zero where both signs occur, a peak beyond its ends."""
+    return scale_of(shown.quantity, shown.unit, shown.values, areas(layout.points, layout.faces))
 
 
-def _said(own: Map) -> str:
+def _extremes(shown: Map) -> str:
     """The extremes of a map, with σ at the largest where it is known."""
-    low, high = int(np.argmin(own.values)), int(np.argmax(own.values))
-    at = high if abs(own.values[high]) >= abs(own.values[low]) else low
-    sigma = "" if own.std is None else f" ± {measure(float(own.std[at]), own.unit, 2)}"
-    span = f"From {measure(float(own.values[low]), own.unit)} to {measure(float(own.values[high]), own.unit)}"
-    largest = f"largest size {measure(float(own.values[at]), own.unit)}{sigma}" if own.std is not None else ""
-    return f"{span}{f'; {largest}' if largest else ''}, by facets at their middles."
-
-
-def _alt(own: Map, moment: Moment, layout: Layout) -> str:
-    low, high = scale(own, layout).low, scale(own, layout).high
-    return (
-        f"{own.quantity} of the surface at {number(moment.time)} s, in colours from {number(low, 3)} to "
-        f"{number(high, 3)} {own.unit}."
-    )
+    values, unit = shown.values, shown.unit
+    text = f"From {measure(float(values.min()), unit)} to {measure(float(values.max()), unit)}"
+    if shown.std is not None:
+        at = max(int(np.argmax(values)), int(np.argmin(values)), key=lambda i: abs(values[i]))
+        text += f"; largest size {measure(float(values[at]), unit)} ± {measure(float(shown.std[at]), unit, 2)}"
+    return f"{text}, by facets at their middles."

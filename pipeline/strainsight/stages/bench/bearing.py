@@ -12,7 +12,7 @@ from strainsight.pages.bench.bearing_page import (
     CASE_HEAD,
     CONTACTS,
     DISPLACEMENT_UNITS,
-    Loaded,
+    LoadedBearing,
     bearing_page,
     case_rows,
 )
@@ -35,7 +35,7 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
         },
     )
     units = {str(i): DISPLACEMENT_UNITS[entry.along] for i, entry in enumerate(along)}
-    cases = [Loaded(name, case, own) for name, found in under.items() for case, own in found.items()]
+    cases = [LoadedBearing(name, case, own) for name, found in under.items() for case, own in found.items()]
     page = bearing_page(config.name, {name: _facts(b) for name, b in bearings.items()}, cases, along).encode()
     summary: dict[str, Scalar] = {}
     for case in cases:
@@ -64,7 +64,7 @@ def _facts(bearing: Bearing) -> str:
     )
 
 
-def _tables(cases: list[Loaded]) -> tuple[Table, ...]:
+def _tables(cases: list[LoadedBearing]) -> tuple[Table, ...]:
     tables = []
     for case in cases:
         rows = [

@@ -2,31 +2,31 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from strainsight import __version__
-from strainsight.config.bench.bench import BenchConfig, SurfaceField
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.experiment.bench.reduction import flexible
 from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.pages.arrays import History, Reading
 from strainsight.pages.bench.data import (
     BenchEstimate,
     BenchMotion,
-    BenchPlacement,
-    BenchRun,
+    BenchPageRun,
     BenchSensor,
     BenchStress,
     BenchUnknown,
+    PlacedGauges,
 )
 from strainsight.pages.bench.page import bench_figures, bench_page
 from strainsight.pages.picture.scene import drawn_or_why
-from strainsight.pages.space.model import Shape
+from strainsight.pages.space.model import ShownState
 from strainsight.pages.space.section import space_section
 from strainsight.pages.view.viewing import View, screenshot, untitled
-from strainsight.records.bench import BenchEstimated, BenchPlaced, SensorMatch, Simulated, SurfaceInTime
+from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated, SurfaceInTime
 from strainsight.records.record import read, unit_of
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Dataset, Output
@@ -35,77 +35,57 @@ from strainsight.stages.pages.page import criteria_of, metrics_of, trend_of
 from strainsight.stages.view.surface import field_shape
 from strainsight.stages.view.views import bench_view, body_of
 
-RELATIVE = (("x", "m"), ("y", "m"), ("z", "m"), ("tilt y", "rad"), ("tilt z", "rad"))
-REACTION = (("Fx", "N"), ("Fy", "N"), ("Fz", "N"), ("Mx", "N m"), ("My", "N m"), ("Mz", "N m"))
+COMPONENTS = {
+    "relative": (("x", "y", "z", "tilt y", "tilt z"), ("m", "m", "m", "rad", "rad")),
+    "reaction": (("Fx", "Fy", "Fz", "Mx", "My", "Mz"), ("N", "N", "N", "N m", "N m", "N m")),
+}
+"""Sensors whose components have different units: their names and units."""
 
 
 def estimate_of(artefact: Artefact) -> BenchEstimate:
     """Everything that a page shows of estimate.h5."""
-    own, kinds = read(BenchEstimated, artefact), _kinds(artefact)
-    return BenchEstimate(
-        time=own.time,
-        unknowns=(*(_input(own, name) for name in own.inputs), *(_parameter(own, name) for name in own.parameters)),
-        sensors=tuple(_compared(name, kinds[name], match, own.time[1:]) for name, match in own.sensors.items()),
-        bearings=own.bearings,
-        nis=own.nis,
-        violation=own.violation,
-        hold_out=tuple(_held_out(own, kinds)),
-    )
-
-
-def _held_out(own: BenchEstimated, kinds: Mapping[str, str]) -> Iterator[Reading]:
-    """Every channel that was left out, as the others predict it."""
-    for name, match in own.sensors.items():
+    record, components = read(BenchEstimated, artefact), _components(artefact)
+    sensors, held_out = [], []
+    for name, match in record.sensors.items():
+        names, units = components(name, unit_of(match, "expected"), match.expected.shape[1])
+        measured = np.full_like(match.expected, np.nan) if match.measured is None else match.measured
+        sensors.append(BenchSensor(name, record.time[1:], measured, match.expected, names, units, match.used))
         if match.measured is None or match.predicted is None or match.predicted_std is None or match.left_in is None:
             continue
-        _, units = _components(kinds[name], unit_of(match, "expected"), match.expected.shape[1])
-        for i, why in enumerate(match.left_in):
+        columns = zip(measured.T, match.predicted.T, match.predicted_std.T, match.left_in, units, strict=True)
+        for i, (reading, predicted, std, why, unit) in enumerate(columns, start=1):
             if not why:
-                measured, predicted, std = (
-                    values[:, i] for values in (match.measured, match.predicted, match.predicted_std)
-                )
-                yield Reading(f"{name}.{i + 1}", units[i], own.time[1:], measured, predicted, std, i + 1)
+                held_out.append(Reading(f"{name}.{i}", unit, record.time[1:], reading, predicted, std, i))
+    return BenchEstimate(
+        time=record.time,
+        unknowns=(
+            *(_input(record, name) for name in record.inputs),
+            *(_parameter(record, name) for name in record.parameters),
+        ),
+        sensors=tuple(sensors),
+        bearings=record.bearings,
+        nis=record.nis,
+        violation=record.violation,
+        hold_out=tuple(held_out),
+    )
 
 
 def motion_of(artefact: Artefact) -> BenchMotion:
     """Everything that a page shows of simulate.h5."""
-    own, kinds = read(Simulated, artefact), _kinds(artefact)
+    record, components, config = read(Simulated, artefact), _components(artefact), artefact.header.config
+    sensors = []
+    for name, values in record.sensors.items():
+        named = components(name, unit_of(record, "sensors", name), values.shape[1])
+        sensors.append(BenchSensor(name, record.time, values, None, *named))
     return BenchMotion(
-        time=own.time,
-        inputs={name: (unit_of(own, "inputs", name), values) for name, values in own.inputs.items()},
-        sensors=tuple(
-            BenchSensor(
-                name, own.time, values, None, *_components(kinds[name], unit_of(own, "sensors", name), values.shape[1])
-            )
-            for name, values in own.sensors.items()
-        ),
-        bearings=own.bearings,
+        time=record.time,
+        inputs={name: (unit_of(record, "inputs", name), values) for name, values in record.inputs.items()},
+        sensors=tuple(sensors),
+        bearings=record.bearings,
         drives={
-            name: (artefact.header.config["joints"][name]["type"] == "driven_angle", drive)
-            for name, drive in own.drives.items()
+            name: (config["joints"][name]["type"] == "driven_angle", drive) for name, drive in record.drives.items()
         },
     )
-
-
-def stress_of(artefact: Artefact, settings: SurfaceField) -> BenchStress:
-    """Everything that a page shows of field.h5, but for its pictures."""
-    own = read(SurfaceInTime, artefact)
-    return BenchStress(
-        body=settings.body,
-        time=own.time,
-        largest=own.von_mises,
-        element=int(str(artefact.summary["element"])),
-        allowable=settings.allowable,
-    )
-
-
-def placement_of(artefact: Artefact) -> BenchPlacement:
-    """Everything that a page shows of place.h5 of a bench."""
-    own = read(BenchPlaced, artefact)
-    sensor = own.placed.sensor
-    labels = layout_labels(sensor, np.arange(len(sensor)))
-    rules = criteria_of(list(own.inputs), artefact)
-    return BenchPlacement(own, trend_of(artefact), metrics_of(artefact), rules, labels)
 
 
 def run_of(up: Mapping[str, Artefact]) -> dict[str, Any]:
@@ -119,41 +99,32 @@ def run_of(up: Mapping[str, Artefact]) -> dict[str, Any]:
     }
 
 
-def _input(own: BenchEstimated, name: str) -> BenchUnknown:
-    load, runs = own.inputs[name], own.input_runs.get(name)
-    history = History(
-        name, unit_of(load, "estimate"), own.time, load.true, load.estimate, load.std, load.smoothed, load.smoothed_std
-    )
+def _input(record: BenchEstimated, name: str) -> BenchUnknown:
+    load, runs = record.inputs[name], record.input_runs.get(name)
+    values = (load.true, load.estimate, load.std, load.smoothed, load.smoothed_std)
+    history = History(name, unit_of(load, "estimate"), record.time, *values)
     return BenchUnknown("input", history, None if runs is None else runs.error, None, load.there)
 
 
-def _parameter(own: BenchEstimated, name: str) -> BenchUnknown:
-    found, runs = own.parameters[name], own.parameter_runs.get(name)
-    true = None if found.true is None else np.full(len(own.time), found.true)
-    history = History(name, unit_of(found, "estimate"), own.time, true, found.estimate, found.std)
-    errors, stds = (None, None) if runs is None else (runs.error, runs.std)
-    return BenchUnknown("parameter", history, errors, stds)
+def _parameter(record: BenchEstimated, name: str) -> BenchUnknown:
+    parameter, runs = record.parameters[name], record.parameter_runs.get(name)
+    true = None if parameter.true is None else np.full(len(record.time), parameter.true)
+    history = History(name, unit_of(parameter, "estimate"), record.time, true, parameter.estimate, parameter.std)
+    return BenchUnknown("parameter", history, *((None, None) if runs is None else (runs.error, runs.std)))
 
 
-def _compared(name: str, kind: str, match: SensorMatch, time: np.ndarray) -> BenchSensor:
-    components = _components(kind, unit_of(match, "expected"), match.expected.shape[1])
-    measured = np.full_like(match.expected, np.nan) if match.measured is None else match.measured
-    return BenchSensor(name, time, measured, match.expected, *components, match.used)
+def _components(artefact: Artefact) -> Callable[[str, str, int], tuple[tuple[str, ...], tuple[str, ...]]]:
+    """A function: name of a sensor, unit of all its components, where they have one, and their number → what the components are
+    called, and their units."""
+    sensors = artefact.header.config["sensors"]
 
+    def components(name: str, unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+        kind = str(sensors[name]["type"])
+        gauges = tuple(f"gauge {i}" for i in range(1, count + 1))
+        usual = (gauges if kind == "strain" else tuple("xyz")), ("–" if unit == "1" else unit,) * count
+        return COMPONENTS.get(kind, usual)
 
-def _kinds(artefact: Artefact) -> dict[str, str]:
-    """Sensor → its `type` in the config that the artefact was made from."""
-    return {name: str(sensor["type"]) for name, sensor in artefact.header.config["sensors"].items()}
-
-
-def _components(kind: str, unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What the components of a sensor are called, and their units; unit: of all of them, where they have one."""
-    if kind == "relative":
-        return tuple(name for name, _ in RELATIVE), tuple(own for _, own in RELATIVE)
-    if kind == "reaction":
-        return tuple(name for name, _ in REACTION), tuple(own for _, own in REACTION)
-    names = tuple(f"gauge {i}" for i in range(1, count + 1)) if kind == "strain" else tuple("xyz")
-    return names, ("–" if unit == "1" else unit,) * count
+    return components
 
 
 SHOWN = ("import", "reduce", "place", "simulate", "estimate", "field")
@@ -201,7 +172,7 @@ def _in_space(context: Context[BenchConfig], body: str) -> str:
     fields = [bench_view(config, what, body, up, None) for what in ("field", "strain") if "field" in up]
     shapes = [
         *(field_shape(view, layout) for view in fields),
-        *(Shape(panel.title, panel.shift) for panel in modes.panels),
+        *(ShownState(panel.title, panel.shift) for panel in modes.panels),
     ]
     return space_section([("", layout)], shapes, body, first=0 if fields else -1)
 
@@ -222,27 +193,26 @@ def _caption(view: View) -> str:
     return f"{view.title}{shown}; {view.panels[0].title}".rstrip("; ")
 
 
-def bench_run(context: Context[BenchConfig]) -> BenchRun:
+def bench_run(context: Context[BenchConfig]) -> BenchPageRun:
     """The page's content."""
-    up, field = context.upstream, context.config.field
-    return BenchRun(
-        context.config.name,
-        **run_of(up),
-        placement=placement_of(up["place"]) if "place" in up else None,
-        stress=stress_of(up["field"], field) if "field" in up and field else None,
-    )
+    up, settings = context.upstream, context.config.field
+    placement = stress = None
+    if "place" in up:
+        place, placed = up["place"], read(BenchPlaced, up["place"])
+        sensor = placed.placed.sensor
+        labels = layout_labels(sensor, np.arange(len(sensor)))
+        criteria = criteria_of(list(placed.inputs), place)
+        placement = PlacedGauges(placed, trend_of(place), metrics_of(place), criteria, labels)
+    if "field" in up and settings:
+        field, element = read(SurfaceInTime, up["field"]), int(str(up["field"].summary["element"]))
+        stress = BenchStress(settings.body, field.time, field.von_mises, element, settings.allowable)
+    return BenchPageRun(context.config.name, **run_of(up), placement=placement, stress=stress)
 
 
-def _datasets(report: BenchRun) -> dict[str, Dataset]:
+def _datasets(report: BenchPageRun) -> dict[str, Dataset]:
     """What the page is about in time: artefacts need at least one array."""
-    time = (
-        report.motion.time
-        if report.motion is not None
-        else report.estimate.time
-        if report.estimate is not None
-        else None
-    )
-    return {} if time is None else {"/time": Dataset(time, "s", "time of the bench that the page shows")}
+    shown = report.motion or report.estimate
+    return {} if shown is None else {"/time": Dataset(shown.time, "s", "time of the bench that the page shows")}
 
 
 def report_stage(stages: Sequence[str]) -> Stage:

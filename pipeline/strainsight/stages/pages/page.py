@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 
@@ -25,13 +25,13 @@ from strainsight.experiment.structure.references import on_one_node
 from strainsight.mesh.model import Mesh
 from strainsight.pages.arrays import History, Reading, rms
 from strainsight.pages.placement.data import (
-    Case,
     Check,
     Criteria,
-    Metric,
+    MetricWords,
     Noise,
+    ObservabilityCase,
     PlacementReport,
-    RandomSets,
+    RandomSetErrors,
     Repeats,
     Trend,
     Unknown,
@@ -42,6 +42,7 @@ from strainsight.records.placed import Observed, Placed, PlacedLayout, metric_ke
 from strainsight.records.record import read, unit_of
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
+from strainsight.records.validated import RandomSets as Drawn
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.stage import Context
@@ -208,11 +209,14 @@ def history_of(name: str, validate: Artefact) -> History:
     return History(name, unit_of(record, "estimate", name), record.time, *(column[name] for column in columns))
 
 
-def random_sets_of(names: list[str], validate: Artefact) -> tuple[RandomSets, ...]:
+def random_sets_of(names: list[str], validate: Artefact) -> tuple[RandomSetErrors, ...]:
     validated, summary = read(Validated, validate), validate.summary
-    pools = ("all candidates", validated.all), ("screened", validated.screened)
+    pools: tuple[tuple[Literal["all candidates", "screened"], Drawn], ...] = (
+        ("all candidates", validated.all),
+        ("screened", validated.screened),
+    )
     return tuple(
-        RandomSets(name, label, sets.error[name], sets.estimate[name].T, float(summary[f"error.{name}"]))
+        RandomSetErrors(name, label, sets.error[name], sets.estimate[name].T, float(summary[f"error.{name}"]))
         for name in names
         for label, sets in pools
         if len(sets.error[name])
@@ -229,17 +233,17 @@ def signals_of(up: Mapping[str, Artefact]) -> tuple[Reading, ...]:
     )
 
 
-def metrics_of(place: Artefact) -> tuple[Metric, ...]:
+def metrics_of(place: Artefact) -> tuple[MetricWords, ...]:
     """Every criterion, that of the layout first."""
     return tuple(_metric(criterion_of(name), place) for name in read(PlacedLayout, place).criteria.name)
 
 
-def _metric(criterion: Criterion, place: Artefact) -> Metric:
+def _metric(criterion: Criterion, place: Artefact) -> MetricWords:
     """In words, with the unknowns that it covers where these are not all."""
     layout = read(PlacedLayout, place)
     names = layout.elimination.unknowns
     of = f", of {' and '.join(names)} alone" * (len(names) < len(layout.criteria.std))
-    return Metric(criterion.symbol, criterion.meaning + of)
+    return MetricWords(criterion.symbol, criterion.meaning + of)
 
 
 def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
@@ -255,11 +259,11 @@ def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
     )
 
 
-def cases_of(observe: Artefact) -> tuple[Case, ...]:
+def cases_of(observe: Artefact) -> tuple[ObservabilityCase, ...]:
     observed = read(Observed, observe)
-    numbers = (observed.condition, observed.condition_raw)
+    condition, raw = observed.condition.tolist(), observed.condition_raw.tolist()
     return tuple(
-        Case(tuple(unknowns.split(", ")), excitation, *(float(of[i, j]) for of in numbers), str(observed.lost[i, j]))
+        ObservabilityCase(tuple(unknowns.split(", ")), excitation, condition[i][j], raw[i][j], str(observed.lost[i, j]))
         for j, unknowns in enumerate(observed.unknowns)
         for i, excitation in enumerate(observed.excitation)
     )

@@ -17,7 +17,7 @@ from strainsight.experiment.structure.clearance import notes_at_gauges
 from strainsight.fem.nodal_forces import pressure
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.pages.picture.layout import Arm, Gauge, Layout, Load
+from strainsight.pages.picture.layout import Arm, Gauge, LoadArrow, PictureLayout
 from strainsight.records.placed import HotSpots, Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
@@ -25,7 +25,7 @@ from strainsight.records.training import Screened, Training
 from strainsight.runner.artefact import Artefact
 
 
-def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> Layout:
+def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any]) -> PictureLayout:
     place, placed = up["place"], read(Placed, up["place"])
     candidates, layout = read(Training, up["train"]).candidates, listed_gauges(up)
     # place.h5 has them relative to amplitude and guess, the page shows everything relative to the truth.
@@ -53,7 +53,7 @@ def layout_of_page(mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, A
     return replace(bare(mesh, loads), pool=at, gauges=gauges, loose=_known_to_matrices(mesh, up))
 
 
-def measured(layout: Layout, shop: Workshop, gauges: Typed) -> Layout:
+def measured(layout: PictureLayout, shop: Workshop, gauges: Typed) -> PictureLayout:
     """The layout in the axes of the workshop, its gauges with their distances to edges and the size of their foils.
 
     gauges: the section of the config, which may name a type.
@@ -70,19 +70,19 @@ def measured(layout: Layout, shop: Workshop, gauges: Typed) -> Layout:
     return replace(layout, gauges=tuple(marks), frame=shop.frame)
 
 
-def bare(mesh: Mesh, loads: Mapping[str, Any]) -> Layout:
+def bare(mesh: Mesh, loads: Mapping[str, Any]) -> PictureLayout:
     """The structure with its loads and clamped nodes, no gauge."""
     faces = exterior_facets(mesh).nodes if mesh.has_surface else np.full((0, 8), -1)
     arrows = [(name, *_point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items()]
     nodes = [b.nodes[(b.on_sides < 0).all(axis=(1, 2))] if len(b.on_sides) else b.nodes for b in mesh.beams]
     bars = [ends[:, piece] for ends in nodes for piece in _pieces(ends)]
     nothing = np.empty((0, 3))
-    return Layout(
+    return PictureLayout(
         mesh.position,
         faces,
         nothing,
         (),
-        tuple(Load(*arrow) for arrow in arrows if arrow[2].any()),
+        tuple(LoadArrow(*arrow) for arrow in arrows if arrow[2].any()),
         mesh.position[mesh.held],
         nothing if mesh.has_surface else loose_nodes(mesh),
         np.concatenate([np.zeros((0, 2), dtype=np.int64), *bars]),
@@ -96,7 +96,7 @@ def _pieces(nodes: np.ndarray) -> tuple[list[int], ...]:
 
 def layout_of_test(
     mesh: Mesh, up: Mapping[str, Artefact], loads: Mapping[str, Any], labels: Sequence[str], channels: np.ndarray
-) -> tuple[Layout, tuple[int, ...]]:
+) -> tuple[PictureLayout, tuple[int, ...]]:
     """The structure with the gauges that a test used, and which of them each channel belongs to.
 
     labels of the channels, and channels (m,): their rows of train.h5. A gauge is called by the shortest of its channels'
@@ -135,7 +135,7 @@ def _marked(layout: GaugeList) -> Iterator[Gauge]:
             directions=layout.directions[i],
             bonded=bool(layout.bonded[i]),
             unit=layout.unit[i],
-            arms=tuple(Arm(*place, int(sign), int(e), int(f)) for sign, *place, e, f in grids),
+            arms=tuple(Arm(x, d, n, int(sign), int(e), int(f)) for sign, x, d, n, e, f in grids),
         )
 
 

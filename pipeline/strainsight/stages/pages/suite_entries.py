@@ -30,22 +30,26 @@ def suite_config(suite: LoadedConfig, runs: Sequence[PlannedRun], stages: Sequen
     assert isinstance(model, SuiteConfig)
     places = {str(run.config.data["name"]).removesuffix(model.suffix): run.place for run in runs}
     measures = measures_of(model.claims, model.comparisons)
-    found = dict(
-        zip(measures, all_of(measures.items(), lambda own: _measure(suite, *own, places, runs, stages)), strict=True)
+    measured = dict(
+        zip(
+            measures,
+            all_of(measures.items(), lambda measure: _measure(suite, *measure, places, runs, stages)),
+            strict=True,
+        )
     )
-    wanted = {*OF_A_BENCH, *(own["stage"] for own in found.values())}
+    wanted = {*OF_A_BENCH, *(measure["stage"] for measure in measured.values())}
     return {
         "name": model.name,
         "title": model.title,
         "runs": [_entry(model, run, reached, wanted) for run, reached in zip(runs, stages, strict=True)],
         "studies": suite.data["studies"],
         "claims": [
-            claim.model_dump(mode="json", include={"text", "why"}) | {"measure": found[f"claims.{i}"]}
+            claim.model_dump(mode="json", include={"text", "why"}) | {"measure": measured[f"claims.{i}"]}
             for i, claim in enumerate(model.claims)
         ],
         "comparisons": [
             row.model_dump(mode="json", exclude=set(SIDES))
-            | {side: found.get(f"comparisons.{i}.{side}") for side in SIDES}
+            | {side: measured.get(f"comparisons.{i}.{side}") for side in SIDES}
             for i, row in enumerate(model.comparisons)
         ],
     }
@@ -83,24 +87,24 @@ def _of_placement(data: Mapping[str, Any]) -> dict[str, Any]:
 def _measure(
     suite: LoadedConfig,
     key: str,
-    own: Measure,
+    measure: Measure,
     places: Mapping[str, int],
     runs: Sequence[PlannedRun],
     stages: Sequence[Sequence[str]],
 ) -> dict[str, Any]:
     """A measure with places for names of runs and the key where it stands."""
-    named = [places[name] for name in as_texts(own.run)]
-    other = None if own.against is None else places[own.against]
-    stage = own.stage or DEFAULT[runs[named[0]].config.data["kind"]]
+    named = [places[name] for name in as_texts(measure.run)]
+    other = None if measure.against is None else places[measure.against]
+    stage = measure.stage or DEFAULT[runs[named[0]].config.data["kind"]]
     for place in [*named, *([] if other is None else [other])]:
         if stage not in stages[place]:
             raise wrong(
                 suite,
-                f"{key}.{'run' if own.stage is None else 'stage'}",
+                f"{key}.{'run' if measure.stage is None else 'stage'}",
                 f"runs[{place}], '{runs[place].config.data['name']}', has no stage '{stage}': it goes through "
                 f"{', '.join(stages[place])}",
                 "name a stage that it goes through, or take `until` out",
             )
-    return own.model_dump(mode="json", include=set(Measure.model_fields) - {"run", "against"}) | {
-        "key": key, "runs": named, "against": other, "number": list(as_texts(own.number)), "stage": stage,
+    return measure.model_dump(mode="json", include=set(Measure.model_fields) - {"run", "against"}) | {
+        "key": key, "runs": named, "against": other, "number": list(as_texts(measure.number)), "stage": stage,
     }  # fmt: skip

@@ -15,9 +15,9 @@ from strainsight.experiment.bench.bench import unit_vector
 from strainsight.experiment.bench.reduction import flexible
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.pages.picture.layout import Gauge, Layout
+from strainsight.pages.picture.layout import Gauge, PictureLayout
 from strainsight.pages.view.viewing import DOTS, Panel, View
-from strainsight.records.bench import PLACED, BenchLayout, BenchPlaced, ReducedBodies, ReducedBody
+from strainsight.records.bench import PLACED, BenchPlaced, ReducedBodies, ReducedBody
 from strainsight.records.estimated import estimated_in
 from strainsight.records.mesh import Meshes, mesh_from
 from strainsight.records.record import read
@@ -68,33 +68,40 @@ def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artef
     return View(f"{title}, {len(layout.gauges)} gauges", layout)
 
 
-def _modes(title: str, layout: Layout, mesh: Mesh, part: ReducedBody) -> View:
+def _modes(title: str, layout: PictureLayout, mesh: Mesh, part: ReducedBody) -> View:
     """The modes with the interfaces held: the first coordinates that move no interface node."""
     still = ~np.any([np.any(rows, axis=0) for rows in part.interface.values()], axis=0)
     frequency = part.frequency
-    own = np.flatnonzero(still)[: len(frequency)]
-    shapes = np.moveaxis(part.basis[:, own].reshape(len(mesh.position), 3, -1), 2, 0)
+    fixed = np.flatnonzero(still)[: len(frequency)]
+    shapes = np.moveaxis(part.basis[:, fixed].reshape(len(mesh.position), 3, -1), 2, 0)
     captions = [f"mode {i}, {f:.4g} Hz" for i, f in enumerate(frequency, start=1)]
     bodies = replace(layout, fixed=np.empty((0, 3)))
     return modes_view(f"{title}, interfaces held", bodies, shapes, captions, "kg^-1/2")
 
 
-def _candidates(title: str, layout: Layout, place: BenchPlaced) -> View:
+def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
     """The pool by the step in which each was removed; what stayed has the last colour, what never entered is grey."""
     position, pool, removed = place.candidates.position, place.pool.candidate, place.elimination.removed
     step = np.full(len(pool), len(removed) + 1.0)
     step[removed] = np.arange(1, len(removed) + 1)
-    outside = np.delete(position, pool, axis=0)
-    order = np.argsort(step, kind="stable")
-    return View(
-        f"{title}, {len(position)} candidates, {len(pool)} of them in the pool",
-        replace(layout, pool=outside),
-        (Panel(values=step[order]),),
-        "removed in step",
-        "–",
-        DOTS,
-        position[pool][order],
-    )
+    outside = replace(layout, pool=np.delete(position, pool, axis=0))
+    title = f"{title}, {len(position)} candidates, {len(pool)} of them in the pool"
+    return _dotted(title, outside, position[pool], step, "removed in step", "–", step)
+
+
+def _dotted(
+    title: str,
+    layout: PictureLayout,
+    position: np.ndarray,
+    values: np.ndarray,
+    quantity: str,
+    unit: str,
+    size: np.ndarray,
+    panel: str = "",
+) -> View:
+    """Dots (d, 3) [m] coloured by values (d,), those of the largest size (d,) drawn last."""
+    order = np.argsort(size, kind="stable")
+    return View(title, layout, (Panel(panel, values[order]),), quantity, unit, DOTS, position[order])
 
 
 def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefact]) -> tuple[Gauge, ...]:
@@ -104,20 +111,21 @@ def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefac
         if entry.type != "strain" or entry.body != body:
             continue
         if entry.layout is not None:
-            given = _gauges_of(read(BenchPlaced, up["place"]).layout(entry.layout))
+            gauges = _bonded(up, entry.layout)
         else:
-            given = [(np.array(g.position, dtype=float), unit_vector(g.direction)) for g in entry.gauges]
-        places += [(f"{name} {i}", x, d) for i, (x, d) in enumerate(given, start=1)]
+            gauges = [(np.array(g.position, dtype=float), unit_vector(g.direction)) for g in entry.gauges]
+        places += [(f"{name} {i}", x, d) for i, (x, d) in enumerate(gauges, start=1)]
     if not places and "place" in up:
-        given = _gauges_of(read(BenchPlaced, up["place"]).layout(PLACED))
-        places = [(f"G{i}", x, d) for i, (x, d) in enumerate(given, start=1)]
+        places = [(f"G{i}", x, d) for i, (x, d) in enumerate(_bonded(up, PLACED), start=1)]
     if not places:
         return ()
     normal = _normals(mesh, np.array([x for _, x, _ in places]))
     return tuple(Gauge(label, 0, 0, x, d, n, 0.0) for (label, x, d), n in zip(places, normal, strict=True))
 
 
-def _gauges_of(layout: BenchLayout) -> list[tuple[np.ndarray, np.ndarray]]:
+def _bonded(up: Mapping[str, Artefact], which: str) -> list[tuple[np.ndarray, np.ndarray]]:
+    """Position and direction of the gauges on the body in a layout of place.h5."""
+    layout = read(BenchPlaced, up["place"]).layout(which)
     return list(zip(layout.position[layout.bonded], layout.direction[layout.bonded], strict=True))
 
 
@@ -126,8 +134,8 @@ def _normals(mesh: Mesh, position: np.ndarray) -> np.ndarray:
     from scipy.spatial import cKDTree
 
     corner = mesh.position[exterior_facets(mesh).nodes[:, :3]]
-    own = cKDTree(corner.mean(axis=1)).query(position)[1]
-    a, b, c = np.moveaxis(corner[own], 1, 0)
+    nearest = cKDTree(corner.mean(axis=1)).query(position)[1]
+    a, b, c = np.moveaxis(corner[nearest], 1, 0)
     n = np.cross(b - a, c - a)
     return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
 
@@ -146,8 +154,8 @@ def placement_view(
     if what == "candidates":
         return _placement_candidates(name, bare(mesh, config.loads), up["train"])
     if what == "strain":
-        own = layout_of_page(mesh, up, config.loads) if "place" in up else bare(mesh, config.loads)
-        return strain_view(name, replace(own, pool=np.empty((0, 3))), strains_of(config, mesh, up))
+        gauges = layout_of_page(mesh, up, config.loads) if "place" in up else bare(mesh, config.loads)
+        return strain_view(name, replace(gauges, pool=np.empty((0, 3))), strains_of(config, mesh, up))
     if what == "mesh":
         elements = sum(len(block.nodes) for block in mesh.elements)
         title = f"{name}: {elements} elements, {mesh.own_nodes} nodes"
@@ -161,7 +169,7 @@ def placement_view(
     return _strain(f"{name}: estimate of the validation, which is simulated", layout, up)
 
 
-def _tested(name: str, layout: Layout, estimate: Artefact, at: float | None, record: str | None) -> View:
+def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | None, record: str | None) -> View:
     """Of the surface in time where it was asked for, else at the moment of the largest reading. Raises UserError without one, and
     for a record that the test has not."""
     records = estimated_in(estimate)
@@ -173,13 +181,13 @@ def _tested(name: str, layout: Layout, estimate: Artefact, at: float | None, rec
             where=str(estimate.path),
             remedy=did_you_mean(record, names, f"there are {', '.join(names)}") if names else "leave it out",
         )
-    own = records[shown]
-    title = f"{name}: estimate of the test {own.source.file}" + (
+    estimated = records[shown]
+    title = f"{name}: estimate of the test {estimated.source.file}" + (
         f", record {shown} of {', '.join(names)}" * bool(shown)
     )
     if "/VTKHDF/Steps" in estimate:
         return surface_view(title, estimate, layout, at)
-    then = own.moment
+    then = estimated.moment
     if then is None:
         raise UserError(
             "the estimate has no field: the mesh has no surface with materials",
@@ -198,29 +206,24 @@ def _placement_modes(name: str, mesh: Mesh, rom: Artefact) -> View:
     return modes_view(f"{name}: mode shapes at the guess", layout, shapes, captions, "kg^-1/2")
 
 
-def _placement_candidates(name: str, layout: Layout, train: Artefact) -> View:
+def _placement_candidates(name: str, layout: PictureLayout, train: Artefact) -> View:
     training = read(Training, train)
-    candidates = training.candidates
-    rms = training.rms
-    # Of bridges every arm.
-    grids, channel = candidates.grids, candidates.channel_of_grid
+    candidates, grids = training.candidates, training.candidates.grids
+    # Of bridges every arm. Of a gauge with several channels, or several gauges at a place, the strongest is drawn last.
     strains = np.flatnonzero(grids.quantity == STRAIN)
-    # Of a gauge with several channels, or several gauges at a place, the strongest: it is drawn last.
-    order = strains[np.argsort(rms[channel[strains]], kind="stable")]
-    others = candidates.position[candidates.first[candidates.quantity[candidates.first] != STRAIN]]
-    title = f"{name}: {candidates.gauges} candidates"
-    view = View(title, replace(layout, pool=others), (Panel(values=rms[channel[order]] * MICRO),))
-    return replace(view, quantity="RMS training strain", unit="µm/m", on=DOTS, dots=grids.position[order])
+    rms = training.rms[candidates.channel_of_grid[strains]]
+    others = candidates.first[candidates.quantity[candidates.first] != STRAIN]
+    title, layout = f"{name}: {candidates.gauges} candidates", replace(layout, pool=candidates.position[others])
+    return _dotted(title, layout, grids.position[strains], rms * MICRO, "RMS training strain", "µm/m", rms)
 
 
-def _strain(title: str, layout: Layout, up: Mapping[str, Artefact]) -> View:
+def _strain(title: str, layout: PictureLayout, up: Mapping[str, Artefact]) -> View:
     field, candidates = read(Validated, up["validate"]).field, read(Training, up["train"]).candidates
     grids, strain = candidates.grids, field.strain[candidates.channel_of_grid]
-    position, known = grids.position, np.flatnonzero(np.isfinite(strain) & (grids.quantity == STRAIN))
-    order = known[np.argsort(np.abs(strain[known]), kind="stable")]
-    panel = Panel(f"t = {field.instant:.4g} s, largest true strain", strain[order] * MICRO)
-    own = replace(layout, pool=np.empty((0, 3)))
-    return View(title, own, (panel,), "estimated strain of every candidate", "µm/m", DOTS, position[order])
+    known = np.flatnonzero(np.isfinite(strain) & (grids.quantity == STRAIN))
+    strain, when = strain[known], f"t = {field.instant:.4g} s, largest true strain"
+    layout, quantity = replace(layout, pool=np.empty((0, 3))), "estimated strain of every candidate"
+    return _dotted(title, layout, grids.position[known], strain * MICRO, quantity, "µm/m", np.abs(strain), when)
 
 
 WHAT = ("mesh", "modes", "strain", "candidates", "layout", "field")
@@ -248,43 +251,28 @@ def offers_of(
 ) -> Offers:
     """What a placement or a bench with these stages could show; body: the flexible body of a bench; of: what the field of a
     placement is of."""
-    if isinstance(config, BenchConfig):
-        return _of_bench(config, names, body)
-    placed = ("import", "rom", "train", "screen", "place")
-    return Offers(
-        {
-            "mesh": ("import",),
-            "modes": ("import", "rom"),
-            "strain": ("import", "rom", "train"),
-            "candidates": ("import", "train"),
-            "layout": placed,
-            "field": (*placed, STAGE[of]),
-        },
-        {},
-        placed,
-    )
-
-
-def _of_bench(config: BenchConfig, names: Sequence[str], body: str) -> Offers:
+    stages: dict[str, tuple[str, ...]] = {"mesh": ("import",), "modes": ("import", "rom")}
+    if isinstance(config, PlacementConfig):
+        layout = ("import", "rom", "train", "screen", "place")
+        stages |= {"strain": ("import", "rom", "train"), "candidates": ("import", "train"), "layout": layout}
+        return Offers(stages | {"field": (*layout, STAGE[of])}, {}, layout)
     strains = [s for s in config.sensors.values() if s.type == "strain" and s.body == body]
     placed_here = "place" in names and config.place is not None and config.place.body == body
     placed = ("place",) * (placed_here or any(sensor.layout for sensor in strains))
-    stages: dict[str, tuple[str, ...]] = {"mesh": ("import",), "modes": ("import", "reduce")}
-    absent = {}
+    stages["modes"] = ("import", "reduce")
+    absent = {
+        "candidates": f"nothing is placed on '{body}': give the config a section `place`",
+        "layout": f"there is no gauge on '{body}': give the config a strain sensor, or a section `place`",
+        "field": (no_field := f"no field of '{body}' is written: give the config a section `field`"),
+        "strain": no_field,
+    }
     if placed_here:
         stages["candidates"] = ("import", "place")
-    else:
-        absent["candidates"] = f"nothing is placed on '{body}': give the config a section `place`"
     if strains or placed:
         stages["layout"] = ("import", *placed)
-    else:
-        absent["layout"] = f"there is no gauge on '{body}': give the config a strain sensor, or a section `place`"
     if "field" in names and config.field is not None and config.field.body == body:
         stages["field"] = stages["strain"] = ("import", *placed, "field")
-    else:
-        absent["field"] = f"no field of '{body}' is written: give the config a section `field`"
-        absent["strain"] = absent["field"]
-    return Offers(stages, absent)
+    return Offers(stages, {what: why for what, why in absent.items() if what not in stages})
 
 
 def chosen(offers: Offers, folder: Path, asked: str | None, config_file: str) -> str:
@@ -307,28 +295,27 @@ def chosen(offers: Offers, folder: Path, asked: str | None, config_file: str) ->
                 remedy=f"run first: strainsight {missing[-1]} {config_file}",
             )
         return asked
-    there = [what for what in FURTHEST if what in offers.stages and not _missing(offers, folder, what)]
-    if not there:
+    ready = [what for what in FURTHEST if what in offers.stages and not _missing(offers, folder, what)]
+    if not ready:
         raise UserError(
             f"there is nothing to show yet in {folder}",
             where=config_file,
             remedy=f"run first: strainsight import {config_file} (the mesh), or strainsight run {config_file}",
         )
-    return there[0]
+    return ready[0]
 
 
 def opened(stages: Sequence[str], folder: Path) -> dict[str, Artefact]:
     """The artefacts of these stages, verified. Raises ArtefactError for one that is damaged."""
-    found = {}
-    for stage in stages:
-        found[stage] = Artefact(folder / f"{stage}.h5")
-        if found[stage].header.stage != stage:
+    artefacts = {stage: Artefact(folder / f"{stage}.h5") for stage in stages}
+    for stage, artefact in artefacts.items():
+        if artefact.header.stage != stage:
             raise ArtefactError(
-                f"this is the artefact of stage '{found[stage].header.stage}', not of '{stage}'",
-                where=str(found[stage].path),
+                f"this is the artefact of stage '{artefact.header.stage}', not of '{stage}'",
+                where=str(artefact.path),
                 remedy=f"run it again: strainsight {stage} CONFIG --force",
             )
-    return found
+    return artefacts
 
 
 def _missing(offers: Offers, folder: Path, what: str) -> list[str]:
@@ -359,10 +346,10 @@ def view_of(
         remedy = "leave it out: a bench has one field" if isinstance(config, BenchConfig) else "ask for --what field"
         raise UserError(f"--of {of}: this view has one source only", where=config_file, remedy=remedy)
     shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
-    there = TEST if (folder / f"{STAGE[TEST]}.h5").is_file() else VALIDATION
-    offers = offers_of(config, stages, shown, of or there)
+    available = TEST if (folder / f"{STAGE[TEST]}.h5").is_file() else VALIDATION
+    offers = offers_of(config, stages, shown, of or available)
     # Whoever names an instant, a record or a source means the field.
-    named = any(given is not None for given in (at, of, record))
+    named = any(option is not None for option in (at, of, record))
     picked = chosen(offers, folder, "field" if what is None and named else what, config_file)
     read = offers.stages[picked]
     if picked == "strain" and offers.gauges and all((folder / f"{stage}.h5").is_file() for stage in offers.gauges):
