@@ -27,8 +27,15 @@ from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord, Settled
-from strainsight.experiment.structure.damage import Places, asked_places, damage_at, theta_at
-from strainsight.experiment.structure.damage_drawn import may_walk_otherwise, walking, walks
+from strainsight.experiment.structure.damage import (
+    Places,
+    damage_at,
+    damage_places,
+    may_walk_otherwise,
+    theta_at,
+    walking,
+    walks,
+)
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, tolerated
 from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance, problem_of, sample_std
 from strainsight.experiment.structure.references import parameters_of
@@ -115,8 +122,7 @@ def filtering(
     trial = trial_of(case.config, problem, truth, allowed, gauges)
     field = field_beyond(allowed.loads, filter_model(problem, channels, trial.h), reduced)
     whole = Displaced(np.hstack([reduced.basis, field]), reduced.basis.shape[1])
-    every = asked_places(skin_of(mesh, whole, parameters), (), case.config.gauges).surface
-    assert every is not None
+    every = damage_places(skin_of(mesh, whole, parameters), None)["surface"]
     which = spread(every, problem)
     otherwise = {}
     for name in problem.unknowns.inputs if may_walk_otherwise(case.config, problem.unknowns.inputs) else ():
@@ -143,8 +149,7 @@ def filtering(
     true_field = again(1, gauges).field
     assert true_field is not None
     shapes = true_field()
-    real = asked_places(skin_of(mesh, Displaced(shapes, shapes.shape[1]), parameters), (), case.config.gauges).surface
-    assert real is not None
+    real = damage_places(skin_of(mesh, Displaced(shapes, shapes.shape[1]), parameters), None)["surface"]
     at = real.take(which)
     return shared, [
         rich_record(again(number, gauges).motion(loading), at, truth.theta, len(channels), number)
@@ -204,8 +209,10 @@ def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.n
     noise = sample_noise(1, record.number, *record.reading.shape) * sample_std(shared.problem, channels, shared.h)
     y = record.reading + noise
     stated = filtered(shared.problem, shared.covariance)
-    walked = walks(stated, list(shared.otherwise), other, lambda own: float(own[1].run.log_likelihood[0]))
-    (args, bank), model = walked.best, walked.best[0][0]
+    (args, bank), changed, undecided = walks(
+        stated, list(shared.otherwise), other, lambda walked: float(walked[1].run.log_likelihood[0])
+    )
+    model = args[0]
     q = slice(0, model.model.size)
     later = smooth_bank(BankRecord(*stated[0], settled=shared.settled), stated[1]).mean[:, 0]
     theta = theta_at(model, later[-1, stated[0][0].parameter_states])
@@ -221,7 +228,7 @@ def one(shared: Filtering, record: Record) -> tuple[np.ndarray, np.ndarray, np.n
     ]
     found = interval_of(np.array(drawn))
     inside = (found.low <= record.true) & (record.true <= found.high)
-    return inside, found.median / record.true, mean / record.true, bool(walked.changed), bool(walked.undecided)
+    return inside, found.median / record.true, mean / record.true, bool(changed), bool(undecided)
 
 
 def table(case: str, records: int, draws: int, more: Sequence[str], pool: object) -> list[str]:

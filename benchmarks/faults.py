@@ -21,6 +21,7 @@ from unittest.mock import patch
 import numpy as np
 
 from strainsight import api
+from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.fault_search import Diagnosis
 from strainsight.estimation.faults import Fault
@@ -28,11 +29,11 @@ from strainsight.estimation.record_check import check_record
 from strainsight.estimation.suspect import Suspect
 from strainsight.experiment.structure import truth as drawn_installations
 from strainsight.experiment.structure import truth as truths
-from strainsight.experiment.structure.filtered_test import Filtering
-from strainsight.experiment.structure.measured import Measured
+from strainsight.experiment.structure.consistency import Turning, suspect_of, turning_of
+from strainsight.experiment.structure.measured import Measured, RecordSettings
 from strainsight.experiment.structure.nuisances import Tolerated, tolerated
 from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
-from strainsight.experiment.structure.suspected import Turning, suspect_of, turning_of
+from strainsight.experiment.structure.record_filter import RecordFilter
 from strainsight.experiment.structure.trial import Trial, sample_noise, trial_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
@@ -140,11 +141,12 @@ def study_of(name: str, noise: float = NOISE, more: Sequence[str] = (), rest: fl
 def suspect(study: Study, samples: np.ndarray) -> Suspect:
     trial = study.trial
     model, m = filter_model(trial.problem, trial.chosen, trial.h), len(trial.chosen)
-    none = np.full(m, np.nan), np.zeros(m), ()
+    settings = RecordSettings("", "", Estimate.model_construct(), *("estimate",) * 4)
+    nothing = np.full(m, np.nan), np.zeros(m), (), settings
     known = np.concatenate([np.zeros((study.rest, *trial.known.shape[1:])), trial.known])
     time = trial.h * np.arange(len(samples) + 1)
-    test = Measured(time, trial.h, 1, known, samples, trial.chosen, ("",) * m, *none)
-    given = Filtering(trial.problem, study.tolerances, model, test, trial.covariance, trial.settled)
+    test = Measured(time, trial.h, 1, known, samples, trial.chosen, ("",) * m, *nothing)
+    given = RecordFilter(trial.problem, study.tolerances, model, test, trial.covariance, trial.settled)
     return suspect_of(study.config, study.mesh, study.reduced, study.training, given, study.turning)
 
 

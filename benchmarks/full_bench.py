@@ -15,14 +15,13 @@ from strainsight.experiment.bench.bench import Bench, bench_of
 from strainsight.experiment.bench.sensors import sensors_of
 from strainsight.multibody.forces import RelativeElement
 from strainsight.multibody.initial import project_position, state, static_equilibrium
-from strainsight.multibody.sensors import Readings, RelationSensor, readings
+from strainsight.multibody.sensors import CompiledSensors, RelationSensor, readings
 from strainsight.records.bench import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.runner.plan import Job
 from strainsight.runner.runner import run
-from strainsight.stages.bench.import_bodies import IMPORT
-from strainsight.stages.bench.reduce import REDUCE
+from strainsight.stages.bench.import_bodies import IMPORT, REDUCE
 
 CONFIG = Path(__file__).parents[1] / "configs" / "bench-full.yaml"
 
@@ -33,7 +32,7 @@ class FullBench:
 
     config: BenchConfig
     bench: Bench
-    sensors: Readings
+    sensors: CompiledSensors
     bearing: RelativeElement
 
     def at_rest(self, u: np.ndarray) -> np.ndarray:

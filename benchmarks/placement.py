@@ -46,11 +46,11 @@ def bending(count: int) -> tuple[np.ndarray, np.ndarray, Callable[[np.ndarray], 
 
 def make_scenarios(pool: int, modes: int, inputs: tuple[str, ...], count: int, seed: int = 0) -> tuple[Any, ...]:
     """`count` linearisation instants of the beam with `pool` gauges and its lowest `modes`."""
-    from tests.placement.whole_pools import whole_pool_weight
+    from tests.placement.whole_pools import augment_rows, whole_pool_weight
 
     from strainsight.fem.affine import AffineOperator
     from strainsight.loads.input_models import Unknowns
-    from strainsight.loads.linearisation import augment_rows, gauge_intensity, linearise, process_intensity
+    from strainsight.loads.linearisation import gauge_intensity, linearise, process_intensity
     from strainsight.placement.scenario import Scenario
     from strainsight.rom.model import Damping, ReducedModel
 

@@ -77,7 +77,7 @@ def _rows(file, ids, values) -> None:
 
 def measured(step: str, path: Path) -> dict[str, float]:
     """One step in this process."""
-    from strainsight.config.loads import Load
+    from strainsight.config.loads import LoadSection
     from strainsight.config.mesh import MeshFile
     from strainsight.decks.reader import read_mesh
     from strainsight.experiment.structure.mesh import mesh_of
@@ -98,7 +98,7 @@ def measured(step: str, path: Path) -> dict[str, float]:
             {"file": str(path), "materials": {"steel": steel}, "results": results, "faces": faces}
         )
         signal = {"type": "sine", "frequency": 1.0, "amplitude": 1.0}
-        load = Load.model_validate({"set": "end", "direction": (1.0, 0.0, 0.0), "known": False, "signal": signal})
+        load = LoadSection.model_validate({"set": "end", "direction": (1.0, 0.0, 0.0), "known": False, "signal": signal})
         mesh = mesh_of(config, path)
         found = float(model_of_results(config, mesh, (), {"mesh.results.file": path}, {"end": load}).model.size)
     peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024.0

@@ -9,7 +9,7 @@ import re
 from pathlib import Path
 
 from strainsight.records.artefacts import BENCH, BESIDE, PLACEMENT, SHARED
-from strainsight.records.record import Place, listed
+from strainsight.records.record import FieldPlace, listed
 
 PAGE = Path(__file__).parent / "artefacts.md"
 HEAD = "| dataset | shape | unit | what |\n|---|---|---|---|\n"
@@ -17,7 +17,7 @@ HEAD = "| dataset | shape | unit | what |\n|---|---|---|---|\n"
 
 def table(kind: type) -> str:
     """One row a dataset, by path."""
-    rows = sorted(listed(kind, Place("", what="metric")))
+    rows = sorted(listed(kind, FieldPlace("", what="metric")))
     return HEAD + "".join(f"| `{path}` | {shape} | {unit} | {what} |\n" for path, shape, unit, what in rows)
 
 

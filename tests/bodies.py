@@ -31,9 +31,7 @@ def body(kind, counts, chart, keep=lambda *cell: True):
     ids = np.arange(1, len(rows) + 1)
     block = CellBlock(kind, ids, np.array(rows), np.ones(len(rows), dtype=np.int64))
     steel = {1: Material(1, E, NU, RHO)}
-    return Mesh(
-        np.arange(1, len(x) + 1), x, (block,), {1: Region(1, "part", 1)}, steel, np.zeros((0, 2), dtype=np.int64)
-    )
+    return Mesh(np.arange(1, len(x) + 1), x, (block,), {1: Region(1, "part", 1)}, steel, np.zeros((0, 2), dtype=np.int64))
 
 
 def with_nodes(mesh, *points, ids=()):

@@ -88,10 +88,7 @@ def pytest_make_collect_report(collector):
                 fcntl.flock(stream, fcntl.LOCK_EX)
                 try:
                     _ = collector.obj
-                except (
-                    Exception,
-                    pytest.skip.Exception,
-                ):  # collecting it raises that again, unless half a module is there
+                except (Exception, pytest.skip.Exception):  # collecting it raises that again, unless half a module is there
                     for name in set(sys.modules) - before:
                         if getattr(sys.modules[name], "__file__", None) == str(path):
                             del sys.modules[name]

@@ -65,9 +65,7 @@ def ended(
 
     def make(folder: Path) -> None:
         sets = [word for change in (f"name={name}", *changes) for word in ("--set", change)]
-        done = CliRunner().invoke(
-            app, [stage, str(path), "--results", str(results), *sets, *words], env={"COLUMNS": "200"}
-        )
+        done = CliRunner().invoke(app, [stage, str(path), "--results", str(results), *sets, *words], env={"COLUMNS": "200"})
         ending = [done.exit_code, done.output, done.stderr or ""]
         (folder / "ending.json").write_text(json.dumps(ending), encoding="utf-8")
 
@@ -96,6 +94,4 @@ def compute_once(function: Callable[..., Any], *arguments: Any) -> Any:
         (folder / "value").write_bytes(pickle.dumps(function(*arguments)))
 
     content = hashlib.sha256(pickle.dumps(arguments)).hexdigest()
-    return pickle.loads(
-        (once("value", f"{function.__module__}.{function.__qualname__} {content}", make) / "value").read_bytes()
-    )
+    return pickle.loads((once("value", f"{function.__module__}.{function.__qualname__} {content}", make) / "value").read_bytes())

@@ -12,11 +12,7 @@ from strainsight.errors import DeckError, StrainsightError
 
 @contextmanager
 def expect_refusal(
-    error: type[StrainsightError],
-    match: str,
-    where: str | None = None,
-    remedy: str | None = None,
-    key: str | None = None,
+    error: type[StrainsightError], match: str, where: str | None = None, remedy: str | None = None, key: str | None = None
 ) -> Iterator[pytest.ExceptionInfo]:
     """The block raises an error whose message matches, whose place ends as stated, with this key and this in its remedy.
 
@@ -29,9 +25,7 @@ def expect_refusal(
     assert key is None or caught.value.key == key
 
 
-def refusal_table(
-    build: Callable[..., str], rows: Sequence[tuple], placed: bool = True, before: int = 0
-) -> Callable[..., None]:
+def refusal_table(build: Callable[..., str], rows: Sequence[tuple], placed: bool = True, before: int = 0) -> Callable[..., None]:
     """A test of every row: the deck build(*arguments) is refused with a remedy at its place.
 
     rows: (*arguments, message, place), the last a line after `before` others or the end of the place; (*arguments, message)

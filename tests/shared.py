@@ -139,9 +139,7 @@ def script(path: str) -> ModuleType:
 
 def slowly(*values: object) -> list[object]:
     """Values of a parametrisation that only the slow tests have; a tuple is one set of values."""
-    return [
-        pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.slow) for value in values
-    ]
+    return [pytest.param(*(value if isinstance(value, tuple) else (value,)), marks=pytest.mark.slow) for value in values]
 
 
 @contextmanager

@@ -180,9 +180,7 @@ def _run(command, folder, less):
         before = Path.cwd()
         os.chdir(folder)
         try:
-            done = CliRunner(env={"NO_COLOR": "1", "COLUMNS": "120"}).invoke(
-                app, [*arguments, *less.get(arguments[0], ())]
-            )
+            done = CliRunner(env={"NO_COLOR": "1", "COLUMNS": "120"}).invoke(app, [*arguments, *less.get(arguments[0], ())])
         finally:
             os.chdir(before)
         if done.exception is not None and not isinstance(done.exception, SystemExit):

@@ -149,23 +149,9 @@ def test_changed_files_are_those_of_the_last_commit_and_of_the_work_since(words,
 
 
 def test_a_test_file_that_cannot_be_imported_is_an_error(tmp_path):
-    (tmp_path / "conftest.py").write_text(
-        (ROOT / "tests" / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8"
-    )
+    (tmp_path / "conftest.py").write_text((ROOT / "tests" / "conftest.py").read_text(encoding="utf-8"), encoding="utf-8")
     (tmp_path / "test_x.py").write_text("from math import no_such\ndef test_a(): pass\n", encoding="utf-8")
-    command = [
-        sys.executable,
-        "-m",
-        "pytest",
-        "-q",
-        "-n",
-        "0",
-        "-c",
-        os.devnull,
-        "--rootdir",
-        ".",
-        "--import-mode=importlib",
-    ]
+    command = [sys.executable, "-m", "pytest", "-q", "-n", "0", "-c", os.devnull, "--rootdir", ".", "--import-mode=importlib"]
     done = subprocess.run([*command, "."], cwd=tmp_path, capture_output=True, text=True, check=False)
     assert done.returncode == pytest.ExitCode.INTERRUPTED
     assert "cannot import name 'no_such'" in done.stdout

@@ -31,9 +31,7 @@ def promises() -> list[tuple[str, str]]:
 
 
 def test_every_promise_has_a_test_that_is_there():
-    rows = [
-        row for row in SECURITY[SECURITY.index("## Promises") :].split("\n## ")[0].splitlines() if row.startswith("| ")
-    ]
+    rows = [row for row in SECURITY[SECURITY.index("## Promises") :].split("\n## ")[0].splitlines() if row.startswith("| ")]
     assert len(rows) >= 16
     assert all("`tests/" in row for row in rows[1:])  # the first one is the head
     for path, name in promises():

@@ -138,9 +138,7 @@ def read(content: bytes) -> list[list[str]]:
     return list(csv.reader(io.StringIO(content.decode(), newline="")))
 
 
-@settings(
-    suppress_health_check=[HealthCheck.too_slow], deadline=None
-)  # the first alphabet takes seconds on a busy machine
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None)  # the first alphabet takes seconds on a busy machine
 @given(st.lists(st.lists(st.one_of(st.text(), st.sampled_from(NAMES)), min_size=1, max_size=4), max_size=4))
 def test_any_text_is_read_back_and_no_text_begins_like_a_formula(rows):
     rows = [[cell.encode(errors="replace").decode() for cell in row] for row in rows]
@@ -163,12 +161,7 @@ def test_gauges_of_any_name_are_read_back(tmp_path):
 def test_channels_of_such_names_are_read_from_a_measurement(tmp_path):
     names = [name for name in NAMES if not set(name) & set("\r\n[]();\t")]
     (tmp_path / "measured.csv").write_bytes(
-        csv_bytes(
-            [
-                ["time [s]", *(f"{name} [m/m]" for name in names)],
-                *([f"{t}", *["-1e-06"] * len(names)] for t in range(4)),
-            ]
-        )
+        csv_bytes([["time [s]", *(f"{name} [m/m]" for name in names)], *([f"{t}", *["-1e-06"] * len(names)] for t in range(4))])
     )
     recording = read_csv(tmp_path / "measured.csv", names, time="time", time_unit=None)
     assert list(recording.channels) == names

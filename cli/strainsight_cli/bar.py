@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from strainsight.errors import printable
-from strainsight_cli.clock import Left
+from strainsight_cli.clock import RemainingTime
 from strainsight_cli.printing import Level, shown
 from strainsight_cli.work import Progress
 
@@ -44,7 +44,7 @@ def progress_bar(wanted: bool) -> Iterator[Progress]:
     with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, tuple[str, Any]] = {}
 
-        def move(run: str, stage: str, doing: str, share: float, left: Left) -> None:
+        def move(run: str, stage: str, doing: str, share: float, left: RemainingTime) -> None:
             if not stage:
                 bars.remove_task(tasks.pop(run)[1])
                 return

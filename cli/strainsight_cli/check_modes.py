@@ -53,35 +53,35 @@ def check_modes(
         theirs = modes_of_file(file, step)
         only = replace(work, stages=work.stages[:1])
         (imported,) = bring_up_to_date(only, [], as_json, verbose, lambda _: None, lambda *_: None)
-        found = modes_compared(model, mesh_from(imported), theirs)
-        pairs, with_shapes = found.pairs, found.over is not None
-        worst, least = max(abs(own.off) for own in pairs), min(own.mac for own in pairs)
+        comparison = modes_compared(model, mesh_from(imported), theirs)
+        pairs, with_shapes = comparison.pairs, comparison.over is not None
+        worst, least = max(abs(pair.off) for pair in pairs), min(pair.mac for pair in pairs)
         agrees = 100 * worst <= tolerance and not (with_shapes and least < mac)
-        for note in found.notes if shown(Level.WARNING) else ():
+        for note in comparison.notes if shown(Level.WARNING) else ():
             say(f"warning: {note}", error=True)
         if as_json:
-            for own in pairs:
-                off, shape = own.off if isfinite(own.off) else None, own.mac if with_shapes else None
-                say(json_line({**asdict(own), "off": off, "mac": shape}))
+            for pair in pairs:
+                off, shape = pair.off if isfinite(pair.off) else None, pair.mac if with_shapes else None
+                say(json_line({**asdict(pair), "off": off, "mac": shape}))
         else:
             head = ("theirs", "Hz", "ours", "Hz", "off [%]", *(("MAC",) * with_shapes))
             rows = [
                 (
-                    str(own.number),
-                    f"{own.theirs:.6g}",
-                    str(own.mode),
-                    f"{own.ours:.6g}",
-                    f"{100 * own.off:+.3g}" if isfinite(own.off) else "–",
-                    *((f"{own.mac:.4f}",) * with_shapes),
+                    str(pair.number),
+                    f"{pair.theirs:.6g}",
+                    str(pair.mode),
+                    f"{pair.ours:.6g}",
+                    f"{100 * pair.off:+.3g}" if isfinite(pair.off) else "–",
+                    *((f"{pair.mac:.4f}",) * with_shapes),
                 )
-                for own in pairs
+                for pair in pairs
             ]
             print_tables([Table(f"modes of {file.name} beside those of the deck", head, tuple(rows))])
             shapes = "; no shapes are compared"
-            if found.over is not None:
-                over = f"over {found.over[0]} of {found.over[1]} nodes"
+            if comparison.over is not None:
+                over = f"over {comparison.over[0]} of {comparison.over[1]} nodes"
                 shapes = f", shapes {over} to a MAC of {least:.4f} (at least {mac:g})"
-            elif not any(len(own.node_ids) for own in theirs):
+            elif not any(len(pair.node_ids) for pair in theirs):
                 shapes = "; the file has no shapes"
             verdict = "agree" if agrees else "do not agree"
             to = f"to {100 * worst:.3g} % (at most {tolerance:g} %)" if isfinite(worst) else "of a motion at 0 Hz"

@@ -16,7 +16,7 @@ LEAST_SHARE, LEAST_SECONDS = 0.1, 2.0
 
 
 @dataclass(frozen=True)
-class Left:
+class RemainingTime:
     """until: when the stage will have ended [s since the epoch]; after: what the stages that follow took last time [s].
 
     None where it is not known.
@@ -48,8 +48,8 @@ def ends_at(started: float, now: float, share: float, last: float | None) -> flo
 
 def seconds_of(stages: Sequence[Stage], job: Job) -> dict[str, float]:
     """Stage → how long it took when its file was written [s]; without the stages that have no file."""
-    found = {stage.name: seconds_for(job.folder / f"{stage.name}.h5") for stage in stages}
-    return {name: seconds for name, seconds in found.items() if seconds is not None}
+    times = {stage.name: seconds_for(job.folder / f"{stage.name}.h5") for stage in stages}
+    return {name: seconds for name, seconds in times.items() if seconds is not None}
 
 
 def seconds_for(artefact: Path) -> float | None:

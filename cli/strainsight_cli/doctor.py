@@ -29,7 +29,7 @@ ACCURATE = 1e-9
 
 
 @dataclass(frozen=True)
-class Finding:
+class DoctorFinding:
     """What was looked at, the verdict, what was found, and what to do where it is not good."""
 
     subject: str
@@ -38,82 +38,92 @@ class Finding:
     remedy: str = ""
 
 
-def check_solver() -> list[Finding]:
+def check_solver() -> list[DoctorFinding]:
     """The sparse solver on a small system, in a process that may crash."""
-    found, ended = tried("solver")
+    facts, ended = tried("solver")
     install = "pip install --force-reinstall pypardiso mkl (x86-64 only)"
-    if "solver" not in found:
-        return [Finding("solver", FAILS, ended or "no result", "pip install --force-reinstall numpy scipy pypardiso")]
-    text = f"{found['solver']}, {found['unknowns']} unknowns in {found['seconds']:.2f} s, error {found['error']:.1e}"
-    if not found["error"] < ACCURATE:
-        return [Finding("solver", FAILS, f"{text}: wrong", "pip install --force-reinstall numpy scipy pypardiso")]
-    if found["solver"] != "PARDISO":
-        why = f" ({found['why']})" if found.get("why") else ""
+    if "solver" not in facts:
+        return [
+            DoctorFinding("solver", FAILS, ended or "no result", "pip install --force-reinstall numpy scipy pypardiso")
+        ]
+    text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s, error {facts['error']:.1e}"
+    if not facts["error"] < ACCURATE:
+        return [DoctorFinding("solver", FAILS, f"{text}: wrong", "pip install --force-reinstall numpy scipy pypardiso")]
+    if facts["solver"] != "PARDISO":
+        why = f" ({facts['why']})" if facts.get("why") else ""
         meaning = "many times slower, and refuses more than 100 000 unknowns"
-        return [Finding("solver", WARNING, f"{text}; PARDISO cannot be loaded{why}: {meaning}", install)]
-    return [Finding("solver", GOOD, text)]
+        return [DoctorFinding("solver", WARNING, f"{text}; PARDISO cannot be loaded{why}: {meaning}", install)]
+    return [DoctorFinding("solver", GOOD, text)]
 
 
-def check_mpi() -> list[Finding]:
+def check_mpi() -> list[DoctorFinding]:
     """What `solver: slepc` needs: none of it is missed by other configs, so that its absence is good news, too."""
     from strainsight.contrib.mpi.session import programs
 
     try:
-        found = programs()
+        mpi = programs()
     except UserError as error:
-        return [Finding("solver: slepc", GOOD, f"not here, for very large models only: {error.what}")]
-    return [Finding("solver: slepc", GOOD, f"{' '.join(found.launcher)}, {found.python}")]
+        return [DoctorFinding("solver: slepc", GOOD, f"not here, for very large models only: {error.what}")]
+    return [DoctorFinding("solver: slepc", GOOD, f"{' '.join(mpi.launcher)}, {mpi.python}")]
 
 
-def check_rendering() -> list[Finding]:
+def check_rendering() -> list[DoctorFinding]:
     """One sphere off screen, in a process that may crash."""
-    found, ended = tried("rendering")
+    facts, ended = tried("rendering")
     remedy = "apt-get install libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri, or what your system calls Mesa's EGL"
-    if "middle" not in found:
-        return [Finding("rendering", FAILS, f"off screen: {ended or 'no picture'}", remedy)]
-    if found["middle"] == found["corner"]:
-        return [Finding("rendering", FAILS, "off screen: the picture is empty", remedy)]
-    return [Finding("rendering", GOOD, f"a sphere off screen in {found['seconds']:.1f} s")]
+    if "middle" not in facts:
+        return [DoctorFinding("rendering", FAILS, f"off screen: {ended or 'no picture'}", remedy)]
+    if facts["middle"] == facts["corner"]:
+        return [DoctorFinding("rendering", FAILS, "off screen: the picture is empty", remedy)]
+    return [DoctorFinding("rendering", GOOD, f"a sphere off screen in {facts['seconds']:.1f} s")]
 
 
-def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None = None) -> list[Finding]:
+def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None = None) -> list[DoctorFinding]:
     """Cores of this process, and the variables that numerical libraries read."""
     from strainsight.parallel import cores as usable
 
-    there = cores or usable()
-    findings = [Finding("cores", GOOD, f"{there} for this process")]
+    available = cores or usable()
+    findings = [DoctorFinding("cores", GOOD, f"{available} for this process")]
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        given = environment.get(name)
-        if given is None:
+        value = environment.get(name)
+        if value is None:
             continue
-        head = given.split(",")[0].strip()
+        head = value.split(",")[0].strip()
         if not head.isdigit() or int(head) < 1:
-            finding = Finding(
-                name, WARNING, f"'{given}' is not a number of threads", f"unset {name}, or give 1 to {there}"
+            finding = DoctorFinding(
+                name, WARNING, f"'{value}' is not a number of threads", f"unset {name}, or give 1 to {available}"
             )
-        elif int(head) > there:
-            finding = Finding(name, WARNING, f"{head} threads on {there} cores", f"unset {name}, or give 1 to {there}")
-        elif int(head) < there:
-            finding = Finding(name, GOOD, f"{head} of {there} cores: right where several runs go on at a time")
+        elif int(head) > available:
+            finding = DoctorFinding(
+                name, WARNING, f"{head} threads on {available} cores", f"unset {name}, or give 1 to {available}"
+            )
+        elif int(head) < available:
+            finding = DoctorFinding(
+                name, GOOD, f"{head} of {available} cores: right where several runs go on at a time"
+            )
         else:
-            finding = Finding(name, GOOD, f"{head} of {there} cores")
+            finding = DoctorFinding(name, GOOD, f"{head} of {available} cores")
         findings.append(finding)
     return findings
 
 
-def check_memory() -> list[Finding]:
+def check_memory() -> list[DoctorFinding]:
     """Memory that can still be taken, and the largest model that fits into it."""
     from strainsight.memory import available_memory
 
-    there = available_memory() / GIB
-    if math.isinf(there):
-        return [Finding("memory", WARNING, "this system does not say how much there is", "watch it on large models")]
-    text = f"{there:.1f} GiB available: models up to about {_rounded(largest_model(there))} unknowns"
-    if there < LEAST_MEMORY:
-        return [Finding("memory", FAILS, text, f"end other programs: the smallest example takes {LEAST_MEMORY} GiB")]
-    if there < SOME_MEMORY:
-        return [Finding("memory", WARNING, text, "end other programs, or take coarse meshes and --set jobs=1")]
-    return [Finding("memory", GOOD, text)]
+    available = available_memory() / GIB
+    if math.isinf(available):
+        return [
+            DoctorFinding("memory", WARNING, "this system does not say how much there is", "watch it on large models")
+        ]
+    text = f"{available:.1f} GiB available: models up to about {_rounded(largest_model(available))} unknowns"
+    if available < LEAST_MEMORY:
+        return [
+            DoctorFinding("memory", FAILS, text, f"end other programs: the smallest example takes {LEAST_MEMORY} GiB")
+        ]
+    if available < SOME_MEMORY:
+        return [DoctorFinding("memory", WARNING, text, "end other programs, or take coarse meshes and --set jobs=1")]
+    return [DoctorFinding("memory", GOOD, text)]
 
 
 def largest_model(gib: float) -> float:
@@ -131,31 +141,33 @@ def _rounded(unknowns: float) -> str:
     return f"{round(unknowns, digits):,.0f}".replace(",", " ")
 
 
-def check_disk(results: Path) -> list[Finding]:
+def check_disk(results: Path) -> list[DoctorFinding]:
     """Free disk of the results folder, or of where it would be made, and whether it can be written."""
     folder = next(path for path in (results.absolute(), *results.absolute().parents) if path.exists())
     other = "give another folder with --results DIR"
     if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
         what = "cannot be written" if folder.is_dir() else "is a file"
-        return [Finding("disk", FAILS, f"{folder if folder != results.absolute() else results} {what}", other)]
+        return [DoctorFinding("disk", FAILS, f"{folder if folder != results.absolute() else results} {what}", other)]
     free = shutil.disk_usage(folder).free / GIB
     text = f"{free:.1f} GiB free for {results}"
     if free < LEAST_DISK:
-        return [Finding("disk", FAILS, text, f"free some, or {other}")]
+        return [DoctorFinding("disk", FAILS, text, f"free some, or {other}")]
     return [
-        Finding("disk", WARNING, text, f"free some, or {other}") if free < SOME_DISK else Finding("disk", GOOD, text)
+        DoctorFinding("disk", WARNING, text, f"free some, or {other}")
+        if free < SOME_DISK
+        else DoctorFinding("disk", GOOD, text)
     ]
 
 
-def check_terminal(environment: Mapping[str, str] = os.environ) -> list[Finding]:
+def check_terminal(environment: Mapping[str, str] = os.environ) -> list[DoctorFinding]:
     """Whether the symbols of the tables can be written, and how it is written."""
     encoding = getattr(sys.stdout, "encoding", None) or "ascii"
     try:
         SYMBOLS.encode(encoding)
-        locale = Finding("locale", GOOD, f"{encoding}: all symbols can be written")
+        locale = DoctorFinding("locale", GOOD, f"{encoding}: all symbols can be written")
     except (UnicodeEncodeError, LookupError):
         remedy = "export LC_ALL=C.UTF-8, and unset PYTHONIOENCODING"
-        locale = Finding("locale", WARNING, f"{encoding} has no Greek and no arrows: they become ?", remedy)
+        locale = DoctorFinding("locale", WARNING, f"{encoding} has no Greek and no arrows: they become ?", remedy)
     columns = shutil.get_terminal_size().columns
     kind = environment.get("TERM", "unknown")
     where = f"{kind}, {columns} columns" if sys.stdout.isatty() else "none: plain lines, no progress bar"
@@ -163,7 +175,7 @@ def check_terminal(environment: Mapping[str, str] = os.environ) -> list[Finding]
     narrow = sys.stdout.isatty() and columns < 80
     text = ", ".join(part for part in (where, colour) if part)
     remedy = "widen it to 80 columns: tables fold" if narrow else ""
-    return [locale, Finding("terminal", WARNING if narrow else GOOD, text, remedy)]
+    return [locale, DoctorFinding("terminal", WARNING if narrow else GOOD, text, remedy)]
 
 
 MODULES = {"ruamel.yaml": "ruamel.yaml", "ruamel-yaml": "ruamel.yaml"}
@@ -172,17 +184,17 @@ CAN_DO_WITHOUT = ("pypardiso",)
 """Its row `solver` says what that costs."""
 
 
-def check_packages() -> list[Finding]:
+def check_packages() -> list[DoctorFinding]:
     """Version of Python and of every package, then whether each can be imported, in a process that may crash."""
     python, requirements = asked_for()
     findings = compared(python, requirements)
     present = [finding.subject for finding in findings if finding.verdict == GOOD and finding.subject != "python"]
-    found, ended = tried("imports", [MODULES.get(name, name) for name in present])
-    broken: dict[str, str] = dict(found.get("failed", {}))
+    facts, ended = tried("imports", [MODULES.get(name, name) for name in present])
+    broken: dict[str, str] = dict(facts.get("failed", {}))
     if ended:
-        broken[found.get("at", "")] = ended
+        broken[facts.get("at", "")] = ended
     return [
-        Finding(own.subject, FAILS, f"{own.found}; import: {why}", f"pip install --force-reinstall {own.subject}")
+        DoctorFinding(own.subject, FAILS, f"{own.found}; import: {why}", f"pip install --force-reinstall {own.subject}")
         if (why := broken.get(MODULES.get(own.subject, own.subject)))
         else own
         for own in findings
@@ -208,16 +220,16 @@ def asked_for() -> tuple[str, list[str]]:
     return (noted.get_all("Requires-Python") or [""])[0], asked
 
 
-def compared(python: str, requirements: Sequence[str]) -> list[Finding]:
+def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
     """Every version beside its range; requirements of other machines are left out."""
     try:
         from packaging.requirements import Requirement
         from packaging.specifiers import SpecifierSet
     except ImportError:
-        return [Finding("packaging", FAILS, "not installed: no version can be compared", "pip install packaging")]
-    own = platform.python_version()
-    within = SpecifierSet(python).contains(own, prereleases=True)
-    findings = [_finding("python", own, python, within, f"take Python {python}: make PYTHON=/path/to/python")]
+        return [DoctorFinding("packaging", FAILS, "not installed: no version can be compared", "pip install packaging")]
+    running = platform.python_version()
+    within = SpecifierSet(python).contains(running, prereleases=True)
+    findings = [_finding("python", running, python, within, f"take Python {python}: make PYTHON=/path/to/python")]
     for line in requirements:
         asked = Requirement(line)
         if asked.marker is not None and not asked.marker.evaluate():
@@ -228,7 +240,7 @@ def compared(python: str, requirements: Sequence[str]) -> list[Finding]:
             version = metadata.version(asked.name)
         except metadata.PackageNotFoundError:
             verdict, need = (WARNING, "wanted") if asked.name in CAN_DO_WITHOUT else (FAILS, "needed")
-            findings.append(Finding(asked.name, verdict, f"not installed, {wanted} is {need}", remedy))
+            findings.append(DoctorFinding(asked.name, verdict, f"not installed, {wanted} is {need}", remedy))
             continue
         findings.append(
             _finding(asked.name, version, wanted, asked.specifier.contains(version, prereleases=True), remedy)
@@ -236,16 +248,16 @@ def compared(python: str, requirements: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def _finding(subject: str, version: str, wanted: str, within: bool, remedy: str) -> Finding:
+def _finding(subject: str, version: str, wanted: str, within: bool, remedy: str) -> DoctorFinding:
     if within:
-        return Finding(subject, GOOD, f"{version} ({wanted})")
-    return Finding(subject, FAILS, f"{version}, {wanted} is needed", remedy)
+        return DoctorFinding(subject, GOOD, f"{version} ({wanted})")
+    return DoctorFinding(subject, FAILS, f"{version}, {wanted} is needed", remedy)
 
 
 COLOURS = {GOOD: "green", WARNING: "yellow", FAILS: "red"}
 
 
-def examine(results: Path) -> list[Finding]:
+def examine(results: Path) -> list[DoctorFinding]:
     """All findings, in the order of the table."""
     return [
         *check_packages(),
@@ -259,7 +271,7 @@ def examine(results: Path) -> list[Finding]:
     ]
 
 
-def show(findings: Sequence[Finding], as_json: bool) -> int:
+def show(findings: Sequence[DoctorFinding], as_json: bool) -> int:
     """Print the table, or one JSON object a finding; the exit code: 1 where something fails."""
     if as_json:
         for finding in findings:
@@ -272,7 +284,7 @@ def show(findings: Sequence[Finding], as_json: bool) -> int:
     return int(any(finding.verdict == FAILS for finding in findings))
 
 
-def _print_table(findings: Sequence[Finding]) -> None:
+def _print_table(findings: Sequence[DoctorFinding]) -> None:
     """A row a finding; the remedy stands below what it corrects."""
     from rich.text import Text
 
@@ -280,7 +292,7 @@ def _print_table(findings: Sequence[Finding]) -> None:
 
     rows = []
     for finding in findings:
-        found = printable(finding.found) + (f"\n→ {printable(finding.remedy)}" if finding.remedy else "")
+        text = printable(finding.found) + (f"\n→ {printable(finding.remedy)}" if finding.remedy else "")
         verdict = Text(finding.verdict, style=COLOURS[finding.verdict])
-        rows.append((Text(finding.subject), verdict, Text(found)))
+        rows.append((Text(finding.subject), verdict, Text(text)))
     print_grid(("checked", "verdict", "found"), rows)

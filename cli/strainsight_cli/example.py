@@ -56,8 +56,8 @@ def example(
     """The command."""
     with reported():
         if name is None:
-            for known, own in EXAMPLES.items():
-                say(f"{known:<12}{own.about}")
+            for known, entry in EXAMPLES.items():
+                say(f"{known:<12}{entry.about}")
             say("", "strainsight example NAME writes one into this folder")
             return
         from strainsight.errors import UserError, did_you_mean
@@ -99,11 +99,11 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
 
 def contents_of(name: str) -> dict[str, bytes]:
     """File name → content; the config names the files beside it, and its results stand under the example's name."""
-    own = EXAMPLES[name]
+    entry = EXAMPLES[name]
     root = SHIPPED if SHIPPED.is_dir() else REPOSITORY
-    text = (root / own.config).read_text(encoding="utf-8")
-    for file in own.files:
-        text = text.replace(posixpath.relpath(file, posixpath.dirname(own.config)), posixpath.basename(file))
+    text = (root / entry.config).read_text(encoding="utf-8")
+    for file in entry.files:
+        text = text.replace(posixpath.relpath(file, posixpath.dirname(entry.config)), posixpath.basename(file))
     text = re.sub(r"^name: .*$", f"name: {name}", text, count=1, flags=re.MULTILINE)
-    others = {posixpath.basename(file): (root / file).read_bytes() for file in own.files}
+    others = {posixpath.basename(file): (root / file).read_bytes() for file in entry.files}
     return {f"{name}.yaml": text.encode(), **others}

@@ -63,8 +63,8 @@ def failure_of(error: Exception) -> Failure:
         remedy = "make the path readable and writable, or give another one (for results: --results FOLDER)"
         return Failure(USER, f"{printable(str(error.filename))}  {error.strerror}\n    {remedy}", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL and _output_fails():
-        said = f"standard output cannot be written: {os.strerror(error.errno)}"
-        return Failure(USER, f"{said}\n    what is computed is kept; write to another file", details)
+        what = f"standard output cannot be written: {os.strerror(error.errno)}"
+        return Failure(USER, f"{what}\n    what is computed is kept; write to another file", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL:
         return Failure(USER, f"{os.strerror(error.errno)}\n    make room on the disk, or write to another one", details)
     if isinstance(error, MemoryError):

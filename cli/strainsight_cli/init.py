@@ -14,7 +14,7 @@ from typing import Annotated, Literal, TypeVar
 
 import typer
 
-from strainsight.config.answers import MATERIALS, Answers, Place, Suggestion
+from strainsight.config.answers import MATERIALS, Answers, DeckPlace, Suggestion
 from strainsight.errors import ConfigError, UserError, did_you_mean
 from strainsight_cli.failures import reported
 from strainsight_cli.options import Verbose
@@ -125,7 +125,7 @@ def read_direction(option: str, text: str) -> str:
     return vector
 
 
-def read_support(option: str, text: str, hints: Suggestion) -> Place:
+def read_support(option: str, text: str, hints: Suggestion) -> DeckPlace:
     """A place as `read_place` has it, which can be held. Raises UserError for a load of the deck."""
     place = read_place(option, text, hints)
     if place.kind == "deck_load":
@@ -145,7 +145,7 @@ def refuse_stated(hints: Suggestion, answers: Answers) -> None:
         raise UserError("the deck has supports", where="--held", remedy=remedy)
 
 
-def read_place(option: str, text: str, hints: Suggestion) -> Place:
+def read_place(option: str, text: str, hints: Suggestion) -> DeckPlace:
     """ "node 2", "set NAME", "deck_load NAME" or a point of a face, "x, y, z" [m]. Raises UserError for anything else."""
     kind, _, name = text.strip().partition(" ")
     if kind in ("node", "set", "deck_load"):
@@ -158,9 +158,9 @@ def read_place(option: str, text: str, hints: Suggestion) -> Place:
             raise UserError(f"the deck has no {kind} '{name}'", where=option, remedy=remedy)
         if kind == "node" and not name.isdecimal():
             raise UserError(f"'{name}' is not the id of a node", where=option, remedy="give a number, as in 'node 2'")
-        return same[0] if same else Place("node", name, "a node")
+        return same[0] if same else DeckPlace("node", name, "a node")
     try:
-        return Place("face", read_vector(option, text), "a face")
+        return DeckPlace("face", read_vector(option, text), "a face")
     except UserError:
         remedy = "give 'node ID', 'set NAME', 'deck_load NAME', or a point 'x, y, z' in m of a face"
         raise UserError(f"'{text}' says of no place where it is", where=option, remedy=remedy) from None
@@ -245,7 +245,7 @@ def read_positive(option: str, text: str) -> float:
     return number
 
 
-def _listed(places: Sequence[Place]) -> Sequence[Place]:
+def _listed(places: Sequence[DeckPlace]) -> Sequence[DeckPlace]:
     """The places with their numbers, for people."""
     for number, place in enumerate(places[:SHOWN], start=1):
         name = f"near {place.name}" if place.kind == "face" else f"{place.kind} {place.name}"
@@ -256,9 +256,9 @@ def _listed(places: Sequence[Place]) -> Sequence[Place]:
 
 
 def _chosen(
-    places: Sequence[Place], hints: Suggestion, read: Callable[[str, str, Suggestion], Place]
-) -> Callable[[str], Place]:
-    def numbered(text: str) -> Place:
+    places: Sequence[DeckPlace], hints: Suggestion, read: Callable[[str, str, Suggestion], DeckPlace]
+) -> Callable[[str], DeckPlace]:
+    def numbered(text: str) -> DeckPlace:
         if not (text.strip().isdecimal() and 1 <= int(text) <= len(places)):
             return read("place", text, hints)
         place = places[int(text) - 1]

@@ -112,7 +112,7 @@ def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] |
         from strainsight.stages.bench.pipeline import demanded
 
         work = replace(work, stages=demanded(stage, loaded.data) or work.stages)
-    names = [own.name for own in work.stages]
+    names = [each.name for each in work.stages]
     kind = loaded.data["kind"]
     if stage not in names and (kind, stage) != ("placement", "estimate"):  # which says itself what is missing
         section = (

@@ -59,12 +59,12 @@ def set_level(level: Level) -> None:
 
 def level_of(quiet: bool, verbose: bool, named: str | None) -> Level:
     """Of -q, -v and --log-level, of which one may be given. Raises UserError for several."""
-    given = [option for option, is_there in (("-q", quiet), ("-v", verbose), ("--log-level", named)) if is_there]
-    if len(given) > 1:
+    options = [option for option, is_there in (("-q", quiet), ("-v", verbose), ("--log-level", named)) if is_there]
+    if len(options) > 1:
         from strainsight.errors import UserError
 
         raise UserError(
-            f"{' and '.join(given)} contradict each other",
+            f"{' and '.join(options)} contradict each other",
             remedy="give one: -q is --log-level error, -v is --log-level debug",
         )
     return Level[named.upper()] if named else Level.ERROR if quiet else Level.DEBUG if verbose else Level.INFO

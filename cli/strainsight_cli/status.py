@@ -108,8 +108,8 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
     if not costs:
         return ""
     size, each = costs
-    peak = max(own.memory for own in each.values())
-    stages = [f"{name} {in_words(own.seconds)}" for name, own in each.items()]
+    peak = max(cost.memory for cost in each.values())
+    stages = [f"{name} {in_words(cost.seconds)}" for name, cost in each.items()]
     listed = " and ".join(filter(None, (", ".join(stages[:-1]), stages[-1])))
     factor = WITH_PLACE if "place" in each else FACTOR
     return f"forecast: {listed} for {size.unknowns} unknowns, {peak:.2g} GiB, {factor}{_short_of(peak)}"
@@ -133,7 +133,7 @@ def costs_of(
         return None
     size = size_in(imported)
     each = {name: cost_of(name, config, size) if name in SOLVES else cost_of_place(config, size) for name in names}
-    known = {name: own for name, own in each.items() if own is not None}
+    known = {name: cost for name, cost in each.items() if cost is not None}
     return (size, known) if known else ()
 
 
@@ -155,11 +155,11 @@ def in_words(seconds: float) -> str:
 def _short_of(peak: float) -> str:
     from strainsight.memory import available_memory
 
-    there = available_memory() / GIB
+    available = available_memory() / GIB
     return (
         ""
-        if math.isinf(there) or peak <= there
-        else f"; {there:.2g} GiB are there: take a coarser mesh or a larger machine"
+        if math.isinf(available) or peak <= available
+        else f"; {available:.2g} GiB are there: take a coarser mesh or a larger machine"
     )
 
 

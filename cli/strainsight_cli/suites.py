@@ -45,7 +45,7 @@ Computed = tuple[str, str, float | None]
 """Key, digest and seconds: a reused artefact is the same to the last digit."""
 
 
-def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page: Artefact) -> Table:
+def timing_table(runs: Sequence[str], artefacts_of: Sequence[Sequence[Artefact]], page: Artefact) -> Table:
     """A row a run, a column a stage: seconds that the stage took when it was computed, "↩ 2" where it was run 2 that did.
 
     Which run it was is known of what was reused just now; of what was there before, the first run is taken to be it.
@@ -53,16 +53,16 @@ def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page:
     """
     from strainsight.runner.output import Table
 
-    stages = list(dict.fromkeys(artefact.header.stage for artefacts in found for artefact in artefacts))
+    stages = list(dict.fromkeys(artefact.header.stage for artefacts in artefacts_of for artefact in artefacts))
     by: dict[Computed, int] = {}
     for reused in (False, True):
-        for i, artefacts in enumerate(found):
+        for i, artefacts in enumerate(artefacts_of):
             for artefact in artefacts:
                 if bool(artefact.source) == reused:
                     by.setdefault(_computed(artefact), i)
     cells: list[list[str]] = []
     spent = [[0.0] * len(stages) for _ in runs]
-    for i, artefacts in enumerate(found):
+    for i, artefacts in enumerate(artefacts_of):
         cells.append([""] * len(stages))
         for artefact in artefacts:
             column, seconds = stages.index(artefact.header.stage), artefact.header.seconds
@@ -74,21 +74,21 @@ def timing_table(runs: Sequence[str], found: Sequence[Sequence[Artefact]], page:
     rows = [
         (str(i + 1), name, *cells[i], _seconds(sum(spent[i])) if any(spent[i]) else "") for i, name in enumerate(runs)
     ]
-    own = page.header.seconds or 0.0
-    rows.append(("", "the suite's page", *[""] * len(stages), _seconds(own)))
+    page_seconds = page.header.seconds or 0.0
+    rows.append(("", "the suite's page", *[""] * len(stages), _seconds(page_seconds)))
     below = [_seconds(sum(column)) for column in zip(*spent, strict=True)]
-    rows.append(("", "all", *below, _seconds(own + sum(map(sum, spent)))))
+    rows.append(("", "all", *below, _seconds(page_seconds + sum(map(sum, spent)))))
     return Table("where the time goes [s] (↩ n: reused from run n)", ("", "run", *stages, "all"), tuple(rows))
 
 
 def peak_memory(jobs: int) -> str:
     """The most memory that this process held, and the largest of its children, of which there were `jobs` at a time."""
-    own, child = (processes.peak_memory(children) for children in (False, True))
-    if own is None or child is None:
+    process, child = (processes.peak_memory(children) for children in (False, True))
+    if process is None or child is None:
         return "\npeak memory: not known here"
     at_once = f", {jobs} of them at a time" if jobs > 1 else ""
     largest = f", largest child process {child / 2**30:.2f} GiB{at_once}" if child else ""
-    return f"\npeak memory: {own / 2**30:.2f} GiB{largest}"
+    return f"\npeak memory: {process / 2**30:.2f} GiB{largest}"
 
 
 def _computed(artefact: Artefact) -> Computed:
@@ -158,8 +158,8 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
                 where=works[i].job.locate(key),
                 remedy="list that run before this one",
             )
-        reached = [own.name for own in works[j].stages]
-        later = [own.name for own in pipelines.stages_of(works[j].job.config) if own.name not in reached]
+        reached = [each.name for each in works[j].stages]
+        later = [each.name for each in pipelines.stages_of(works[j].job.config) if each.name not in reached]
         if files[key].suffix == ".h5" and stage in later:
             raise ConfigError(
                 f"the run ends after '{works[j].stages[-1].name}', before it writes {files[key].name}",
@@ -188,7 +188,7 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
         return reached
     assert isinstance(suite.model, SuiteConfig)
     measures = measures_of(suite.model.claims, suite.model.comparisons).values()
-    wanted = {run.entry.until, *OF_A_BENCH, *(own.stage for own in measures)}
+    wanted = {run.entry.until, *OF_A_BENCH, *(measure.stage for measure in measures)}
     kept: list[Stage] = []
     for stage in reversed(reached):
         if stage.name in wanted:
@@ -215,15 +215,17 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
         say(f"{work.beside}: {sum_of(statuses)}")
         if waits or verbose:
             print_statuses(statuses, verbose, indent=2, head=False)
-    (own,) = plan(works[-1].stages, works[-1].job, [works[-1].stages[0].name] if force else ())
+    (status_of_page,) = plan(works[-1].stages, works[-1].job, [works[-1].stages[0].name] if force else ())
     if pending:
         passed = (OTHER_CODE, NO_CODE)
-        besides = [reason for reason in own.reasons if not reason.endswith(" is missing") and reason not in passed]
-        own = replace(own, status=WILL_RUN, reasons=(*besides, *pending))
+        besides = [
+            reason for reason in status_of_page.reasons if not reason.endswith(" is missing") and reason not in passed
+        ]
+        status_of_page = replace(status_of_page, status=WILL_RUN, reasons=(*besides, *pending))
     if as_json:
-        say(render.status_json(own, works[-1].run))
+        say(render.status_json(status_of_page, works[-1].run))
     else:
-        print_statuses([own], verbose, head=False)
+        print_statuses([status_of_page], verbose, head=False)
 
 
 def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool) -> None:
@@ -231,17 +233,19 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
     Ends with 3 where a record of a test contradicts its model."""
     _look_for_inputs(works[:-1])
     with progress_bar(not as_json) as progress:
-        found = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
+        computed = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
         page = works[-1]
         if not as_json:
             say(_heading(page))
         with _named(page):
-            (own,) = bring_up_to_date(page, [page.stages[0].name] if force else [], as_json, verbose, say, progress)
+            (page_artefact,) = bring_up_to_date(
+                page, [page.stages[0].name] if force else [], as_json, verbose, say, progress
+            )
     if not as_json:
-        show_results([own], [page.stages[0].name])
-        render.print_tables([timing_table([work.run for work in works[:-1]], found, own)])
+        show_results([page_artefact], [page.stages[0].name])
+        render.print_tables([timing_table([work.run for work in works[:-1]], computed, page_artefact)])
         say(peak_memory(jobs))
-    if code := exit_code([artefact for run in found for artefact in run]):
+    if code := exit_code([artefact for run in computed for artefact in run]):
         raise typer.Exit(code)
 
 
@@ -264,14 +268,14 @@ def _all_runs(
         if failed:
             raise failed[0]
         return [by_place[place] for place in range(len(works))]
-    found: list[Sequence[Artefact]] = []
+    computed: list[Sequence[Artefact]] = []
     for work in works:
         if not as_json:
             say(_heading(work))
         with _named(work):
             forced = [stage.name for stage in work.stages] if force else []
-            found.append(bring_up_to_date(work, forced, as_json, verbose, say, progress))
-    return found
+            computed.append(bring_up_to_date(work, forced, as_json, verbose, say, progress))
+    return computed
 
 
 @contextmanager
@@ -411,9 +415,9 @@ def _run(place: int, work: Work, force: bool, as_json: bool, verbose: bool) -> E
     lines: list[str] = []
     forced = [stage.name for stage in work.stages] if force else []
     try:
-        found = bring_up_to_date(
+        artefacts = bring_up_to_date(
             work, forced, as_json, verbose, lines.append, lambda *move: _moves.put(move), lambda text: _moves.put(text)
         )
     except Exception as error:
         return Ended(place, tuple(lines), (), failure_of(error))
-    return Ended(place, tuple(lines), tuple(found), None)
+    return Ended(place, tuple(lines), tuple(artefacts), None)

@@ -39,11 +39,11 @@ def tried(name: str, words: Sequence[str] = (), seconds: float = SECONDS) -> tup
 
 def _found(text: str) -> dict[str, Any]:
     """The facts among the lines; libraries print what they like beside them."""
-    found: dict[str, Any] = {}
+    facts: dict[str, Any] = {}
     for line in text.splitlines():
         if line.startswith(MARK):
-            found |= json.loads(line[len(MARK) :])
-    return found
+            facts |= json.loads(line[len(MARK) :])
+    return facts
 
 
 def _signal(number: int) -> str:

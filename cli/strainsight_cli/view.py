@@ -137,11 +137,11 @@ def figures(
         model = viewable(loaded, config)
         folder = results / str(loaded.data["name"])
         pages = [stage for stage in pipelines.stages_of(loaded.data) if stage.name in pipelines.PAGES]
-        found = figures_of(model, pages, folder, str(config))
-        say_stale(loaded, results, found.read, "figures")
-        write_figures(folder / "figures", found.files)
-        many = sum(found.counted.values())
-        of = _of_what(found.counted, loaded)
+        drawn = figures_of(model, pages, folder, str(config))
+        say_stale(loaded, results, drawn.read, "figures")
+        write_figures(folder / "figures", drawn.files)
+        many = sum(drawn.counted.values())
+        of = _of_what(drawn.counted, loaded)
         say(f"wrote {many} figures{of} as SVG, PNG and CSV: {folder / 'figures'}")
 
 
@@ -150,7 +150,7 @@ def _of_what(counted: Mapping[str, int], loaded: LoadedConfig) -> str:
     if "test" not in counted:
         return ""
     settings = loaded.data["estimate"]
-    records = ", ".join(own["name"] for own in settings["records"])
+    records = ", ".join(record["name"] for record in settings["records"])
     parts = [f"{counted['test']} of the test {settings['file'] or records}, their names begin with test-"]
     if "report" in counted:
         parts.append(f"{counted['report']} of the placement")

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from strainsight.runner.where import Where, opened
 from strainsight_cli import render
-from strainsight_cli.clock import Left, after, ends_at, seconds_of
+from strainsight_cli.clock import RemainingTime, after, ends_at, seconds_of
 from strainsight_cli.failures import same_text, warn
 from strainsight_cli.printing import Level, say, shown
 from strainsight_cli.runlog import peak, run_log
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from strainsight.runner.stage import Stage
 
 Say = Callable[[str], None]
-Progress = Callable[[str, str, str, float, Left], None]
+Progress = Callable[[str, str, str, float, RemainingTime], None]
 """(run, stage, what is being done, share done, time left); no stage: the run has ended."""
 
 
@@ -57,10 +57,10 @@ def refuse_taken(work: Work) -> None:
     """Raise ConfigError where a suite would write its page into the folder of a run, or a run into that of a suite."""
     from strainsight.errors import ConfigError
 
-    own, foreign, its = ("suite", "run", "import") if work.stages[0].name == "suite" else ("run", "suite", "suite")
+    this, foreign, its = ("suite", "run", "import") if work.stages[0].name == "suite" else ("run", "suite", "suite")
     if (work.job.folder / f"{its}.h5").exists():
         raise ConfigError(
-            f"{work.job.folder} holds the results of a {foreign}, whose report.html this {own} would overwrite",
+            f"{work.job.folder} holds the results of a {foreign}, whose report.html this {this} would overwrite",
             key="name",
             where=work.job.locate("name"),
             remedy="give another name, or another folder with --results DIR",
@@ -98,11 +98,11 @@ def bring_up_to_date(
     from strainsight.runner.runner import run as run_stages
 
     artefacts: list[Artefact] = []
-    at_work, started, following, said = "", time.time(), None, False
+    at_work, started, following, forecast_said = "", time.time(), None, False
     last = seconds_of(work.stages, work.job)
 
     def move(stage: str, doing: str, share: float) -> None:
-        left = Left(ends_at(started, time.time(), share, last.get(stage)), following)
+        left = RemainingTime(ends_at(started, time.time(), share, last.get(stage)), following)
         progress(work.beside, stage, doing, share, left)
 
     def notice(text: str) -> None:
@@ -117,8 +117,8 @@ def bring_up_to_date(
             for event in run_stages(work.stages, work.job, forced=forced, progress=move, notice=notice, sweep=sweep):
                 if event.status == RUNNING:
                     at_work, started, following = event.stage, time.time(), after(work.stages, event.stage, last)
-                    if not (as_json or work.run or said) and artefacts:
-                        said = True
+                    if not (as_json or work.run or forecast_said) and artefacts:
+                        forecast_said = True
                         if line := _forecast(work, forced, artefacts[0]):
                             say(line)
                     log(f"{event.stage} starts: {event.reason}")
@@ -164,10 +164,10 @@ def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None
     from strainsight.runner.artefact import GRID
     from strainsight.runner.output import WARNINGS, warnings_in, warnings_table
 
-    found = [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
-    warned = [table for table in found if table.title == WARNINGS]
+    chosen = [table for artefact in artefacts if artefact.header.stage in tables for table in artefact.tables]
+    warned = [table for table in chosen if table.title == WARNINGS]
     texts = {same_text(text): text for text in warnings_in(warned)}
-    render.print_tables([*(table for table in found if table not in warned), *warnings_table([*texts.values()])])
+    render.print_tables([*(table for table in chosen if table not in warned), *warnings_table([*texts.values()])])
     for artefact in artefacts:
         for name in artefact.header.beside or {}:
             if not name.endswith(GRID):  # the artefact's own grid under a name that ParaView takes
@@ -181,8 +181,10 @@ def config_warnings(job: Job, imported: Artefact | None = None) -> tuple[str, ..
     if job.model is None:
         return ()
     sizes = [value for key, value in imported.summary.items() if key.split(".")[0] == "extent"] if imported else []
-    found = implausible(job.model, max(map(float, sizes), default=math.inf))
-    return tuple(f"{job.locate(own.key)}  {shown_key(own.key)}: {own.what}; {own.remedy}" for own in found)
+    unlikely = implausible(job.model, max(map(float, sizes), default=math.inf))
+    return tuple(
+        f"{job.locate(problem.key)}  {shown_key(problem.key)}: {problem.what}; {problem.remedy}" for problem in unlikely
+    )
 
 
 def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
@@ -191,8 +193,8 @@ def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
     from strainsight.runner.plan import UP_TO_DATE
 
     artefacts = [Artefact(status.artefact) for status in statuses if status.status == UP_TO_DATE]
-    imported = next((own for own in artefacts if own.header.stage == "import"), None)
-    for text in (*config_warnings(work.job, imported), *(text for own in artefacts for text in own.warnings)):
+    imported = next((artefact for artefact in artefacts if artefact.header.stage == "import"), None)
+    for text in (*config_warnings(work.job, imported), *(text for artefact in artefacts for text in artefact.warnings)):
         warn(text)
 
 
@@ -202,11 +204,11 @@ def refuse_warned(work: Work) -> None:
     from strainsight.runner.artefact import Artefact
 
     imported = Artefact(work.job.folder / "import.h5")
-    said = (*config_warnings(work.job, imported), *imported.warnings)
-    if said:
-        more = f"; and {len(said) - 3} more" if len(said) > 3 else ""
+    texts = (*config_warnings(work.job, imported), *imported.warnings)
+    if texts:
+        more = f"; and {len(texts) - 3} more" if len(texts) > 3 else ""
         raise UserError(
-            f"{len(said)} warning{'s' * (len(said) > 1)}, and --strict takes none: {'; '.join(said[:3])}{more}",
+            f"{len(texts)} warning{'s' * (len(texts) > 1)}, and --strict takes none: {'; '.join(texts[:3])}{more}",
             where=work.job.locate("mesh"),
             remedy="do what each says, or leave --strict out",
         )

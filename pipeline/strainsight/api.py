@@ -136,7 +136,7 @@ def train(case: Case, mesh: Mesh, reduced: Reduced) -> Training:
     """The training run, and what every candidate reads of it."""
     from strainsight.experiment.structure.training import trained
 
-    return trained(case.config, mesh, reduced, case).training
+    return trained(case.config, mesh, reduced, case)[0]
 
 
 def screen(case: Case, mesh: Mesh, reduced: Reduced, training: Training) -> Screened:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -102,4 +103,13 @@ def noticing(made: Any, files: tuple[str, ...]) -> Any:
     if hasattr(index, "_source_stamp"):
         times = tuple((at.st_mtime, at.st_size) for at in ((folder / file).stat() for file in (own, *files)))
         index._source_stamp = (index._source_stamp, *times)
+        index._load_index = partial(_readable, index._load_index)
     return made
+
+
+def _readable(load: Callable[[], dict[Any, str]]) -> dict[Any, str]:
+    """What is kept, nothing where it is of classes that are elsewhere now: the index is read before its stamp is looked at."""
+    try:
+        return load()
+    except (AttributeError, ImportError):
+        return {}

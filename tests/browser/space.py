@@ -239,8 +239,6 @@ def shows_strain(found: Opened) -> None:
         assert changed(plain, picture(found)) > 0.02
         shown = page.locator("#space-bars > div:visible")
         assert shown.evaluate_all("all => all.map(e => e.dataset.state)") == [state]
-        assert re.search(
-            r"from (≤\xa0)?\S+ to (≥\xa0)?\S+ (µm/m|MPa)$", shown.locator(".scale").get_attribute("aria-label")
-        )
+        assert re.search(r"from (≤\xa0)?\S+ to (≥\xa0)?\S+ (µm/m|MPa)$", shown.locator(".scale").get_attribute("aria-label"))
     choice.select_option("-1")
     assert changed(plain, picture(found)) == 0

@@ -12,13 +12,7 @@ from strainsight.errors import ConfigError
 from ..shared import ROOT, made
 
 CONFIG = ROOT / "configs" / "cantilever-input-youngs-modulus.yaml"
-LESS = (
-    "train.duration=0.1",
-    "screen.keep=24",
-    "place.instants=2",
-    "rom.parameter_samples=1",
-    "validate.truth.modes=20",
-)
+LESS = ("train.duration=0.1", "screen.keep=24", "place.instants=2", "rom.parameter_samples=1", "validate.truth.modes=20")
 BOTH = ["tip", "E"]
 WORST, FAILURE = ("place.criterion=worst_eigenvalue", "place.aggregate=worst"), "place.optimise=worst_failure"
 

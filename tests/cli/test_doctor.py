@@ -9,17 +9,17 @@ import pytest
 from typer.testing import CliRunner
 
 from strainsight_cli import doctor
-from strainsight_cli.doctor import FAILS, GOOD, WARNING, Finding, show
+from strainsight_cli.doctor import FAILS, GOOD, WARNING, DoctorFinding, show
 from strainsight_cli.main import app
 
 ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
-def found(tmp_path_factory) -> dict[str, Finding]:
+def found(tmp_path_factory) -> dict[str, DoctorFinding]:
     done = CliRunner().invoke(app, ["doctor", "--json", "--results", str(tmp_path_factory.mktemp("doctor") / "none")])
     assert done.exit_code == 0, done.output
-    return {finding["subject"]: Finding(**finding) for finding in map(json.loads, done.stdout.splitlines())}
+    return {finding["subject"]: DoctorFinding(**finding) for finding in map(json.loads, done.stdout.splitlines())}
 
 
 @pytest.mark.slow
@@ -111,8 +111,8 @@ def test_a_results_folder_that_is_a_file_fails_and_one_that_is_missing_does_not(
 
 
 def test_a_failure_is_exit_code_one_and_its_remedy_is_shown(capsys):
-    assert show([Finding("a", GOOD, "b"), Finding("c", WARNING, "d", "e")], False) == 0
-    assert show([Finding("x", FAILS, "y \x1b[2J", "mend it")], False) == 1
+    assert show([DoctorFinding("a", GOOD, "b"), DoctorFinding("c", WARNING, "d", "e")], False) == 0
+    assert show([DoctorFinding("x", FAILS, "y \x1b[2J", "mend it")], False) == 1
     said = capsys.readouterr().out
     assert "→ mend it" in said
     assert "\x1b" not in said

@@ -62,9 +62,7 @@ def test_files_that_are_there_stay_and_force_overwrites(call, tmp_path):
     (tmp_path / "cantilever.bdf").unlink()
     refused = call("cantilever")
     assert refused.exit_code == 2
-    assert refused.stderr.startswith(
-        "cantilever.yaml  the file exists, and nothing was written\n    go to an empty folder"
-    )
+    assert refused.stderr.startswith("cantilever.yaml  the file exists, and nothing was written\n    go to an empty folder")
     assert "--force" in refused.stderr
     assert own.read_text(encoding="utf-8") == "mine"
     assert not (tmp_path / "cantilever.bdf").exists()
@@ -73,9 +71,7 @@ def test_files_that_are_there_stay_and_force_overwrites(call, tmp_path):
 
 
 def test_the_build_takes_just_what_examples_consist_of():
-    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"][
-        "wheel"
-    ]
+    wheel = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]["wheel"]
     needed = {file for own in EXAMPLES.values() for file in (own.config, *own.files)}
     assert wheel["force-include"] == {file: f"strainsight_cli/shipped/{file}" for file in needed}
 
@@ -83,16 +79,7 @@ def test_the_build_takes_just_what_examples_consist_of():
 @pytest.fixture(scope="module")
 def wheel(tmp_path_factory) -> Path:
     folder = tmp_path_factory.mktemp("wheel")
-    pip = [
-        sys.executable,
-        "-m",
-        "pip",
-        "wheel",
-        "--quiet",
-        "--no-deps",
-        "--no-build-isolation",
-        "--disable-pip-version-check",
-    ]
+    pip = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", "--disable-pip-version-check"]
     subprocess.run([*pip, "--wheel-dir", str(folder), str(ROOT)], check=True, capture_output=True)
     (path,) = folder.glob("*.whl")
     return path
@@ -193,9 +180,7 @@ def forecast_call(tmp_path):
     return lambda command, *more: CliRunner().invoke(app, [command, *words, *more])
 
 
-FORECAST = (
-    "forecast: modes 1 s, rom 1 s, place 4 s and spectrum 1 s for 246 unknowns, 0.15 GiB, processor time and memory"
-)
+FORECAST = "forecast: modes 1 s, rom 1 s, place 4 s and spectrum 1 s for 246 unknowns, 0.15 GiB, processor time and memory"
 
 
 def lines(result) -> list[str]:

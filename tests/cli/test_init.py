@@ -9,7 +9,7 @@ import pytest
 import yaml
 from typer.testing import CliRunner
 
-from strainsight.config.answers import Answers, Place, Suggestion
+from strainsight.config.answers import Answers, DeckPlace, Suggestion
 from strainsight.config.load import load_config
 from strainsight.config.template import template
 from strainsight.errors import ConfigError
@@ -62,9 +62,7 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
     text = text.replace("ENDDATA", "SPC1,7,3,1\nCQUAD,901,9,1,2,3,4\nCQUAD,902,9,1,2,3,4\nACCEL1,9\nENDDATA")
     assert init("--load", "node 900001", *LOAD, text=text)[0] == 0
     written = Path("own.yaml").read_text()
-    assert re.search(
-        r"#   ACCEL1 +# 1, the first at beam.bdf:\d+\n  #   CQUAD +# 2, the first at beam.bdf:\d+\n", written
-    )
+    assert re.search(r"#   ACCEL1 +# 1, the first at beam.bdf:\d+\n  #   CQUAD +# 2, the first at beam.bdf:\d+\n", written)
 
     def imported(*changes):
         text = written
@@ -74,10 +72,7 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
         done = CliRunner().invoke(app, ["import", "own.yaml"])
         return done.exit_code, done.stderr
 
-    chosen, ignored = (
-        (r"spc: +# ← set of supports that hold: 1, 7", "spc: 1"),
-        (r"ignore: \[\]", "ignore: [ACCEL1, CQUAD]"),
-    )
+    chosen, ignored = (r"spc: +# ← set of supports that hold: 1, 7", "spc: 1"), (r"ignore: \[\]", "ignore: [ACCEL1, CQUAD]")
     assert "say which hold: mesh.spc: 1" in imported(ignored)[1]
     assert "mesh.ignore: [ACCEL1, CQUAD]" in imported(chosen)[1]
     assert imported(ignored, chosen)[0] == 0
@@ -86,7 +81,7 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
 @pytest.mark.parametrize("sign", ["\u2028", "\x85", "\n", '"', "\x7f"])
 def test_a_name_of_the_deck_stays_a_name(sign):
     name = f"a{sign}  evil: 1"
-    place = Place("set", name, "4 nodes")
+    place = DeckPlace("set", name, "4 nodes")
     found = Suggestion(places=(place,), unsupported=((name, 1, name),))
     config = yaml.safe_load(template(f"{name}.inp", found, Answers(load=place)))
     assert config["mesh"]["file"] == f"{name}.inp"
@@ -114,10 +109,7 @@ def test_faces_and_a_material_make_a_deck_of_solids_alone_whole(init):
     options = ("--material", "steel", "--held", "0, 0.05, 0.04", "--load", "[1, 0.05, 0.04]", *LOAD)
     assert init(*options, text=solids())[0] == 0
     config = load_config("own.yaml").model
-    assert {name: face.near for name, face in config.mesh.faces.items()} == {
-        "held": (0, 0.05, 0.04),
-        "loaded": (1, 0.05, 0.04),
-    }
+    assert {name: face.near for name, face in config.mesh.faces.items()} == {"held": (0, 0.05, 0.04), "loaded": (1, 0.05, 0.04)}
     assert (config.mesh.supports[0].set, config.loads["force"].set) == ("held", "loaded")
     assert config.mesh.materials["own"].youngs_modulus == config.parameters["E"].guess == 2.1e11
     done = CliRunner().invoke(app, ["import", "own.yaml"])
@@ -181,9 +173,7 @@ def test_an_answer_that_cannot_be_read_is_refused_with_its_option(init, options,
     assert (code, what in said) == (2, True), said
 
 
-@pytest.mark.parametrize(
-    ("size", "kind", "spacing"), [(1.0, "3/350", 0.0107), (0.1, "1.5/350", 0.0079), (0.05, None, 0.009)]
-)
+@pytest.mark.parametrize(("size", "kind", "spacing"), [(1.0, "3/350", 0.0107), (0.1, "1.5/350", 0.0079), (0.05, None, 0.009)])
 def test_the_type_of_gauge_is_one_whose_carrier_fits_the_part(init, size, kind, spacing):
     """The largest face of a beam of 1 × 0.1 m times the size is as a square of 316 mm times it: carriers of 10.7 and 7.9 mm are
     below a third of 316 and 32 mm, and none is of 16 mm."""
@@ -202,7 +192,7 @@ def test_answers_that_end_before_the_questions_write_nothing(init, tmp_path):
 @pytest.mark.parametrize("name", ["1e5", "0x1F", "NULL", "it's", "2"])
 def test_the_name_of_a_set_stays_text(tmp_path, monkeypatch, name):
     monkeypatch.chdir(tmp_path)
-    written = template("a.bdf", Suggestion(), Answers(load=Place("set", name, "a set"), direction="[0, 0, 1]"))
+    written = template("a.bdf", Suggestion(), Answers(load=DeckPlace("set", name, "a set"), direction="[0, 0, 1]"))
     Path("own.yaml").write_text(
         written.replace("frequency: , amplitude: ", "frequency: 1.0, amplitude: 1.0"), encoding="utf-8"
     )

@@ -64,9 +64,7 @@ def test_two_levels_contradict_each_other(call, tmp_path):
     for words in (("-q", "-v"), ("-q", "--log-level", "info")):
         done = call(*words)
         assert done.exit_code == 2
-        assert done.stderr.endswith(
-            "contradict each other\n    give one: -q is --log-level error, -v is --log-level debug\n"
-        )
+        assert done.stderr.endswith("contradict each other\n    give one: -q is --log-level error, -v is --log-level debug\n")
     assert not (tmp_path / "results").exists()
     assert call("--log-level", "loud").exit_code == 2
 
@@ -87,8 +85,6 @@ def test_every_command_prints_the_warnings_of_its_model_once(call, tmp_path):
 
 
 LINE = re.compile(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \d+ \S.*|\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ \d+   \| .*")
-
-
 def good(context) -> Output:
     warnings.warn("\x1b[2Jlook at this", stacklevel=1)
     return Output({"/x": Dataset(np.ones(3), "m", "x")}, {}, "three numbers")

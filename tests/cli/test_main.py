@@ -155,9 +155,7 @@ posix = pytest.mark.skipif(os.name != "posix", reason="the shell and the limits 
 
 
 def shell(line, folder, *words):
-    return subprocess.run(
-        ["sh", "-c", line, "sh", *COMMAND, *words], cwd=folder, capture_output=True, text=True, timeout=60
-    )
+    return subprocess.run(["sh", "-c", line, "sh", *COMMAND, *words], cwd=folder, capture_output=True, text=True, timeout=60)
 
 
 @posix

@@ -27,10 +27,7 @@ from strainsight_cli.work import note
 
 HERE = Path(strainsight_cli.__file__).parent
 CONTROLS = [chr(i) for i in (*range(32), *range(127, 160)) if i != 10]
-BIDI = [
-    chr(i)
-    for i in (0x061C, *range(0x200B, 0x2010), *range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x2028, 0x2029, 0xFEFF)
-]
+BIDI = [chr(i) for i in (0x061C, *range(0x200B, 0x2010), *range(0x202A, 0x202F), *range(0x2066, 0x206A), 0x2028, 0x2029, 0xFEFF)]
 HOSTILE = "N\n\r\x1b[31mwarning: \x1b]0;title\x07" + "".join(CONTROLS + BIDI) + "\ud800 σ_é 漢"
 BAD = {*CONTROLS, *BIDI}
 
@@ -84,8 +81,7 @@ def test_a_warning_holds_no_control_and_no_forged_line(capsys):
 
 
 @pytest.mark.parametrize(
-    "words",
-    [["status", "a", "b\x1b[31mc"], ["no\x9b31m"], ["status", "--no\x1b[31m"], ["status", "x\x1b]0;t\x07.yaml"]],
+    "words", [["status", "a", "b\x1b[31mc"], ["no\x9b31m"], ["status", "--no\x1b[31m"], ["status", "x\x1b]0;t\x07.yaml"]]
 )
 def test_words_of_the_command_line_hold_no_control(words, monkeypatch, capfd):
     monkeypatch.setattr(sys, "argv", ["strainsight", *words])
@@ -102,11 +98,7 @@ def test_words_of_the_command_line_hold_no_control(words, monkeypatch, capfd):
 
 def test_only_one_function_prints():
     for path in HERE.glob("*.py"):
-        calls = [
-            ast.unparse(n.func)
-            for n in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
-            if isinstance(n, ast.Call)
-        ]
+        calls = [ast.unparse(n.func) for n in ast.walk(ast.parse(path.read_text(encoding="utf-8"))) if isinstance(n, ast.Call)]
         prints = {"print", "typer.echo", "typer.secho", "sys.stdout.write", "sys.stderr.write"} & set(calls)
         assert not prints or path.name in ("printing.py", "render.py", "trials.py"), path
 
@@ -114,11 +106,11 @@ def test_only_one_function_prints():
 SCRIPT = """
 import time
 from strainsight_cli.bar import progress_bar
-from strainsight_cli.clock import Left
+from strainsight_cli.clock import RemainingTime
 with progress_bar(True) as move:
-    move("run [1]\\x1b]0;pwn\\x07", "place", "so {far} [red]\\x1b[5m", 0.5, Left(time.time() + 42.5, 75.0))
+    move("run [1]\\x1b]0;pwn\\x07", "place", "so {far} [red]\\x1b[5m", 0.5, RemainingTime(time.time() + 42.5, 75.0))
     time.sleep(0.3)
-    move("run [1]\\x1b]0;pwn\\x07", "", "", 1.0, Left())
+    move("run [1]\\x1b]0;pwn\\x07", "", "", 1.0, RemainingTime())
 """
 COLOUR = re.compile(rb"\x1b\[[0-9;]*[0-9]m")
 

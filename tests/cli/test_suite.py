@@ -64,9 +64,7 @@ def call(folder):
     """A function: a command and more words → how it ended on the suite of two benches."""
 
     def called(command: str, *words: str):
-        return CliRunner().invoke(
-            app, [command, str(folder / "both.yaml"), *words, "--results", str(folder / "results")]
-        )
+        return CliRunner().invoke(app, [command, str(folder / "both.yaml"), *words, "--results", str(folder / "results")])
 
     return called
 
@@ -91,10 +89,7 @@ def test_suite_prints_runs_claims_and_times(first, folder):
     head, *rows, total = (line.split() for line in first.split("where the time goes")[1].splitlines()[1:6])
     assert (head[0], head[-1]) == ("run", "all")
     assert float(total[-1]) == pytest.approx(sum(float(row[-1]) for row in rows), abs=0.2)
-    assert Artefact(folder / "results" / "both" / "suite.h5")["/claim/verdict"].tolist() == [
-        "confirmed",
-        "contradicted",
-    ]
+    assert Artefact(folder / "results" / "both" / "suite.h5")["/claim/verdict"].tolist() == ["confirmed", "contradicted"]
 
 
 def test_suite_writes_its_page_and_escapes_its_texts(first, folder):
@@ -134,9 +129,7 @@ def test_changed_run_is_named(first, call):
 def test_failed_run_stops_the_suite_and_is_named(first, call, folder):
     page = folder / "results" / "both" / "report.html"
     before = page.read_bytes()
-    done = call(
-        "run", "--set", "runs.0.set.bodies.bob.pose.origin=[0, 0, 5]", "--set", "runs.0.set.simulate.start=equilibrium"
-    )
+    done = call("run", "--set", "runs.0.set.bodies.bob.pose.origin=[0, 0, 5]", "--set", "runs.0.set.simulate.start=equilibrium")
     assert done.exit_code == 2
     assert "run 1 of 2 coarse failed:\n" in done.stderr
     assert "bodies.bob.pose" in done.stderr
@@ -161,17 +154,9 @@ def test_missing_inputs_of_any_run_are_found_before_the_first_one_starts(folder)
     ("command", "changes", "words"),
     [
         ("import", [], ["a suite has no stage 'import'", "strainsight run"]),
-        (
-            "status",
-            ["runs.0.until=simulat"],
-            ["runs[0].until: the run has no stage 'simulat'", "did you mean simulate?"],
-        ),
+        ("status", ["runs.0.until=simulat"], ["runs[0].until: the run has no stage 'simulat'", "did you mean simulate?"]),
         ("status", ["runs.0.until=a", "runs.1.until=b"], ["no stage 'a'", "no stage 'b'"]),
-        (
-            "run",
-            ["claims.0.number=violations"],
-            ["no number 'violations' in the stage 'simulate'", "did you mean violation?"],
-        ),
+        ("run", ["claims.0.number=violations"], ["no number 'violations' in the stage 'simulate'", "did you mean violation?"]),
         ("status", ["claims.0.stage=estimate"], ["runs[0], 'coarse', has no stage 'estimate'"]),
     ],
 )

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from strainsight.config.bench.bench import Sensor
 from strainsight.config.bench.connections import Force, Joint
-from strainsight.config.estimate import Clock
+from strainsight.config.estimate import ClockSection
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError, UserError
 from strainsight.multibody.bearing.geometry import Bearing
@@ -145,10 +145,7 @@ EXAMPLES = {
     },
     "sensors": {
         "strain": "body: hub, layout: place",
-        "relative": PAIR,
-        "motion": "frame: root",
-        "acceleration": "frame: root",
-        "reaction": "joint: pitch",
+        "relative": PAIR, "motion": "frame: root", "acceleration": "frame: root", "reaction": "joint: pitch",
     },
 }
 """Section → kind → the keys of a valid entry on bench-full."""
@@ -217,7 +214,7 @@ def test_every_joint_and_law_of_the_kernel_is_reached_with_the_keys_it_wants(sec
     [({"rate": 100}, 100.0), ({"rate": 100, "unit": "Hz"}, 100.0), ({"rate": 1.2, "unit": "kHz"}, 1200.0), ({}, None)],
 )
 def test_a_rate_is_in_hertz_unless_stated(stated, hertz):
-    assert Clock(**stated).hertz == hertz
+    assert ClockSection(**stated).hertz == hertz
 
 
 @pytest.mark.parametrize(
@@ -230,4 +227,4 @@ def test_a_rate_is_in_hertz_unless_stated(stated, hertz):
 )
 def test_a_clock_is_a_channel_or_a_rate(stated, message):
     with pytest.raises(ValidationError, match=message):
-        Clock(**stated)
+        ClockSection(**stated)

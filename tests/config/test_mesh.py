@@ -180,9 +180,7 @@ def test_the_step_of_a_case_resolves_the_process_noise_that_a_load_has_as_stated
     slow = "{type: sine, frequency: 1, amplitude: 1}"
     cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
     assert loaded(cases)["a"].time_step == 0.01
-    with expect_refusal(
-        ConfigError, "40 Hz, of which the time step of this case", key="loads.side.process_noise.frequency"
-    ):
+    with expect_refusal(ConfigError, "40 Hz, of which the time step of this case", key="loads.side.process_noise.frequency"):
         loaded(cases, "loads.side.process_noise.frequency=40")
 
 
@@ -212,12 +210,8 @@ def test_a_type_gives_grid_spacing_range_and_gain(load_typed):
 @pytest.mark.parametrize(
     ("key", "value"),
     [
-        ("gauges.grid_length", 0.0),
-        ("gauges.range", 1e-3),
-        ("gauges.range", None),
-        ("screen.minimum_spacing", 0.0),
-        ("place.minimum_spacing", 0.05),
-        ("tolerances.gain", 0.02),
+        ("gauges.grid_length", 0.0), ("gauges.range", 1e-3), ("gauges.range", None), ("screen.minimum_spacing", 0.0),
+        ("place.minimum_spacing", 0.05), ("tolerances.gain", 0.02),
     ],
 )
 def test_a_key_that_is_stated_wins(load_typed, key, value):
@@ -252,11 +246,7 @@ def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(load_t
         (["gauges.type=3/530"], r"gauges\.type: no type of gauge is called '3/530' +did you mean 3/350"),
         (["gauges.type=3/350-rosette"], r"gauges\.type: 3/350-rosette has 3 grids, and a gauge here has 1"),
         (
-            [
-                "gauges.type=3/350",
-                "gauges.rosette=true",
-                "gauges.direction={type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}",
-            ],
+            ["gauges.type=3/350", "gauges.rosette=true", "gauges.direction={type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}"],
             r"3/350 has 1 grid, and a gauge here has 3 +take 3/350-rosette",
         ),
     ],
@@ -283,6 +273,4 @@ def test_the_catalogue_is_sound_by_its_own_names():
 
 
 def test_a_part_gets_the_type_whose_carrier_is_no_third_of_its_largest_face():
-    assert [fitting_type(side) for side in (1.0, 0.0322, 0.032, 0.0238, 0.0236)] == ["3/350"] * 2 + ["1.5/350"] * 2 + [
-        None
-    ]
+    assert [fitting_type(side) for side in (1.0, 0.0322, 0.032, 0.0238, 0.0236)] == ["3/350"] * 2 + ["1.5/350"] * 2 + [None]

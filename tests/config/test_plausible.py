@@ -12,7 +12,7 @@ from pydantic import BaseModel
 from strainsight.config.base import Marker, Plausible, PlausibleBy, Unbounded, implausible, mark_of
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import BearingConfig
-from strainsight.config.estimate import DamageSettings, MeanStress, SNCurve
+from strainsight.config.estimate import DamageSettings, MeanStressSection, SNCurve
 from strainsight.config.keys import Override
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
@@ -230,7 +230,7 @@ LINE = {"slope": 3.0, "stress": 1e8}
     ],
 )
 def test_what_does_not_fit_together_is_named(curve, mean, keys):
-    settings = DamageSettings(curve=SNCurve(**(LINE | curve)), mean_stress=MeanStress(**mean))
+    settings = DamageSettings(curve=SNCurve(**(LINE | curve)), mean_stress=MeanStressSection(**mean))
     assert [problem.key for problem in settings.problems()] == [*keys]
 
 

@@ -112,9 +112,7 @@ def place(text: str, part: str, file: str = "suite.yaml") -> str:
 def test_every_run_gets_what_is_set_its_name_and_the_suffix(write):
     runs = runs_of(load_config(write()))
     assert [run.config.model.name for run in runs] == [
-        "cantilever-youngs-modulus-short",
-        "watched-short",
-        "cantilever-input-short",
+        "cantilever-youngs-modulus-short", "watched-short", "cantilever-input-short",
     ]
     assert [run.config.data["place"]["instants"] for run in runs] == [3, 3, 3]
     assert [run.config.data["place"]["keep"] for run in runs] == [5, 4, 4]
@@ -240,9 +238,7 @@ MISTAKES = {
 )
 def test_a_mistake_in_the_suite_has_its_place(write, text, before, after, key, what):
     assert before in text
-    (error,) = (
-        error for error in refused(write(text.replace(before, after, 1))) if what in error.what and error.key == key
-    )
+    (error,) = (error for error in refused(write(text.replace(before, after, 1))) if what in error.what and error.key == key)
     assert "suite.yaml:" in error.where
     assert error.remedy
     assert str(error).replace("\n", "").isprintable()

@@ -112,9 +112,7 @@ def test_more_entries_than_indices_of_32_bits_count(start, monkeypatch):
 
 
 @needs_slepc
-@pytest.mark.parametrize(
-    "ending", [*slowly(signal.SIGINT, signal.SIGKILL), signal.SIGTERM], ids=lambda number: number.name
-)
+@pytest.mark.parametrize("ending", [*slowly(signal.SIGINT, signal.SIGKILL), signal.SIGTERM], ids=lambda number: number.name)
 def test_a_run_that_is_ended_leaves_no_process_and_no_file(tmp_path, ending):
     script = (
         "import time\n"

@@ -57,12 +57,7 @@ def test_output_procedures_histories_and_properties_are_listed_only(tmp_path, ca
 @pytest.mark.parametrize(
     "card",
     [
-        "CBEND,70,3,1,2",
-        "RTRPLT,70,1",
-        "RSPLINE,1,.1",
-        "CDAMP2,70,1.,4,1",
-        "NSM,1",
-        "MATT1,1,9\nTEMP,9,1,1.",
+        "CBEND,70,3,1,2", "RTRPLT,70,1", "RSPLINE,1,.1", "CDAMP2,70,1.,4,1", "NSM,1", "MATT1,1,9\nTEMP,9,1,1.",
         "ACCEL1,9",
     ],
 )
@@ -116,9 +111,7 @@ def test_types_of_elements_of_abaqus_that_are_supported_may_be_left_out_too(tmp_
 def test_an_enforced_displacement_is_held_with_a_warning_or_free_where_it_is_named(tmp_path, name, text):
     mesh = imported(tmp_path, text, name=name)
     assert [3, 0] in mesh.fixed.tolist()
-    assert sanity_warnings(mesh)[0].startswith(
-        "1 × ENFORCED DISPLACEMENT of another value than zero ignored: the motion is held"
-    )
+    assert sanity_warnings(mesh)[0].startswith("1 × ENFORCED DISPLACEMENT of another value than zero ignored: the motion is held")
     mesh = imported(tmp_path, text, ["enforced displacement"], name=name)
     assert [3, 0] not in mesh.fixed.tolist()
     assert mesh.ignored["ENFORCED DISPLACEMENT"] == 1
@@ -217,9 +210,7 @@ def import_checked(tmp_path, text, **more):
 def test_it_is_left_out_with_a_note_and_weighs_nothing(tmp_path):
     mesh, weight = import_checked(tmp_path, LOOSE)
     assert [point.id for point in mesh.point_masses] == [91]
-    assert mesh.notes[-1].startswith(
-        "a point mass of 2.5 kg on nodes that no element, tie, spring or support holds, left out"
-    )
+    assert mesh.notes[-1].startswith("a point mass of 2.5 kg on nodes that no element, tie, spring or support holds, left out")
     assert mesh.notes[-1].endswith("node 50")
     assert weight == pytest.approx(7850 / 6 + 3)
     mesh, _ = import_checked(tmp_path, LOOSE + "CONM2,92,51,,4.\n")

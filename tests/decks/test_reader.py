@@ -220,12 +220,7 @@ def test_a_file_that_is_taken_in_is_held_to_the_same_folders(project, tmp_path):
 def test_a_name_is_relative_to_the_file_to_the_deck_or_to_the_folders(project, tmp_path):
     read, line = project
     more = tmp_path / "bulk" / "parts" / "more"
-    for name, folder in (
-        ("part", "bulk/parts"),
-        ("beside", "config/decks"),
-        ("parts/part", "bulk"),
-        ("elsewhere/part", ""),
-    ):
+    for name, folder in (("part", "bulk/parts"), ("beside", "config/decks"), ("parts/part", "bulk"), ("elsewhere/part", "")):
         more.write_text(line.format(name))
         if name == "beside":
             (tmp_path / folder / name).write_text((tmp_path / "elsewhere" / "part").read_text())
@@ -269,12 +264,7 @@ def test_paths_of_windows_are_read(project, tmp_path):
     (tmp_path / "config" / "decks" / "Sub").mkdir()
     part = tmp_path / "config" / "decks" / "Sub" / "Part.txt"
     part.write_text((tmp_path / "elsewhere" / "part").read_text())
-    for name, noted in (
-        ("Sub\\Part.txt", False),
-        (".\\Sub\\Part.txt", False),
-        ("SUB/part.TXT", True),
-        ("sub\\PART.txt", True),
-    ):
+    for name, noted in (("Sub\\Part.txt", False), (".\\Sub\\Part.txt", False), ("SUB/part.TXT", True), ("sub\\PART.txt", True)):
         mesh = read(name)
         assert [Path(own).resolve() for own in mesh.included] == [part.resolve()]
         assert any("other capitals" in note for note in mesh.notes) == noted
@@ -302,9 +292,7 @@ SECOND_ORDER = {
 def test_mid_side_nodes_in_another_order_are_named(tmp_path, cell):
     x, corners = SECOND_ORDER[cell]
     order = np.arange(len(x))
-    sections = (
-        {"mesh.sections.skin": GivenSection(None, ShellSection(0.01))} if corners < 8 and not np.any(x[:, 2]) else None
-    )
+    sections = {"mesh.sections.skin": GivenSection(None, ShellSection(0.01))} if corners < 8 and not np.any(x[:, 2]) else None
 
     def read(cells):
         meshio.write(tmp_path / "part.vtu", meshio.Mesh(np.vstack([x, x + np.array([3.0, 0, 0])]), [(cell, cells)]))

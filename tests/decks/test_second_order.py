@@ -124,9 +124,7 @@ def test_what_is_wrong_is_named_with_file_line_and_remedy(tmp_path, old, new, wh
 def test_a_face_below_is_counted_the_other_way(tmp_path):
     def load(side):
         surface = f"*SURFACE, NAME=S\nALL, {side}\n*STEP"
-        return made(
-            tmp_path / "a.inp", ABAQUS.replace("*STEP", surface).replace("*DLOAD\nALL, P,", "*DSLOAD\nS, P,")
-        ).loads
+        return made(tmp_path / "a.inp", ABAQUS.replace("*STEP", surface).replace("*DLOAD\nALL, P,", "*DSLOAD\nS, P,")).loads
 
     above, below = (next(iter(load(side).values())) for side in ("SPOS", "SNEG"))
     order = np.argsort(above.nodes), np.argsort(below.nodes)

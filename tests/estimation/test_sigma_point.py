@@ -222,9 +222,7 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel():
         x = run.mean[k, 0] + gain @ (x - predicted)
         S = own + gain @ (S - ahead * np.outer(scale, scale)) @ gain.T
         np.testing.assert_allclose(found.mean[k, 0] / scale, x / scale, atol=1e-5)
-        np.testing.assert_allclose(
-            found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5
-        )
+        np.testing.assert_allclose(found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5)
 
 
 def test_a_filter_whose_runs_all_diverge_says_so():

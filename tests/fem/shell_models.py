@@ -36,9 +36,7 @@ def unit_square(n: int, m: int, kind: str) -> tuple[np.ndarray, np.ndarray, np.n
         quads = np.stack([node[:-1, :-1], node[1:, :-1], node[1:, 1:], node[:-1, 1:]], axis=-1).reshape(-1, 4)
         return i.ravel() / n, j.ravel() / m, halved(quads) if kind == "tri3" else quads
     nine = np.stack([node[di : di + 2 * n - 1 : 2, dj : dj + 2 * m - 1 : 2].ravel() for di, dj in places], axis=-1)
-    cells = (
-        nine[:, :8] if kind == "quad8" else np.concatenate([nine[:, [0, 1, 2, 4, 5, 8]], nine[:, [0, 2, 3, 8, 6, 7]]])
-    )
+    cells = nine[:, :8] if kind == "quad8" else np.concatenate([nine[:, [0, 1, 2, 4, 5, 8]], nine[:, [0, 2, 3, 8, 6, 7]]])
     used, where = np.unique(cells, return_inverse=True)
     return i.ravel()[used] / (2 * n), j.ravel()[used] / (2 * m), where.reshape(cells.shape)
 

@@ -13,7 +13,6 @@ from strainsight.decks.reader import read_mesh
 from strainsight.errors import DeckError
 from strainsight.fem.beam_matrices import (
     beam_masses,
-    beam_strain_rows,
     curved_beam_masses,
     curved_beam_stiffnesses,
     rod_masses,
@@ -27,6 +26,7 @@ from strainsight.mesh.thin_faces import with_sides
 
 from ..beams import Arch, Frame, axes_of, line, properties, rectangle, threes
 from .shell_models import rigid_motions
+from .strain_rows import beam_strain_rows
 
 E, DENSITY = 200e9, 8000.0
 SHEAR = (5 / 6, 5 / 6)
@@ -61,9 +61,7 @@ def test_pin_ended_double_cross_fv2(kind, count):
 def straight(kind, count, section, **more):
     """Elements along x over 10 m."""
     nodes, pairs = line(count if kind is Frame else 2 * count, 10.0)
-    return kind(
-        nodes, pairs if kind is Frame else threes(range(len(nodes))), (0.0, 1.0, 0.0), section, E, DENSITY, **more
-    )
+    return kind(nodes, pairs if kind is Frame else threes(range(len(nodes))), (0.0, 1.0, 0.0), section, E, DENSITY, **more)
 
 
 @pytest.mark.parametrize("kind", [Frame, Arch])
@@ -325,9 +323,7 @@ def test_sides_have_the_strain_of_beam_theory(bar, component, force):
         3: 0 * x,
     }[component] / 2e11
     np.testing.assert_allclose(strain[:, 0], along, atol=1e-10 * np.abs(strain).max())
-    np.testing.assert_allclose(
-        strain[:, 1:3], -0.3 * along[:, None].repeat(2, axis=1), atol=1e-10 * np.abs(strain).max()
-    )
+    np.testing.assert_allclose(strain[:, 1:3], -0.3 * along[:, None].repeat(2, axis=1), atol=1e-10 * np.abs(strain).max())
     shear = np.linalg.norm(strain[:, 3:], axis=1)
     J = next(iter(mesh.sections.values())).torsion
     expected = force * np.maximum(np.abs(y), np.abs(out)) / (2e11 / 2.6 * J) if component == 3 else 0 * x

@@ -155,11 +155,7 @@ CONTRADICTIONS = [
         {"rigid": (RigidElement(1, A, np.array([B]), ALL_SIX), RigidElement(2, B, np.array([A]), ALL_SIX))},
     ),
     (("tie", 1), "depends on its own reference", {"rigid": (RigidElement(1, A, np.array([A]), (0,)),)}),
-    (
-        ("tie", 1),
-        "rigid element 1 has no dependent nodes",
-        {"rigid": (RigidElement(1, A, np.zeros(0, dtype=int), (0,)),)},
-    ),
+    (("tie", 1), "rigid element 1 has no dependent nodes", {"rigid": (RigidElement(1, A, np.zeros(0, dtype=int), (0,)),)}),
     (
         ("tie", 3),
         "averaging element 3 needs nodes",
@@ -308,9 +304,7 @@ def test_a_clamp_on_a_tied_component_is_reported_in_the_nodes_own_components(sup
     turned = replace(mesh, axes={node: TURN})
     # component 2 is not tied: it may be clamped
     constraint_transform(replace(turned, fixed=np.vstack([mesh.fixed, [node, 1]])))
-    with pytest.raises(
-        DeckError, match=f"node {mesh.node_ids[node]} is clamped in component 3 .* rigid element 1"
-    ) as caught:
+    with pytest.raises(DeckError, match=f"node {mesh.node_ids[node]} is clamped in component 3 .* rigid element 1") as caught:
         constraint_transform(replace(turned, fixed=np.vstack([mesh.fixed, [node, 2]])))
     assert caught.value.entity == ("tie", 1)
 

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from strainsight.config.loads import Load
+from strainsight.config.loads import LoadSection
 from strainsight.errors import UserError
 from strainsight.experiment.structure.damage import surface_places
 from strainsight.experiment.structure.references import load_slopes
@@ -98,9 +98,7 @@ def test_factor_multiplies_what_moduli_shape():
         materials={2: replace(STEEL, youngs_modulus=0.8 * STEEL.youngs_modulus)},
     )  # fmt: skip
     assert apart(K.at(theta), thin_operators(other)[0].at({})) < 5e-8
-    np.testing.assert_allclose(
-        (0.8 * K.derivative("s", theta) - K.at(theta)).toarray(), 0, atol=1e-9 * abs(K.at(theta)).max()
-    )
+    np.testing.assert_allclose((0.8 * K.derivative("s", theta) - K.at(theta)).toarray(), 0, atol=1e-9 * abs(K.at(theta)).max())
 
 
 def test_stress_of_the_outer_plies_follows_their_moduli_and_so_does_its_deviation():
@@ -259,7 +257,7 @@ def test_load_on_mass_follows_the_area():
     own = replace(free("area_factor")[0], reference=1.2)
     model = build_model(with_value(straight(section=BAR), "area_factor", (1,), 1.2))
     load = {"gravity": (0, 0, -1), "known": True, "signal": {"type": "sine", "frequency": 1.0, "amplitude": 9.81}}
-    config = {"weight": Load.model_validate(load)}
+    config = {"weight": LoadSection.model_validate(load)}
     slope = load_slopes(model, config, [own])["area_factor"]
     tip = model.constraint.transform[3 * 10 + 2] @ spsolve(model.stiffness.at({}).tocsc(), slope[:, 0])
     assert tip == pytest.approx(-RHO * A * L**4 / (8 * E * I2), rel=2e-3)

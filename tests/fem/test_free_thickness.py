@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.sparse.linalg import spsolve
 
-from strainsight.config.loads import Load
+from strainsight.config.loads import LoadSection
 from strainsight.errors import UserError
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.references import load_slopes
@@ -189,7 +189,7 @@ def test_load_on_mass_follows_the_thickness_and_the_density_beside_it_is_refused
     mesh = with_value(shell(), "thickness", (1,), 1.2 * T)
     model = build_model(replace(mesh, fixed=mesh.fixed[:0]), supported=False)
     load = {"gravity": (0, 0, -1), "known": True, "signal": {"type": "sine", "frequency": 1.0, "amplitude": 9.81}}
-    config = {"weight": Load.model_validate(load)}
+    config = {"weight": LoadSection.model_validate(load)}
     slope = load_slopes(model, config, [own])["t"]
     node = np.arange(mesh.own_nodes)
     weight = np.sum(model.constraint.transform[3 * node + 2] @ slope)  # all motions are free

@@ -60,9 +60,7 @@ def test_ply_that_does_not_shear():
     rigid = replace(CARBON, g1z=np.inf, g2z=np.inf)
     mesh = replace(plate(stack([0, 90, 0], 1e-3), 1, 1, 1.0, 1.0), laminae={1: rigid})
     own = of_laminate(mesh, 1)
-    assert np.linalg.eigvalsh(own.S)[0] == pytest.approx(
-        125 * (np.trace(own.A[:2, :2]) - 2 * own.A[0, 1] + 4 * own.A[2, 2])
-    )
+    assert np.linalg.eigvalsh(own.S)[0] == pytest.approx(125 * (np.trace(own.A[:2, :2]) - 2 * own.A[0, 1] + 4 * own.A[2, 2]))
 
 
 def simply_supported(n, a, b, angle_ply):

@@ -102,9 +102,7 @@ def test_a_load_of_the_deck_has_its_weight_by_the_density_of_the_mesh(clamped):
 
 def test_a_factor_keeps_the_numbers_of_the_deck_and_the_resultant_does_not(clamped):
     pair = NodalForces(np.array([5, 6]), np.array([[0, 3.0, 0], [0, 4.0, 0]]))
-    mesh = replace(
-        clamped, loads={"LOAD-1": pair, "LOAD-2": replace(pair, force=np.array([[0, 3.0, 0], [0, -3.0, 0]]))}
-    )
+    mesh = replace(clamped, loads={"LOAD-1": pair, "LOAD-2": replace(pair, force=np.array([[0, 3.0, 0], [0, -3.0, 0]]))})
     one, times = (nodal_forces(mesh, PointLoad("F", deck_load="LOAD-1", factor=f)).force for f in (False, True))
     np.testing.assert_allclose(7 * one, times)
     with pytest.raises(UserError, match="add up to nothing") as caught:
@@ -121,9 +119,7 @@ def test_a_moment_of_the_deck_is_that_of_a_load_with_a_moment(clamped):
         loads={"LOAD-1": NodalForces(np.array([16]), np.zeros((1, 3)), np.array([[0, 0, 5.0]]))},
     )
     model = build_model(mesh)
-    S = input_shape(
-        model, [PointLoad("M", deck_load="LOAD-1", factor=True), PointLoad("T", node_id=99, moment=(0, 0, 1))]
-    )
+    S = input_shape(model, [PointLoad("M", deck_load="LOAD-1", factor=True), PointLoad("T", node_id=99, moment=(0, 0, 1))])
     assert S[:, 0].any()
     np.testing.assert_allclose(S[:, 0], 5 * S[:, 1])
 
@@ -143,9 +139,7 @@ def test_a_moment_on_a_node_that_turns_with_a_reference_node_is_one_on_that():
 
     def shape(*moment):
         nodes = np.array([16, *(node for node, _ in moment)])
-        load = NodalForces(
-            nodes, np.array([f, *(np.zeros(3) for _ in moment)]), np.array([np.zeros(3), *(m for _, m in moment)])
-        )
+        load = NodalForces(nodes, np.array([f, *(np.zeros(3) for _ in moment)]), np.array([np.zeros(3), *(m for _, m in moment)]))
         model = build_model(replace(mesh, loads={"LOAD-1": load}))
         return input_shape(model, [PointLoad("F", deck_load="LOAD-1", factor=True)])[:, 0]
 
@@ -165,9 +159,7 @@ def test_weight_may_be_turned_and_not_shifted_and_a_rotation_is_neither(clamped)
     for i in range(2):
         turn = small * np.eye(2)[i]
         apart = [misaligned_shape(model, loads[0], s * turn, np.array([0.3, 0.1])) for s in (1, -1)]
-        np.testing.assert_allclose(
-            (apart[0] - apart[1]) / (2 * small), shapes[:, 0, i], atol=1e-6 * np.abs(shapes).max()
-        )
+        np.testing.assert_allclose((apart[0] - apart[1]) / (2 * small), shapes[:, 0, i], atol=1e-6 * np.abs(shapes).max())
 
 
 OFFSET = np.array([0.3, -0.2, 0.5])

@@ -80,9 +80,7 @@ def test_force_and_moment_are_those_of_the_turned_and_shifted_load(box, where):
     mesh = box("hex8", (3, 2, 2), (L, B, H))
     end = nodes_at_the_tip(mesh)
     forces = NodalForces(np.r_[0, end[:3], end[:1]], np.random.default_rng(1).standard_normal((5, 3)))
-    mesh = replace(
-        mesh, node_sets={"END": mesh.node_ids[end], "MIDDLE": mesh.node_ids[end[4:5]]}, loads={"any": forces}
-    )
+    mesh = replace(mesh, node_sets={"END": mesh.node_ids[end], "MIDDLE": mesh.node_ids[end[4:5]]}, loads={"any": forces})
     model = build_model(mesh, supported=False)
     load = PointLoad("F", None if "deck_load" in where else (0.3, -1.0, 0.4), **where)
     turn, shift = np.array([0.2, -0.5]), np.array([0.03, 0.01])

@@ -189,9 +189,7 @@ def test_a_copy_that_the_iterations_have_passed_over_is_found_beside_them(monkey
     def first(A, M, count, factor, shapes, tolerance=0.0):
         if shapes.shape[1]:
             return beside(A, M, count, factor, shapes, tolerance)
-        found = [
-            np.kron(np.eye(8)[chain], own.eigenvectors[:, mode]) for mode, chain in ((0, 1), (0, 4), (0, 5), (1, 2))
-        ]
+        found = [np.kron(np.eye(8)[chain], own.eigenvectors[:, mode]) for mode, chain in ((0, 1), (0, 4), (0, 5), (1, 2))]
         return 1.0 / own.eigenvalues[[0, 0, 0, 1]], np.array(found).T
 
     monkeypatch.setattr(module, "_beside", first)

@@ -48,9 +48,7 @@ def test_relations_equal_lagrange_multipliers(box):
         for i, motions in enumerate(terms, 1)
     )
     held = set(map(tuple, mesh.fixed.tolist()))
-    mesh = replace(
-        mesh, fixed=np.array(sorted(held - {(n, c) for motions in terms for n, c in motions})), relations=own
-    )
+    mesh = replace(mesh, fixed=np.array(sorted(held - {(n, c) for motions in terms for n, c in motions})), relations=own)
     n = 3 * len(mesh.position)
     K, f = assemble(mesh)[0].constant.toarray(), rng.standard_normal(n)
     T = constraint_transform(mesh).transform.toarray()
@@ -215,9 +213,7 @@ def test_averaging_is_what_pyyeti_makes_of_it(tmp_path, case, systems):
     fields = CASES[case]
     components, groups, um = as_of_pyyeti(fields)
     grids = SOLID.format(*systems)
-    (tmp_path / "deck.bdf").write_text(
-        grids + ELEMENTS + BEAMS + lines_of(["90", "", "9", *fields.split()]) + "ENDDATA\n"
-    )
+    (tmp_path / "deck.bdf").write_text(grids + ELEMENTS + BEAMS + lines_of(["90", "", "9", *fields.split()]) + "ENDDATA\n")
     mesh = read_nastran(tmp_path / "deck.bdf")
     uset, _ = nastran.bulk2uset(io.StringIO(grids))
     expected = nastran.formrbe3(uset, 9, components, groups, um)

@@ -138,9 +138,7 @@ def test_gauges_of_any_angle_read_membrane_and_bending_on_both_faces(kind):
     for side, sign in ((UPPER, 1), (LOWER, -1)):
         pool = candidates(mesh, facets.some(facets.facet == side), axis=np.array([1.0, 0, 0]), angles=(0, 30, 45, 90))
         expected = (F / (E * B * T) + sign * M * T / 2 / (E * B * T**3 / 12)) * np.cos(np.radians(pool.angle)) ** 2
-        np.testing.assert_allclose(
-            channel_rows(mesh.position, pool, z)[:, 0], expected, atol=1e-9 * np.abs(expected).max()
-        )
+        np.testing.assert_allclose(channel_rows(mesh.position, pool, z)[:, 0], expected, atol=1e-9 * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("kind", SECOND)

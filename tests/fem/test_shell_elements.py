@@ -8,7 +8,7 @@ from scipy.sparse.linalg import spsolve
 from scipy.spatial.transform import Rotation
 
 from strainsight.errors import DeckError
-from strainsight.fem.shells import shell_axes, shell_masses, shell_stiffnesses, shell_strain_rows
+from strainsight.fem.shells import shell_axes, shell_masses, shell_stiffnesses
 from strainsight.fem.shells.matrices import Resistance
 
 from .shell_models import (
@@ -24,6 +24,7 @@ from .shell_models import (
     stiffness,
     unit_square,
 )
+from .strain_rows import shell_strain_rows
 
 ONE = np.array([1])
 NONE = np.zeros(1)

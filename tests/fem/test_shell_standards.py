@@ -136,9 +136,7 @@ def test_straight_cantilever(kind, shape):
     np.testing.assert_allclose(straight(kind, shape), STRAIGHT[kind, shape], atol=ATOL[kind])
 
 
-@pytest.mark.parametrize(
-    ("kind", "m", "twist"), [("quad4", 8, 0.015), ("tri3", 8, 0.075), ("quad8", 4, 0.01), ("tri6", 4, 0.01)]
-)
+@pytest.mark.parametrize(("kind", "m", "twist"), [("quad4", 8, 0.015), ("tri3", 8, 0.075), ("quad8", 4, 0.01), ("tri6", 4, 0.01)])
 def test_fine_meshes_of_the_straight_cantilever_tend_to_beam_theory(kind, m, twist):
     """Bending within 1 %, twist to Saint-Venant's, 6/(G J) with J = 0.229 b t³ at b/t = 2."""
     expected = np.array([1, 1, 1, 6 / (1e7 / 2.6 * 0.229 * 0.2 * 0.1**3) / 0.03208])
@@ -317,8 +315,7 @@ def exact() -> dict[str, np.ndarray]:
 
 
 @pytest.mark.parametrize(
-    ("name", "kind"),
-    [*((name, "quad4") for name in MINDLIN), ("FV16", "tri3"), *slowly(("FV12", "tri3"), ("FV22", "tri3"))],
+    ("name", "kind"), [*((name, "quad4") for name in MINDLIN), ("FV16", "tri3"), *slowly(("FV12", "tri3"), ("FV22", "tri3"))]
 )
 def test_plates_have_the_frequencies_of_mindlin_theory(name, kind, exact):
     """Errors with h²: what is left by extrapolation from 16 and 32 elements a side (24 and 48 of the rhombus with triangles) is

@@ -301,12 +301,7 @@ def by_ritz(highest=4, terms=60):
             for parts in ((s, none, -BELOW * k * s), (none, c, -BELOW * p * c), (none, none, s), (none, none, p * c))
         )
         turning = MODULUS / 2 / (1 + POISSON) * J
-        stiff = (
-            (u, MODULUS * AREA * k**2),
-            (w, MODULUS * I1 * k**4),
-            (v, MODULUS * I2 * k**4),
-            (twist, turning * k**2),
-        )
+        stiff = ((u, MODULUS * AREA * k**2), (w, MODULUS * I1 * k**4), (v, MODULUS * I2 * k**4), (twist, turning * k**2))
         heavy = ((u, AREA), (v, AREA + I2 * k**2), (w, AREA + I1 * k**2), (twist, I1 + I2))
         K += sum(LENGTH / 2 * factor * np.outer(a, a) for a, factor in stiff)
         M += sum(LENGTH / 2 * DENSITY * factor * np.outer(a, a) for a, factor in heavy)

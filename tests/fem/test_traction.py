@@ -89,9 +89,7 @@ def test_pressure_in_a_bore_widens_a_tube_as_lame_says():
     a, b = 1.0, 2.0
     mesh = named(quarter_tube(a, b, 6, 6, 1, 0.3), bore=(a * np.sqrt(0.5), a * np.sqrt(0.5), 0.15))
     x = mesh.position
-    mesh = held(
-        held(held(mesh, np.isclose(x[:, 1], 0), (1,)), np.isclose(x[:, 0], 0), (0,)), np.ones(len(x), bool), (2,)
-    )
+    mesh = held(held(held(mesh, np.isclose(x[:, 1], 0), (1,)), np.isclose(x[:, 0], 0), (0,)), np.ones(len(x), bool), (2,))
     u = displaced(mesh, PointLoad("p", node_set="bore", pressure=True))
     at_bore = np.isclose(np.hypot(x[:, 0], x[:, 1]), a)
     expected = (1 + NU) * a / E * (a**2 * (1 - 2 * NU) + b**2) / (b**2 - a**2)
@@ -165,10 +163,7 @@ def test_what_presses_needs_an_area(bored, load):
 def test_a_pressure_cannot_be_misaligned_and_a_bearing_load_turns_as_a_whole(bored):
     mesh = held(bored, np.isclose(np.hypot(*bored.position[:, :2].T), 2))
     model = build_model(mesh)
-    pin, pressed = (
-        PointLoad("pin", node_set="bore", bearing=(1.0, 0, 0)),
-        PointLoad("p", node_set="bore", pressure=True),
-    )
+    pin, pressed = PointLoad("pin", node_set="bore", bearing=(1.0, 0, 0)), PointLoad("p", node_set="bore", pressure=True)
     shapes = misalignment_shapes(model, [pin, pressed])
     assert shapes.shape[1:] == (2, MISALIGNMENTS)
     assert shapes.any(axis=(0, 2)).tolist() == [True, False]
@@ -380,9 +375,7 @@ def face_springs_on_two_ends():
 )  # fmt: skip
 def test_springs_of_parameters_are_there_and_of_one_parameter_each(first, second, what, remedy):
     mesh = face_springs_on_two_ends()
-    mesh = replace(
-        mesh, springs=(*mesh.springs, replace(mesh.springs[0], name="idle", stiffness=0 * mesh.springs[0].stiffness))
-    )
+    mesh = replace(mesh, springs=(*mesh.springs, replace(mesh.springs[0], name="idle", stiffness=0 * mesh.springs[0].stiffness)))
     own = [Parameter(name, "stiffness_factor", (), 1.0, springs) for name, springs in (("a", first), ("b", second))]
     with pytest.raises(UserError, match=re.escape(what)) as error:
         build_model(mesh, own)

@@ -106,7 +106,9 @@ def test_several_masses_loads_and_rows_over_several_blocks(J):
     # the shapes are eigenvectors whatever the mass-proportional part
     held, h = random_load(70, 2, J), 2e-3
     rows = np.random.default_rng(2).standard_normal((4, 6))
-    found = transient(model_of(K, M), S, {}, damping, held, h, rows, sparse.csr_array(rows[:2]), highest=600.0)
+    found = transient(
+        model_of(K, M), S, {}, damping, held, h, rows, sparse.csr_array(rows[:2]), highest=600.0
+    )
     true = exact(K, M, dense_damping(K, M, damping), S, held, h)
     np.testing.assert_allclose(found.reading, true[:, 0] @ rows.T, atol=1e-10 * np.abs(true[:, 0]).max())
     np.testing.assert_allclose(found.acceleration, true[:, 2] @ rows[:2].T, atol=1e-9 * np.abs(true[:, 2]).max())
@@ -141,12 +143,9 @@ def test_damping_by_modes_is_the_stated_ratio_in_each_and_grows_above():
     K, M = chain(8)
     lam, Phi = eigh(K, M)
     omega = np.sqrt(lam)
-    for above, expected in (
-        ("stiffness", 0.02 * np.maximum(1.0, omega / omega[3])),
-        ("none", np.where(np.arange(8) < 4, 0.02, 0.0)),
-    ):
-        C = dense_damping(K, M, modal_damping(sparse.csr_array(K), sparse.csr_array(M), 0.02, 4, above))
-        np.testing.assert_allclose(Phi.T @ C @ Phi, np.diag(2 * expected * omega), atol=1e-10 * omega[-1])
+    expected = 0.02 * np.maximum(1.0, omega / omega[3])
+    C = dense_damping(K, M, modal_damping(sparse.csr_array(K), sparse.csr_array(M), 0.02, 4))
+    np.testing.assert_allclose(Phi.T @ C @ Phi, np.diag(2 * expected * omega), atol=1e-10 * omega[-1])
 
 
 def test_unknowns_without_mass_move_but_have_no_acceleration():
@@ -222,14 +221,13 @@ def test_fewest_solves_and_never_more_factors_for_nothing():
     assert cost == {0.1: 1, 0.5: 1, 1.0: 2, 2.0: 2, 4.0: 3, 8.0: 6}
 
 
-DAMPINGS = ["modal", "undamped above", "rayleigh", "none"]
+DAMPINGS = ["modal", "rayleigh", "none"]
 
 
 def damping_of(kind, K, M):
     K, M = sparse.csr_array(K), sparse.csr_array(M)
     return {
         "modal": modal_damping(K, M, 0.02, 4),
-        "undamped above": modal_damping(K, M, 0.02, 4, above="none"),
         "rayleigh": ViscousDamping(2.0, 1e-5),
         "none": NONE,
     }[kind]
@@ -246,9 +244,7 @@ def test_it_is_the_dense_complex_solution(kind, hertz):
     expected = np.linalg.solve(dense, S @ U)
     z, v = steady_state(sparse.csr_array(K), sparse.csr_array(M), S, damping, np.array([omega]), U[None])
     np.testing.assert_allclose(z, expected.real, rtol=0, atol=1e-9 * np.abs(expected).max())
-    np.testing.assert_allclose(
-        v, (1j * omega * expected).real, rtol=0, atol=1e-9 * max(1, omega) * np.abs(expected).max()
-    )
+    np.testing.assert_allclose(v, (1j * omega * expected).real, rtol=0, atol=1e-9 * max(1, omega) * np.abs(expected).max())
 
 
 @pytest.mark.parametrize("kind", ["modal", *slowly("rayleigh")])
@@ -360,8 +356,6 @@ def test_without_a_stated_frequency_the_first_modes_and_the_loads_are_resolved()
 
     assert highest(2.0) == pytest.approx(f[3], rel=1e-9)
     assert highest(900.0) == pytest.approx(900.0, abs=10)
-    assert module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, np.zeros((5, 1, 1)), h, None) == pytest.approx(
-        f[3]
-    )
+    assert module._reach(sparse.csr_array(K), sparse.csr_array(M), NONE, np.zeros((5, 1, 1)), h, None) == pytest.approx(f[3])
     found = transient(model_of(K, M), np.eye(8)[:, :1], {}, NONE, np.zeros((3, 1, 1)), h, np.eye(8), np.eye(8))
     assert found.highest >= 1 / (2.56 * h)

@@ -37,13 +37,13 @@ def read_deck(path: Path, choice: int, sandboxed: bool = True) -> None:
     elif ending == ".csv":
         read_numbering(path)
     else:
-        from strainsight.config.mesh import Material, MeshFile
+        from strainsight.config.mesh import MaterialSection, MeshFile
         from strainsight.decks.other.load import load, load_sandboxed
         from strainsight.experiment.structure.mesh import checked, mesh_of
 
         if path.suffix == ".h5":
             path = path.with_name("case-of-h5.xdmf")
-        steel = Material(regions="all", youngs_modulus=2.1e11, poisson_ratio=0.3, density=7850.0)
+        steel = MaterialSection(regions="all", youngs_modulus=2.1e11, poisson_ratio=0.3, density=7850.0)
         config = MeshFile(
             file=path.name,
             length_unit="m" if choice % 2 else "mm",
@@ -57,7 +57,7 @@ def read_deck(path: Path, choice: int, sandboxed: bool = True) -> None:
 
 def read_measurement(path: Path, choice: int, sandboxed: bool = True) -> None:
     """The channels on the clock of a filter; a table now and then as a load's history."""
-    from strainsight.config.loads import Recorded
+    from strainsight.config.loads import RecordedSection
     from strainsight.experiment.recorded import recorded
     from strainsight.measurements import reader
     from strainsight.measurements.assemble import assemble
@@ -70,7 +70,7 @@ def read_measurement(path: Path, choice: int, sandboxed: bool = True) -> None:
     elif path.suffix == ".h5":
         channels = [("a",), ("group/table[1]",), ("a", "link[0]")][choice % 3]
     elif choice % 4 == 0:
-        stated = Recorded(type="csv", file=path.name, time_column="time", value_column="F")
+        stated = RecordedSection(type="csv", file=path.name, time_column="time", value_column="F")
         recorded("loads.tip.signal", stated, path)
         return
     else:

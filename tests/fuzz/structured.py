@@ -131,9 +131,7 @@ def _scaled(text: str, factor: float) -> str:
 def _tree(data: Any, rng: Random) -> None:
     places = list(_places(data))
     (own, key), (other, name) = rng.choice(places), rng.choice(places)
-    numbers = [
-        (at, name) for at, name in places if isinstance(at[name], int | float) and not isinstance(at[name], bool)
-    ]
+    numbers = [(at, name) for at, name in places if isinstance(at[name], int | float) and not isinstance(at[name], bool)]
     way = rng.choices(range(8), [1, 1, 1, 1, 4, 4, 1, 1])[0]
     if way in (4, 5) and numbers:
         own, key = rng.choice(numbers)
@@ -239,9 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         last = asked.first + asked.inputs
         found = faults(asked.seed, asked.first, last, Path(made), lambda said: print(said, flush=True))
     kinds = Counter(said.partition(": ")[0] for said in found.values())
-    print(
-        f"{asked.inputs} altered models in {time.monotonic() - begun:.0f} s ({os.times().user:.0f} s), {len(found)} faults"
-    )
+    print(f"{asked.inputs} altered models in {time.monotonic() - begun:.0f} s ({os.times().user:.0f} s), {len(found)} faults")
     for kind, count in kinds.most_common():
         print(f"  {count} × {kind}")
     return 1 if found else 0

@@ -28,10 +28,7 @@ def calibrated(values, settings, unit=None):
     ("units", "si"),
     [
         (("strain", "Strain", "in/in", "mm/mm", "MM/MM", "inch/inch", "ε", "ɛ"), 1.0),
-        (
-            ("um/m", "µm/m", "μm/m", "[um/m]", "ppm", "uin/in", "µin/in", "ue", "µstrain", "uStrain", "MicroStrain"),
-            1e-6,
-        ),
+        (("um/m", "µm/m", "μm/m", "[um/m]", "ppm", "uin/in", "µin/in", "ue", "µstrain", "uStrain", "MicroStrain"), 1e-6),
         (("µɛ", "µε", "USTRAIN"), 1e-6),
         (("mm/m", "µm/mm", "‰", "millistrain"), 1e-3),
         (("%",), 0.01),

@@ -222,9 +222,7 @@ def test_what_pyuff_writes_comes_back(tmp_path, coded, even):
     writer = pyuff.UFF(str(tmp_path / "test.uff"))
     axes, units = ("abscissa", "ordinate", "orddenom", "z_axis"), ("len", "force", "temp")
     zeros = {f"{axis}_{unit}_unit_exp": 0 for axis in axes for unit in units}
-    zeros |= dict.fromkeys(
-        ("load_case_id", "ref_node", "ref_dir", "orddenom_spec_data_type", "z_axis_spec_data_type"), 0
-    )
+    zeros |= dict.fromkeys(("load_case_id", "ref_node", "ref_dir", "orddenom_spec_data_type", "z_axis_spec_data_type"), 0)
     none = dict.fromkeys(["id2", "id3", "id4", "id5", "rsp_ent_name", "ref_ent_name"], "NONE")
     none |= dict.fromkeys(["orddenom_axis_units_lab", "z_axis_axis_units_lab"], "NONE")
     for node in (5, 6):

@@ -117,9 +117,7 @@ JOINED = {
             Relation(i, np.array(pair), np.zeros(2, int), np.array([1.0, -1.0])) for i, pair in enumerate(PAIRS)
         )
     },
-    "springs": {
-        "springs": (Springs("CELAS2", np.full(9, 1e6), TERMS, FACE.T.ravel(), 0 * TERMS, np.tile([1.0, -1.0], 9)),)
-    },
+    "springs": {"springs": (Springs("CELAS2", np.full(9, 1e6), TERMS, FACE.T.ravel(), 0 * TERMS, np.tile([1.0, -1.0], 9)),)},
     "a clamp": {"fixed": held(TWO, TWO.position[:, 0] == 1).fixed},
 }
 
@@ -238,9 +236,7 @@ def test_a_node_on_the_edge_of_a_shell_and_a_beam_between_its_ends_hang():
     assert left.startswith("a node lies")
     skin = plates(((2, 1), (1.0, 1.0), (0, 0, 0)))
     free = np.zeros((1, 2, 6), bool)
-    beam = BeamBlock(
-        "beam", np.array([9]), np.array([[0, 4]]), np.array([2]), np.eye(3)[None], np.zeros((1, 2, 3)), free
-    )
+    beam = BeamBlock("beam", np.array([9]), np.array([[0, 4]]), np.array([2]), np.eye(3)[None], np.zeros((1, 2, 3)), free)
     (said,) = connectivity_warnings(replace(skin, beams=(beam,)))
     assert "node lies" in said
     assert "3 on element 9" in said

@@ -62,9 +62,7 @@ def test_the_mirrored_element_is_the_mirror_image_and_mirrored_twice_the_same(ki
     order = np.array(kind.mirrored)
     np.testing.assert_array_equal(order[order], np.arange(len(kind.nodes)))
     linear = np.linalg.lstsq(np.column_stack([kind.nodes, np.ones(len(order))]), kind.nodes[order], rcond=None)[0]
-    np.testing.assert_allclose(
-        np.column_stack([kind.nodes, np.ones(len(order))]) @ linear, kind.nodes[order], atol=1e-14
-    )
+    np.testing.assert_allclose(np.column_stack([kind.nodes, np.ones(len(order))]) @ linear, kind.nodes[order], atol=1e-14)
     assert np.linalg.det(linear[:3]) == pytest.approx(-1.0)
 
 
@@ -85,10 +83,7 @@ MASS = [(TET4, 2), (TET10, 4), (TRI3, 2), (TRI6, 4)]
 
 @pytest.mark.parametrize(
     ("kind", "rule", "degree"),
-    [
-        *((kind, kind.stiffness, degree) for kind, degree in STIFFNESS),
-        *((kind, kind.mass, degree) for kind, degree in MASS),
-    ],
+    [*((kind, kind.stiffness, degree) for kind, degree in STIFFNESS), *((kind, kind.mass, degree) for kind, degree in MASS)],
 )
 def test_rules_reach_the_degree_that_exactness_needs(kind, rule, degree):
     (xi, w), n = rule, SIMPLEX.get(kind, 0)

@@ -95,9 +95,7 @@ def test_a_ratio_that_locks_and_one_of_a_wrong_shear_modulus_are_named(nu, says)
 
 
 def test_a_structure_without_supports_is_a_warning():
-    said = (
-        "nothing is fixed: hold it, let it be free (mesh.free), or hang it on soft springs (mesh.supports, stiffness)"
-    )
+    said = "nothing is fixed: hold it, let it be free (mesh.free), or hang it on soft springs (mesh.supports, stiffness)"
     for fixed in (np.zeros((0, 2), dtype=np.int64), np.array([[0, 3], [1, 5]])):
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed)) == (said,)
         assert sanity_warnings(replace(tetrahedron(), fixed=fixed), free=True) == ()
@@ -118,30 +116,15 @@ def test_a_reference_node_given_in_millimetres_is_a_warning():
 # Moduli and densities in units that do not belong together are warned of, with the unit; real materials never are.
 MM_KG, MM_T, IN_LB, CM_KG = ("mm", "kg"), ("mm", "t"), ("in", "lb"), ("cm", "kg")
 MIXED = {  # name: (E and ρ as the deck has them, its units, what the warning names)
-    "steel in kg, mm and N": (
-        2.1e5,
-        7.85e-6,
-        MM_KG,
-        "2.1e+05 looks like MPa (steel, 2.1e+11 Pa): in mm, kg and s it is 2.1e+08",
-    ),
+    "steel in kg, mm and N": (2.1e5, 7.85e-6, MM_KG, "2.1e+05 looks like MPa (steel, 2.1e+11 Pa): in mm, kg and s it is 2.1e+08"),
     "kg, mm, ms and kN": (210.0, 7.85e-6, MM_KG, "210 looks like GPa with time in ms (steel"),
     "g, mm, ms and N": (2.1e5, 7.85e-3, ("mm", "g"), "2.1e+05 looks like MPa with time in ms"),
     "g in place of t": (2.1e5, 7.85e-3, MM_T, "0.00785 looks like g/mm³ (steel): in mm, t and s it is 7.85e-09"),
     "t, mm and kN": (210.0, 7.85e-9, MM_T, "210 looks like GPa"),
     "pounds without 386": (3e7, 0.283, IN_LB, "or give the density as 0.000733 with mesh.mass_unit lbf*s2/in"),
-    "weight in lbf": (
-        3e7,
-        0.283,
-        ("in", "lbf*s2/in"),
-        "0.283 looks like lb/in³ (steel): in in, lbf*s2/in and s it is 0.000733",
-    ),
+    "weight in lbf": (3e7, 0.283, ("in", "lbf*s2/in"), "0.283 looks like lb/in³ (steel): in in, lbf*s2/in and s it is 0.000733"),
     "ksi": (3e4, 7.33e-4, ("in", "lbf*s2/in"), "in in, lbf*s2/in and s it is 3e+07"),
-    "kg, cm and N": (
-        2.1e7,
-        7.85e-3,
-        CM_KG,
-        "2.1e+07 looks like N/cm² (steel, 2.1e+11 Pa): in cm, kg and s it is 2.1e+09",
-    ),
+    "kg, cm and N": (2.1e7, 7.85e-3, CM_KG, "2.1e+07 looks like N/cm² (steel, 2.1e+11 Pa): in cm, kg and s it is 2.1e+09"),
     "MPa in metres": (2.1e5, 7850.0, ("m", "kg"), "2.1e+05 looks like MPa"),
     "psi and slugs": (3e7, 15.2, ("ft", "slug"), "in ft, slug and s it is 4.32e+09"),
     "kgf": (2.1e4, 7.85e-6, MM_KG, "2.1e+04 looks like kgf/mm²"),
@@ -170,12 +153,7 @@ def test_units_that_do_not_belong_together_are_named_with_the_number_that_would(
 
 
 def test_the_number_that_a_warning_asks_for_is_without_one():
-    for E, rho, units in (
-        (2.1e8, 7.85e-6, MM_KG),
-        (2.1e5, 7.85e-9, MM_T),
-        (1.158e10, 0.283, IN_LB),
-        (2.1e9, 7.85e-3, CM_KG),
-    ):
+    for E, rho, units in ((2.1e8, 7.85e-6, MM_KG), (2.1e5, 7.85e-9, MM_T), (1.158e10, 0.283, IN_LB), (2.1e9, 7.85e-3, CM_KG)):
         size = 0.3 / LENGTH[units[0]]
         assert sanity_warnings(to_si(tetrahedron(size, E, rho), *units), *units) == ()
 

@@ -43,18 +43,8 @@ OUTLINES = {
     ],
     ("I", (10, 6, 4, 0.5, 1, 0.75)): [
         [
-            (-3, 0),
-            (3, 0),
-            (3, 1),
-            (0.25, 1),
-            (0.25, 9.25),
-            (2, 9.25),
-            (2, 10),
-            (-2, 10),
-            (-2, 9.25),
-            (-0.25, 9.25),
-            (-0.25, 1),
-            (-3, 1),
+            (-3, 0), (3, 0), (3, 1), (0.25, 1), (0.25, 9.25), (2, 9.25), (2, 10), (-2, 10), (-2, 9.25), (-0.25, 9.25),
+            (-0.25, 1), (-3, 1),
         ]
     ],
     ("I1", (4, 1, 6, 8)): [
@@ -72,17 +62,7 @@ OUTLINES = {
     ],
     ("CROSS", (4, 1, 8, 0.5)): [
         [
-            (2, 0),
-            (3, 0),
-            (3, 3.75),
-            (5, 3.75),
-            (5, 4.25),
-            (3, 4.25),
-            (3, 8),
-            (2, 8),
-            (2, 4.25),
-            (0, 4.25),
-            (0, 3.75),
+            (2, 0), (3, 0), (3, 3.75), (5, 3.75), (5, 4.25), (3, 4.25), (3, 8), (2, 8), (2, 4.25), (0, 4.25), (0, 3.75),
             (2, 3.75),
         ]
     ],
@@ -90,17 +70,7 @@ OUTLINES = {
     ("Z", (3, 1, 6, 8)): [[(3, 0), (7, 0), (7, 1), (4, 1), (4, 8), (0, 8), (0, 7), (3, 7)]],
     ("HAT", (6, 0.5, 5, 2)): [
         [
-            (0, 0),
-            (2.5, 0),
-            (2.5, 5.5),
-            (6.5, 5.5),
-            (6.5, 0),
-            (9, 0),
-            (9, 0.5),
-            (7, 0.5),
-            (7, 6),
-            (2, 6),
-            (2, 0.5),
+            (0, 0), (2.5, 0), (2.5, 5.5), (6.5, 5.5), (6.5, 0), (9, 0), (9, 0.5), (7, 0.5), (7, 6), (2, 6), (2, 0.5),
             (0, 0.5),
         ]
     ],
@@ -262,25 +232,13 @@ MPC,1,2,3,2.,4,6,.5
 ,,5,5,.25
 RBAR,20,2,3,1236,35
 """
-
-
 @pytest.fixture
 def metres(tmp_path):
     (tmp_path / "m.bdf").write_text(IN_METRES)
     return read_mesh(tmp_path / "m.bdf")
 
 
-POWER = {
-    "thickness": 1,
-    "area": 2,
-    "second": 4,
-    "torsion": 4,
-    "points": 1,
-    "neutral": 1,
-    "beside": 1,
-    "bending": 0,
-    "shear": 0,
-}
+POWER = {"thickness": 1, "area": 2, "second": 4, "torsion": 4, "points": 1, "neutral": 1, "beside": 1, "bending": 0, "shear": 0}
 """Of the length, in the sizes of sections."""
 
 
@@ -295,9 +253,7 @@ def test_sizes_of_a_deck_in_millimetres_and_tonnes_are_in_metres_and_kilograms(m
     assert len(pairs) == 4
     for own, same in pairs:
         for name in POWER.keys() & vars(own).keys():
-            np.testing.assert_allclose(
-                getattr(same, name), 1e-3 ** POWER[name] * np.array(getattr(own, name)), rtol=1e-12
-            )
+            np.testing.assert_allclose(getattr(same, name), 1e-3 ** POWER[name] * np.array(getattr(own, name)), rtol=1e-12)
         assert same.nonstructural == pytest.approx(own.nonstructural * (1e9 if hasattr(own, "thickness") else 1e6))
 
 
@@ -337,9 +293,7 @@ def test_regions_of_shells_and_beams_need_materials_and_sections_of_their_kind(m
     with pytest.raises(DeckError, match=r"region 1 \(PSHELL 1\) refers to material 3, which is not there"):
         check_materials(replace(metres, materials={}))
     sections = dict(metres.sections)
-    with pytest.raises(
-        DeckError, match=r"region 1 \(PSHELL 1\) of quad4 element 10 has a section of another kind"
-    ) as caught:
+    with pytest.raises(DeckError, match=r"region 1 \(PSHELL 1\) of quad4 element 10 has a section of another kind") as caught:
         check_geometry(replace(metres, sections={**sections, 1: sections[2]}))
     assert caught.value.entity == ("element", 10)
     with pytest.raises(DeckError, match=r"of beam element 11 has no section"):

@@ -149,19 +149,10 @@ def cube_with(shells):
     for kind, corners in (("quad4", 4), ("tri3", 3)):
         nodes = np.array([[number[node] for node in own] for own in shells if len(own) == corners], dtype=int)
         if e := len(nodes):
-            blocks.append(
-                ShellBlock(kind, first + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan))
-            )
+            blocks.append(ShellBlock(kind, first + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan)))
             first += e
     regions = {1: Region(1, "PSHELL 1", 1), 2: Region(2, "PSOLID 2", 1)}
-    own = (
-        1 + np.arange(len(x)),
-        x.astype(float),
-        (block,),
-        regions,
-        {1: Material(1, 2e11, 0.3, 7850.0)},
-        np.zeros((0, 2), int),
-    )
+    own = 1 + np.arange(len(x)), x.astype(float), (block,), regions, {1: Material(1, 2e11, 0.3, 7850.0)}, np.zeros((0, 2), int)
     return with_faces(Mesh(*own, shells=tuple(blocks), sections={1: ShellSection(T)}))
 
 

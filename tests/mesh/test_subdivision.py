@@ -209,9 +209,7 @@ def test_all_kinds_come_back_with_their_data(tmp_path, suffix):
     ids = np.concatenate([block.ids for block in cells])
     data = {"node_id": np.arange(n) + 100, "vector": 2 * position}
     write(tmp_path / f"a{suffix}", unstructured_grid(position, cells, data, {"element_id": ids}))
-    mesh = (
-        pyvista.read(tmp_path / "a.vtkhdf") if suffix == ".vtkhdf" else pyvista.HDFReader(str(tmp_path / "a.h5")).read()
-    )
+    mesh = pyvista.read(tmp_path / "a.vtkhdf") if suffix == ".vtkhdf" else pyvista.HDFReader(str(tmp_path / "a.h5")).read()
     np.testing.assert_array_equal(mesh.points, position)
     np.testing.assert_array_equal(mesh.celltypes, [VTK_TYPE[block.kind] for block in cells for _ in range(2)])
     for cell, expected in zip(range(mesh.n_cells), (row for block in cells for row in block.nodes), strict=True):
@@ -265,9 +263,7 @@ def test_a_surface_of_two_kinds_is_two_blocks_on_the_nodes_it_has():
     nodes = np.full((2, 8), -1)
     nodes[0, :4], nodes[1, :3] = [5, 2, 9, 7], [2, 8, 9]
     codes = [[kind.name for kind in FACETS].index(name) for name in ("quad4", "tri3")]
-    facets = Facets(
-        element_id=np.array([4, 3]), facet=np.ones(2, int), kind=np.array(codes), nodes=nodes, region=np.ones(2, int)
-    )
+    facets = Facets(element_id=np.array([4, 3]), facet=np.ones(2, int), kind=np.array(codes), nodes=nodes, region=np.ones(2, int))
     used, cells, order = facet_cells(facets)
     np.testing.assert_array_equal(used, [2, 5, 7, 8, 9])
     assert [(block.kind, block.nodes.tolist()) for block in cells] == [("tri3", [[0, 3, 4]]), ("quad4", [[1, 0, 4, 2]])]

@@ -125,9 +125,7 @@ def everything(random_particles):
             ("s",),
         ),
         spring("strut", Frame("wall", None, np.array([3.0, 1.0, 0.0])), high, 150.0, 4.0, 1.2),
-        RelativeElement(
-            "drag", bearing_displacements(root, high)[:2], Drag(np.array([[2.0, 0.5], [-0.4, 1.0]])), ("d",)
-        ),
+        RelativeElement("drag", bearing_displacements(root, high)[:2], Drag(np.array([[2.0, 0.5], [-0.4, 1.0]])), ("d",)),
         torsion("twisted", outer, root, 20.0, 3.0, 0.4, "x"),
         bushing("mount", outer, low, [30.0, 40.0, 50.0, 6.0, 7.0, 8.0], [1.0, 2.0, 3.0, 0.4, 0.5, 0.6]),
         PointForce("push", tip, np.array([[1.0, 0.2], [0.0, 1.0], [0.3, 0.0]]), ["Fx", "Fy"]),

@@ -209,11 +209,7 @@ def ziegler():
     knee, foot = Frame("knee", "first", np.array([1.0, 0, 0])), Frame("foot", "second")
     tip = Frame("tip", "second", np.array([1.0, 0, 0]))
     joints = [revolute("a", wall, root), revolute("b", knee, foot)]
-    forces = [
-        torsion("ca", wall, root, 1.0),
-        torsion("cb", knee, foot, 1.0),
-        follower_force("P", tip, np.array([-1.0, 0, 0])),
-    ]
+    forces = [torsion("ca", wall, root, 1.0), torsion("cb", knee, foot, 1.0), follower_force("P", tip, np.array([-1.0, 0, 0]))]
     system = assemble(bodies, joints, forces)
     return system, *state(system, {"second": Pose(np.array([1.0, 0, 0]))})
 

@@ -201,9 +201,7 @@ def test_torque_of_the_drive_and_reaction_of_the_pivot_are_those_of_a_turning_ar
     pivot, motor = system.joints
     wall, end = Frame("wall"), Frame("end", "bob")
     np.testing.assert_allclose(reaction(system, pivot, wall, end, q, found.lam, u), [*force, 0, 0, 0], atol=1e-10)
-    np.testing.assert_allclose(
-        reaction(system, motor, wall, end, q, found.lam, u), [0] * 5 + [found.drive[0]], atol=1e-10
-    )
+    np.testing.assert_allclose(reaction(system, motor, wall, end, q, found.lam, u), [0] * 5 + [found.drive[0]], atol=1e-10)
 
 
 def test_accelerations_balance_the_forces_and_keep_the_constraints(driven):

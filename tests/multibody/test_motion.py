@@ -129,9 +129,7 @@ def test_bob_is_where_the_benchmark_has_it_and_the_error_is_of_fifth_order():
 def test_a_bench_of_modes_up_to_392_hz_reads_as_by_an_explicit_method():
     """Loads that are straight over 10 ms, from rest, 50 ms; displacements are of 5e-4 m, and their bends shake 392 Hz."""
     b = bench()
-    corners = np.array(
-        [[0, 0, 0], [4e3, -2e3, 3e3], [9e3, -1e3, 1e3], [5e3, 2e3, -2e3], [1e3, 4e3, 2e3], [0, 3e3, 6e3]]
-    )
+    corners = np.array([[0, 0, 0], [4e3, -2e3, 3e3], [9e3, -1e3, 1e3], [5e3, 2e3, -2e3], [1e3, 4e3, 2e3], [0, 3e3, 6e3]])
 
     def loads(h):
         t = h * np.arange(round(0.05 / h) + 1)

@@ -146,12 +146,7 @@ def test_a_pendulum_on_a_driven_arm_swings_as_its_own_equation_has_it():
     L, l, m, p0 = 0.8, 0.5, 1.5, np.pi / 2
     arm = RigidBody("arm", 1.0, np.array([L / 2, 0, 0]), np.diag([1e-2, 0.3, 0.3]))
     bob = RigidBody("bob", m, np.array([l, 0, 0]), np.diag([1e-3, m * l * l + 1e-3, m * l * l + 1e-3]))
-    wall, root, end, top = (
-        Frame("wall"),
-        Frame("root", "arm"),
-        Frame("end", "arm", np.array([L, 0, 0])),
-        Frame("top", "bob"),
-    )
+    wall, root, end, top = Frame("wall"), Frame("root", "arm"), Frame("end", "arm", np.array([L, 0, 0])), Frame("top", "bob")
     joints = [revolute("a", wall, root), Joint("motor", (angle(wall, root),)), revolute("b", end, top)]
     system = assemble([arm, bob], joints, [Gravity(np.array([0, -G, 0]))])
 
@@ -184,9 +179,7 @@ RING = np.array([2e-5, -1e-5, 3e-5, 1e-5, -2e-5])
 
 @pytest.mark.parametrize("turn", [0.0, 2.0, -3.0])
 def test_slopes_of_a_bearing_with_friction_and_damping_are_its_differences(turn):
-    law = BearingLaw(
-        pitch_bearing(), ("ball_diameter",), Drag(50.0, 0.006, 20.0, 0.1, np.array([1e4, 2e4, 2e4, 3e3, 3e3]))
-    )
+    law = BearingLaw(pitch_bearing(), ("ball_diameter",), Drag(50.0, 0.006, 20.0, 0.1, np.array([1e4, 2e4, 2e4, 3e3, 3e3])))
     theta = np.array([pitch_bearing().ball_diameter])
     rho, rate = np.concatenate([RING, [np.cos(turn), np.sin(turn)]]), np.array([1e-4, 2e-4, -1e-4, 1e-4, 0, 0.02, 0.05])
     found = law.load(rho, rate, theta)

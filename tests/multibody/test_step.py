@@ -27,9 +27,7 @@ HEIGHT = (place(Frame("centre", "stone"), np.array([0, 0, 1.0])),)
 
 
 def law(F, slope):
-    return SimpleNamespace(
-        load=lambda rho, rate, theta: Load(F(rho), np.diag(slope(rho)), None, np.zeros((len(rho), 0)))
-    )
+    return SimpleNamespace(load=lambda rho, rate, theta: Load(F(rho), np.diag(slope(rho)), None, np.zeros((len(rho), 0))))
 
 
 def one_sided(k):
@@ -107,6 +105,7 @@ def test_a_tighter_tolerance_takes_more_parts_and_leaves_less_error():
     assert errors[0] > errors[1] > errors[2]
 
 
+
 def test_a_load_between_the_steps_is_seen():
     """A push that is over before the first step ends: momentum J moves a mass on a spring by J/(mω) sin ωt."""
     system = slider(K, 0.0)
@@ -141,11 +140,7 @@ def test_a_mass_on_a_spring_is_off_by_what_the_formula_says(method, load, h):
     stone = RigidBody("stone", MASS, np.zeros(3), np.eye(3))
     omega, damping = 2 * np.pi * HZ, 0.02
     element = bushing(
-        "law",
-        Frame("wall"),
-        Frame("end", "stone"),
-        [0, 0, MASS * omega**2, 0, 0, 0],
-        [0, 0, 2 * MASS * omega * damping, 0, 0, 0],
+        "law", Frame("wall"), Frame("end", "stone"), [0, 0, MASS * omega**2, 0, 0, 0], [0, 0, 2 * MASS * omega * damping, 0, 0, 0]
     )
     push = PointForce("F", Frame("at", "stone"), np.array([0, 0, 1.0]), ["F"])
     system = assemble([stone], [prismatic("guide", Frame("rail"), Frame("centre", "stone"))], [element, push])
@@ -153,9 +148,7 @@ def test_a_mass_on_a_spring_is_off_by_what_the_formula_says(method, load, h):
     steps = round(6 / load / h) + int(20 / h)
     time = h * np.arange(steps + 1)
     exact = 1 / (MASS * (omega**2 - turning**2 + 2j * damping * omega * turning))
-    q, v = state(
-        system, {"stone": Pose(np.array([0, 0, exact.real]), velocity=np.array([0, 0, (1j * turning * exact).real]))}
-    )
+    q, v = state(system, {"stone": Pose(np.array([0, 0, exact.real]), velocity=np.array([0, 0, (1j * turning * exact).real]))})
     run = simulate(system, q, v, np.cos(turning * time)[:, None], h, np.zeros(0), method)
     late = time > time[-1] - 2 / load
     wave = np.stack([np.cos(turning * time), -np.sin(turning * time)], axis=1)[late]

@@ -140,9 +140,7 @@ def report(**changes):
     load = 1e4 * np.sin(2 * np.pi * 20 * time)
     strain = 9e-5 * np.sin(2 * np.pi * 20 * time)
     spread, narrow, wide = np.linspace(-0.004, 0.004, 401), norm(-4e-4, 8e-4), norm(-0.1, 0.1)
-    load_claims = tuple(
-        Claim(kind, 1, ratio, ONE, "consistent") for kind, ratio in (("test", 0.177 / 0.159), ("smoothed", 1.05))
-    )
+    load_claims = tuple(Claim(kind, 1, ratio, ONE, "consistent") for kind, ratio in (("test", 0.177 / 0.159), ("smoothed", 1.05)))
     full = PlacementReport(
         name="cantilever-input-youngs-modulus",
         title="Cantilever: load and stiffness",

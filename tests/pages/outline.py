@@ -99,9 +99,7 @@ def renamed(value: object, name: str = HOSTILE) -> object:
     if isinstance(value, str):
         return name
     if is_dataclass(value) and not isinstance(value, type):
-        return replace(
-            value, **{f.name: renamed(getattr(value, f.name), name) for f in fields(value) if f.name not in KEPT}
-        )
+        return replace(value, **{f.name: renamed(getattr(value, f.name), name) for f in fields(value) if f.name not in KEPT})
     if isinstance(value, tuple):
         return tuple(renamed(item, name) for item in value)
     if isinstance(value, Mapping):

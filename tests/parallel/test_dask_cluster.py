@@ -116,9 +116,7 @@ def test_another_version_is_refused_before_anything_is_computed(cluster, monkeyp
 def test_a_worker_of_the_same_version_and_other_sources_is_refused(cluster, monkeypatch):
     with opened(Where(dask=cluster.address)) as sweep:
         monkeypatch.setattr(module, "sources", lambda: "0" * 16)
-        with pytest.raises(
-            UserError, match=r"worker .* is another installation: code of strainsight .* there, 0+ here"
-        ):
+        with pytest.raises(UserError, match=r"worker .* is another installation: code of strainsight .* there, 0+ here"):
             sweep(tasks.product, [1], MATRIX)
 
 
@@ -141,10 +139,7 @@ def test_a_worker_that_stands_still_is_named_after_the_stated_time(doomed, monke
         for worker in doomed.workers:
             worker.send_signal(signal.SIGSTOP)
 
-    with (
-        opened(Where(dask=doomed.address)) as sweep,
-        pytest.raises(UserError, match=r"worker tcp.* not answered for 3 s"),
-    ):
+    with opened(Where(dask=doomed.address)) as sweep, pytest.raises(UserError, match=r"worker tcp.* not answered for 3 s"):
         sweep(tasks.slow_product, list(range(40)), MATRIX, stop)
     with pytest.raises(UserError, match=r"a worker of the .* not answered for 3 s"), opened(Where(dask=doomed.address)):
         pass

@@ -13,12 +13,12 @@ from scipy.linalg import eigh, matrix_balance, solve_continuous_lyapunov
 
 from strainsight.fem.affine import AffineOperator
 from strainsight.loads.input_models import Unknowns
-from strainsight.loads.linearisation import augment_rows, gauge_intensity, linearise, process_intensity
+from strainsight.loads.linearisation import gauge_intensity, linearise, process_intensity
 from strainsight.placement.scenario import Scenario, solve_pool
 from strainsight.rom.model import Damping, ReducedModel
 
 from ..structures import beam_curvature, beam_matrices, clamped_beam
-from .whole_pools import whole_pool_weight
+from .whole_pools import augment_rows, whole_pool_weight
 
 E0, RHO0, LENGTH, WIDTH, HEIGHT = 2.0e11, 7850.0, 2.0, 0.10, 0.20
 
@@ -33,15 +33,8 @@ class Beam:
 
 
 @cache
-def beam_of(
-    gauges: int,
-    modes: int = 10,
-    *,
-    frequency: float = 20.0,
-    seed: int = 0,
-    ratio: float = 0.01,
-    foundation: float = 0.0,
-) -> Beam:
+def beam_of(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: int = 0, ratio: float = 0.01,
+              foundation: float = 0.0) -> Beam:
     """`gauges` on the top and bottom faces; tip loads Fz (sine at `frequency`, 1e4 N) and Fy (40 Hz, 1e3 N)."""
     elements = 24
     inertia = WIDTH * HEIGHT**3 / 12, HEIGHT * WIDTH**3 / 12

@@ -51,7 +51,7 @@ def test_a_bad_start_is_left_for_the_optimum_and_out_of_time_there_is_a_set_and_
     with pytest.raises(ValueError, match="3 different gauges"):
         branch_and_bound(pools, 3, start=[1, 2, 2])
     with pytest.raises(ValueError, match="the fixed ones among them"):
-        branch_and_bound(pools, 3, start=worst, fixed=[next(g for g in range(11) if g not in worst)])
+        branch_and_bound(pools, limits_of(11, 3, fixed=[next(g for g in range(11) if g not in worst)]), start=worst)
 
 
 def test_out_of_time_before_any_set_it_says_so(monkeypatch, six_loads):
@@ -107,7 +107,7 @@ def test_twins_are_not_searched_twice():
     pools = [solve_pool(doubled)]
     agrees(branch_and_bound(pools, 4), every_set(pools, 4, "mean"))
     agrees(
-        branch_and_bound(pools, 4, fixed=[8]),
+        branch_and_bound(pools, limits_of(12, 4, fixed=[8])),
         {gauges: cost for gauges, cost in every_set(pools, 4, "mean").items() if 8 in gauges},
     )
 

@@ -13,7 +13,7 @@ from strainsight.errors import NumericalError
 from strainsight.placement import certificate as module
 from strainsight.placement.certificate import Cut, certify, cut_at, lowest
 from strainsight.placement.layouts import Detection
-from strainsight.placement.limits import Region, cheapest, limits_of
+from strainsight.placement.limits import Polytope, cheapest, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool
 
 from .conftest import beam_of, every_set, scenarios_of
@@ -246,7 +246,7 @@ def drawn_limits(seed):
 @pytest.mark.parametrize("seed", range(6))
 def test_the_projection_is_the_nearest_point_and_the_least_that_of_a_program(seed):
     rng, limits = drawn_limits(seed)
-    region = Region(limits)
+    region = Polytope(limits)
     A = np.vstack([limits.rows.toarray(), -limits.size])
     b = np.append(limits.most, -limits.least)
     bounds = [(1, 1) if g in limits.fixed else (0, 1) for g in range(12)]
@@ -269,7 +269,7 @@ def test_weights_far_too_low_or_high_move_to_the_nearest_that_the_limits_allow(c
     size = np.where(np.arange(10) % 2, 1, 2) if "pairs" in case else np.ones(10)
     price, budget, unit = rng.uniform(0, 1, 10), 1.2, 1e-9 if "cents" in case else 1e9
     asked = {"price": unit * price, "budget": unit * budget} if "budget" in case else {"size": size}
-    region = Region(limits_of(10, 6, fixed=fixed, **asked))
+    region = Polytope(limits_of(10, 6, fixed=fixed, **asked))
     least = 0 if "budget" in case else 5 if "pairs" in case else 6
     rows = [LinearConstraint(size, least, 6)]
     rows += [LinearConstraint(price, -np.inf, budget)] if "budget" in case else []

@@ -17,7 +17,7 @@ from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.exchange import exchange, fill
 from strainsight.placement.failure import loss_if_one_fails, robust_set
 from strainsight.placement.increment import gauge_gradients
-from strainsight.placement.limits import as_limits
+from strainsight.placement.limits import as_limits, limits_of
 from strainsight.placement.scenario import Scenario, loop_of, solve_pool
 
 from .conftest import COMBINED, beam_of, oracle, scenarios_of
@@ -164,7 +164,7 @@ def test_what_a_failure_costs_and_what_is_added_is_by_the_same_metric(case_of, c
         for into in (g for g in range(10) if g not in gauges):
             assert max(losses([*(g for g in gauges if g != out), into])) >= found.worst * (1 - 1e-7)
     start = [0, 1, 2, 3]
-    (added,) = set(fill(pools, start, as_limits(10, 5, ()), aggregate).tolist()) - set(start)
+    (added,) = set(fill(pools, start, as_limits(10, 5), aggregate).tolist()) - set(start)
     assert cost([*start, added]) <= min(cost([*start, g]) for g in range(4, 10)) * (1 + 1e-8)
 
 
@@ -231,7 +231,7 @@ def test_no_unknown_is_lost_where_the_least_missed_gauge_is_the_one_that_sees_tw
     pools = three_walks([(1, 2), (1,), (2,), (3,)], [100.0, 1.0, 1.0, 1.0], criterion)
     assert eliminate_from(pools, 3).kept.tolist() == [1, 2, 3]
     assert eliminate_from(pools, 2).kept.tolist() == [0, 3]
-    assert eliminate_from(pools, 3, fixed=(0,)).kept.tolist() in ([0, 1, 3], [0, 2, 3])
+    assert eliminate_from(pools, limits_of(4, 3, fixed=(0,))).kept.tolist() in ([0, 1, 3], [0, 2, 3])
     with pytest.raises(InfeasibleError):
         eliminate_from(pools, 1)
 

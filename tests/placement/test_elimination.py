@@ -12,7 +12,7 @@ from scipy.linalg import solve_continuous_are
 
 from strainsight.errors import InfeasibleError
 from strainsight.loads.input_models import Unknowns
-from strainsight.loads.linearisation import augment_rows, linearise, process_intensity
+from strainsight.loads.linearisation import linearise, process_intensity
 from strainsight.placement import elimination
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.criteria import Criterion, WorstEigenvalue
@@ -22,7 +22,7 @@ from strainsight.placement.scenario import Scenario, solve_pool, thesis_weight
 from strainsight.placement.score import score
 
 from .conftest import beam_of, covariance_in_digits, oracle, scenarios_of
-from .whole_pools import eliminate, whole_pool_weight
+from .whole_pools import augment_rows, eliminate, whole_pool_weight
 
 
 def test_it_is_lazy(monkeypatch):
@@ -130,7 +130,6 @@ SEVEN = [
 ]
 FOUNDATION = 1e5
 """Stiffness of every unknown displacement and rotation to the ground [N/m, N m]."""
-
 
 def algorithm_2(cost, count, keep):
     """Order, traces, and how close the second candidate came, relative to the rise; every candidate evaluated."""
@@ -314,6 +313,4 @@ def test_on_a_pool_of_redundant_gauges_the_printed_algorithm_keeps_the_worst(cos
     assert printed == [10, 11]
     # tr P = √(q / Σ 1/r): the metric of twelve is that of both pairs times a root
     information = 1 / noise
-    np.testing.assert_allclose(
-        cost(printed) / cost([0, 1]), np.sqrt(information[:2].sum() / information[10:].sum()), rtol=1e-8
-    )
+    np.testing.assert_allclose(cost(printed) / cost([0, 1]), np.sqrt(information[:2].sum() / information[10:].sum()), rtol=1e-8)

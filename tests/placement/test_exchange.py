@@ -52,7 +52,8 @@ def test_beside_gauges_that_may_not_leave_room_is_filled():
     assert set(bonded) <= set(found.gauges.tolist())
     assert found.cost[0] > found.cost[1] > found.cost[2]
     assert found.complete
-    full = exchange(pools, found.gauges, limits=limits, fixed=found.gauges.tolist())
+    none_moves = limits_of(12, 6, fixed=found.gauges.tolist(), price=np.ones(12), budget=5.0)
+    full = exchange(pools, found.gauges, limits=none_moves)
     assert (full.swaps, full.solves, full.complete) == ((), 0, True)
 
 
@@ -144,7 +145,7 @@ def test_a_swap_that_loses_an_unknown_is_no_swap_and_counts_up_to_the_scenario_t
     r = np.array([1.0, 1.0, 1e-6])[:, None] * np.ones(2)
     one, both = (solve_pool(Scenario(np.zeros((2, 2)), np.eye(2), h, r, np.ones(2))) for h in (H, sees_both))
     for pools, solves in (([one, one], 3), ([one, both], 3), ([both, one], 4)):
-        found = exchange(pools, [0, 1], fixed=[1])
+        found = exchange(pools, [0, 1], limits=limits_of(3, 2, fixed=[1]))
         assert found.swaps == ()
         assert found.complete
         assert found.solves == solves
@@ -176,7 +177,7 @@ def found_by_all(scenario, rows, prior) -> dict[str, tuple[int, ...]]:
         "elimination": result.removed,
         "exchange": swapped.gauges,
         "swaps": np.ravel(swapped.swaps),
-        "fill": fill(pools, result.kept, as_limits(pool, KEEP + 3, ())),
+        "fill": fill(pools, result.kept, as_limits(pool, KEEP + 3)),
         "robust": robust_set(pools, KEEP).gauges,
         "proof": proof.gauges,
         "d_optimal": d_optimal(rows, np.ones(pool), prior, KEEP),
@@ -219,7 +220,7 @@ def test_the_loops_of_gauges_that_lose_are_let_go(monkeypatch, aggregate):
         return grown
 
     monkeypatch.setattr(filling, "with_gauge", watched)
-    filling.fill(result.pools, result.kept, as_limits(60, 3, ()), aggregate)
+    filling.fill(result.pools, result.kept, as_limits(60, 3), aggregate)
     assert len(held) > 10
     assert max(held) <= 2 * len(result.pools)
 
@@ -239,7 +240,7 @@ def test_the_gauge_that_fits_and_lowers_the_cost_most_is_added_until_none_fits(a
 
     price = np.array([3.0, 1, 1, 1, 2, 2, 1, 1, 0.5, 2, 1, 3])
     zone = ("place.at_most.0", np.isin(np.arange(12), [1, 2, 3, 7]), 2)
-    for limits in (as_limits(12, 8, ()), limits_of(12, 9, price=price, budget=12.0, zones=[zone])):
+    for limits in (as_limits(12, 8), limits_of(12, 9, price=price, budget=12.0, zones=[zone])):
         chosen, added = [0, 5, 8], []
         while fits := [
             g for g in range(12) if g not in chosen and np.all(limits.used(np.array([*chosen, g])) <= limits.most)

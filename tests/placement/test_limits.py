@@ -12,12 +12,12 @@ from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.certificate import certify
 from strainsight.placement.exchange import exchange, fill
 from strainsight.placement.failure import loss_if_one_fails, robust_set
-from strainsight.placement.limits import Swaps, as_limits, limits_of
+from strainsight.placement.limits import Swaps, limits_of
 from strainsight.placement.scenario import Scenario, solve_pool, subset_covariance
 
 from ..shared import slowly
 from .conftest import COMBINED, beam_of, oracle, scenarios_of
-from .rules import CASES, NEAR, POOL, Rules
+from .rules import CASES, POOL, Rules
 from .whole_pools import eliminate
 
 EVERY = [units for k in range(1, 6) for units in combinations(range(POOL), k)]
@@ -173,17 +173,6 @@ def test_the_gauge_of_the_least_rise_per_relief_leaves(every_cost, case):
             held += 1
         left.remove(out)
     assert held <= 3
-
-
-def test_what_is_bonded_later_is_no_conflict_but_closes_its_surroundings():
-    limits = Rules(5, near=[*NEAR, (4, 4)]).limits
-    later, before = as_limits(POOL, limits, (0, 1, 8)), Rules(5, near=[*NEAR, (4, 4)], fixed=(0, 1, 8)).limits
-    for k in (3, 4, 5):
-        for units in combinations(range(POOL), k):
-            assert later.allows(np.array(units)) == before.allows(np.array(units))
-    assert later.fixed == before.fixed
-    assert limits.fixed == frozenset()
-    assert not as_limits(POOL, limits, (4,)).allows(np.array([1, 4, 7, 8, 6]))
 
 
 def test_spacing_that_leaves_room_for_exactly_as_many(every_cost):

@@ -53,9 +53,7 @@ PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
 
 
 @pytest.mark.parametrize(("inputs", "parameters", "noise", "precision"), PRECISE)
-def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digits(
-    inputs, parameters, noise, precision
-):
+def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digits(inputs, parameters, noise, precision):
     # the sum HᵀR⁻¹H alone left errors of 3e-8 to 1e-3 here, or no solution within 1e-10
     (strain,) = scenarios_of(beam_of(12, 2), inputs, parameters, noise=noise)
     pool = solve_pool(with_accelerometers(strain, 2, precision))

@@ -10,7 +10,7 @@ import pytest
 
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.loads.input_models import Unknowns
-from strainsight.loads.linearisation import augment_rows, gauge_intensity, linearise, process_intensity
+from strainsight.loads.linearisation import gauge_intensity, linearise, process_intensity
 from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.exchange import exchange
@@ -27,7 +27,7 @@ from strainsight.placement.score import score
 
 from ..shared import slowly
 from .conftest import beam_of, oracle, residual, scenarios_of, with_accelerometers
-from .whole_pools import eliminate, whole_pool_weight
+from .whole_pools import augment_rows, eliminate, whole_pool_weight
 
 
 def five_unknowns(beam_of, noise, *, modes, foundation, gauges=30):

@@ -10,7 +10,7 @@ import pytest
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError
 from strainsight.placement.branch_and_bound import branch_and_bound
 from strainsight.placement.criteria import CRITERIA, Metric
-from strainsight.placement.elimination import Step, known_to_go, least_missed
+from strainsight.placement.elimination import RemovedGauge, known_to_go, least_missed
 from strainsight.placement.failure import robust_set
 from strainsight.placement.limits import limits_of
 from strainsight.placement.riccati import CANCELLED, Information, as_information, information
@@ -199,7 +199,7 @@ class Left:
         P = [subset_covariance(pool, self.gauges) for pool in self.pools]
         self.loops = [loop_of(pool, self.gauges, p) for pool, p in zip(self.pools, P, strict=True)]
         self.costs = np.array([pool.metric.value(p) for pool, p in zip(self.pools, P, strict=True)])
-        self.step = Step(self.pools, self.loops, self.costs, self.left, aggregate)
+        self.step = RemovedGauge(self.pools, self.loops, self.costs, self.left, aggregate)
 
     def each(self, gauges):
         """tr(W P) of every scenario."""

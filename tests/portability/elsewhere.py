@@ -72,9 +72,7 @@ if __name__ == "__main__":
 
         with computing(Path(words[1]).parent, "f" * 64, lambda: print("waits", flush=True)):
             print("has it", flush=True)
-    elif (
-        words[0] == "factorise"
-    ):  # a chain of springs, held at one end: x = [1, 2, … 9] under a unit force at the other
+    elif words[0] == "factorise":  # a chain of springs, held at one end: x = [1, 2, … 9] under a unit force at the other
         import numpy as np
         from scipy import sparse
 

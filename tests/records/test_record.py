@@ -15,9 +15,9 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.thin_faces import with_faces, with_sides
 from strainsight.records.bench import ReducedBodies, ReducedBody
 from strainsight.records.mesh import MeshColumns, mesh_from
-from strainsight.records.record import Place, dataset, group, read, record, written
+from strainsight.records.record import FieldPlace, dataset, group, read, record, written
 from strainsight.rom.inertia import InertiaInvariants
-from strainsight.runner.artefact import Artefact, Header
+from strainsight.runner.artefact import Artefact, ArtefactHeader
 from strainsight.runner.output import Dataset, Output
 from strainsight.runner.store import write_artefact
 
@@ -56,7 +56,7 @@ UNITS = {"E": "Pa", "tip": "N"}
 
 
 def stored(folder, datasets) -> Artefact:
-    return write_artefact(folder / "toy.h5", Output(datasets, {}, "toy"), Header("toy", 1, "key", {}, {}, {}))
+    return write_artefact(folder / "toy.h5", Output(datasets, {}, "toy"), ArtefactHeader("toy", 1, "key", {}, {}, {}))
 
 
 def test_what_is_written_is_read_again(tmp_path):
@@ -181,9 +181,9 @@ def test_everything_of_a_mesh_comes_back(tmp_path):
     below = "/bodies/hub"
     (tmp_path / "own.bdf").write_text(DECK)
     mesh = with_sides(with_faces(read_mesh(tmp_path / "own.bdf", "mm", "t")))
-    datasets = written(MeshColumns.of(mesh), at=Place(below))
+    datasets = written(MeshColumns.of(mesh), at=FieldPlace(below))
     output = Output(datasets, {}, "toy")
-    found = mesh_from(write_artefact(tmp_path / "import.h5", output, Header("import", 1, "key", {}, {}, {})), below)
+    found = mesh_from(write_artefact(tmp_path / "import.h5", output, ArtefactHeader("import", 1, "key", {}, {}, {})), below)
     assert (
         len(mesh.rigid) == len(mesh.averaging) == len(mesh.point_masses) - 1 == len(mesh.loads) == len(mesh.axes) == 1
     )
@@ -223,7 +223,7 @@ def test_everything_of_a_reduced_body_comes_back(tmp_path):
     )
     datasets = written(ReducedBodies(bodies={"b": own}))
     artefact = write_artefact(
-        tmp_path / "reduce.h5", Output(datasets, {}, "toy"), Header("reduce", 1, "key", {}, {}, {})
+        tmp_path / "reduce.h5", Output(datasets, {}, "toy"), ArtefactHeader("reduce", 1, "key", {}, {}, {})
     )
     found = read(ReducedBodies, artefact).bodies["b"]
     assert found.stiffness.coefficients["E t"].bases == own.stiffness.coefficients["E t"].bases

@@ -15,11 +15,7 @@ COIL = "coil: {type: torsion, frames: [pin, eye], axis: y, stiffness: 100.0}"
 def bob(mass="2.0", moment="0.3", about_z=None, **more):
     inertia = f"{{xx: {moment}, yy: {moment}, zz: {about_z or moment}}}"
     own = {"pose": "{origin: [0, 0, -1]}", **more}
-    return (
-        f"{{bob: {{type: rigid, mass: {mass}, inertia: {inertia}, "
-        + ", ".join(f"{k}: {v}" for k, v in own.items())
-        + "}}"
-    )
+    return f"{{bob: {{type: rigid, mass: {mass}, inertia: {inertia}, " + ", ".join(f"{k}: {v}" for k, v in own.items()) + "}}"
 
 
 def moving(x, spin):
@@ -29,6 +25,7 @@ def moving(x, spin):
 def two(first, second, other="pin"):
     """Two joints of the bob."""
     return f"{{a: {{type: {first}, frames: [pin, eye]}}, b: {{type: {second}, frames: [{other}, eye]}}}}"
+
 
 
 PARTS = {
@@ -134,11 +131,7 @@ REFUSED = {
     ),
     "a spring without length": (2, "forces.s: at the start its end points", {"forces": forces(SHORT)}),
     "a spring of 1e300 N/m": (1, "simulate.start", {"forces": forces(STIFF)}),
-    "a load of 1e30 N": (
-        2,
-        "simulate.start: the equilibrium is unstable",
-        {"forces": forces(load(signal=constant("1.0e+30")))},
-    ),
+    "a load of 1e30 N": (2, "simulate.start: the equilibrium is unstable", {"forces": forces(load(signal=constant("1.0e+30")))}),
     "a gravity of 1e30 m/s²": (1, "simulate", {"forces": HEAVY}),
     "an unknown load along the hinge": (2, UNFELT, sought(load=load(direction="[0, 1, 0]"))),
     "sensors that read nothing but noise": (2, UNFELT, sought(noise="1.0e+9")),
@@ -166,11 +159,7 @@ REFUSED = {
         {"joints": "{a: {type: distance, frames: [pin, eye], length: 1.0}}"},
     ),
     "friction sharper than its step": (1, "forces.f: at t = ", rubbed(3.0, 1.0e-6)),
-    "an unknown torque about a driven axis": (
-        2,
-        "the sensors cannot tell F, at none of 5 instants",
-        {**sought(), **PUSHED},
-    ),
+    "an unknown torque about a driven axis": (2, "the sensors cannot tell F, at none of 5 instants", {**sought(), **PUSHED}),
     "gravity that spins": (2, "forces.weight.turns: it turns by", turning(1.0e20)),
 }
 

@@ -123,6 +123,4 @@ def test_whoever_starts_from_another_run_is_refused(project, undisturbed, tmp_pa
     assert code == 2, said
     assert f"{results / file}  the results file is damaged: its checksum is not the one it was written with\n" in said
     assert "run again: a damaged artefact is written anew" in said
-    assert before == {
-        path: path.read_bytes() for path in results.rglob("*") if path.is_file() and path != results / file
-    }
+    assert before == {path: path.read_bytes() for path in results.rglob("*") if path.is_file() and path != results / file}

@@ -128,12 +128,7 @@ factorise_complex(sparse.csr_array(sparse.diags_array([2.0 + 1j] * 50)))(np.ones
 def test_the_solver_repeats_its_bits_and_more_threads_change_at_most_the_last_digits(tmp_path):
     """MKL takes its branch before its first computation, whichever solver makes that."""
     pytest.importorskip("pypardiso")
-    for name, threads, before in (
-        ("one", "1", ""),
-        ("after", "1", COMPLEX_FIRST),
-        ("two", "2", ""),
-        ("again", "2", ""),
-    ):
+    for name, threads, before in (("one", "1", ""), ("after", "1", COMPLEX_FIRST), ("two", "2", ""), ("again", "2", "")):
         words = [sys.executable, "-c", before + SOLVED, str(tmp_path / f"{name}.npz")]
         subprocess.run(words, check=True, env={**os.environ, **dict.fromkeys(THREADS, threads)})
     one, after, two, again = (np.load(tmp_path / f"{name}.npz") for name in ("one", "after", "two", "again"))

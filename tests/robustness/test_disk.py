@@ -134,14 +134,7 @@ def hostile(project, tmp_path) -> Path:
     """The project, with a module of the name of every one that could be imported, and with settings for all libraries."""
     folder = tmp_path / "folder"
     shutil.copytree(project, folder)
-    names = {
-        *sys.stdlib_module_names,
-        *packages_distributions(),
-        "sitecustomize",
-        "usercustomize",
-        "strainsight",
-        "marker",
-    }
+    names = {*sys.stdlib_module_names, *packages_distributions(), "sitecustomize", "usercustomize", "strainsight", "marker"}
     for name in filter(str.isidentifier, names):
         (folder / f"{name}.py").write_text(f"open({str(tmp_path / 'loaded')!r}, 'a').write({name!r} + '\\n')\n")
     for name, text in SETTINGS.items():

@@ -24,7 +24,7 @@ from strainsight.runner.plan import OTHER_CODE, UP_TO_DATE, Job, plan
 from strainsight.runner.runner import run as run_stages
 from strainsight.runner.stage import Stage
 from strainsight.runner.store import commit_of
-from strainsight.stages.modes import MODES
+from strainsight.stages.rom import MODES
 
 from ..shared import job_of, stages_of
 from .numbers import KEPT, differs, numbers_of
@@ -42,7 +42,7 @@ def stage(version=1):
 
 def test_a_stage_reaches_what_python_finds_by_parsing_its_imports():
     found = plan_module.closure(MODES.run.__module__)
-    assert {"strainsight.stages.modes", "strainsight.fem.modes", "strainsight.mesh.model"} <= found
+    assert {"strainsight.stages.rom", "strainsight.fem.modes", "strainsight.mesh.model"} <= found
     assert "strainsight.estimation.bank" not in found
     for name in sorted(found)[::5]:
         path = ROOT.joinpath(*name.split(".")[1:])
@@ -138,9 +138,7 @@ def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
     }
     moved = {stage: paths for stage, paths in moved.items() if paths}
     first = next(iter(moved), "")
-    assert not moved, (
-        f"{first} has other numbers ({moved[first][:6]}) and its version: raise it, then renew numbers.json"
-    )
+    assert not moved, f"{first} has other numbers ({moved[first][:6]}) and its version: raise it, then renew numbers.json"
 
 
 RELEASED = sorted(path.name.removesuffix(".tar.xz") for path in released_KEPT.glob("*.tar.xz"))
@@ -208,9 +206,7 @@ def test_every_record_of_the_same_stage_version_is_whole_and_of_another_says_so(
 def test_another_format_is_refused_by_both_numbers_and_computed_anew(folder, monkeypatch):
     monkeypatch.setattr(artefacts, "FORMAT_VERSION", 99)
     job = job_of(folder / "structure.yaml", folder / "results")
-    with pytest.raises(
-        ArtefactError, match=r"format version \d+, by strainsight [\d.]+; this one reads version 99"
-    ) as caught:
+    with pytest.raises(ArtefactError, match=r"format version \d+, by strainsight [\d.]+; this one reads version 99") as caught:
         Artefact(job.folder / "rom.h5")
     assert "--force" in caught.value.remedy
     first = plan(stages_of(job), job)[0]

@@ -18,11 +18,11 @@ from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.runner import output as contents
 from strainsight.runner import store
-from strainsight.runner.artefact import Artefact, Header, seal
+from strainsight.runner.artefact import Artefact, ArtefactHeader, seal
 from strainsight.runner.output import Dataset, Output, Table
 from strainsight.runner.store import write_artefact
 
-HEADER = Header("place", 1, "k" * 64, {"place": {"keep": 4}}, {"screen": "s" * 64}, {"mesh.file": "m" * 64}, seed=7)
+HEADER = ArtefactHeader("place", 1, "k" * 64, {"place": {"keep": 4}}, {"screen": "s" * 64}, {"mesh.file": "m" * 64}, seed=7)
 
 
 def output(scale: float = 1.0, **changes) -> Output:
@@ -99,9 +99,7 @@ def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
         assert strain.attrs["units"] == "strain"
         assert strain.attrs["description"] == "(time × gauge)"
         assert [strain.dims[axis][0].name for axis in (0, 1)] == ["/time", "/name"]
-        provenance = (
-            "format format_version package_version stage created python numpy h5py scipy numba mkl blas processor"
-        )
+        provenance = "format format_version package_version stage created python numpy h5py scipy numba mkl blas processor"
         assert {*provenance.split(), "commit", "seed"} <= set(file.attrs)
         assert not any(str(tmp_path) in str(value) for value in file.attrs.values())
 
@@ -109,9 +107,7 @@ def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
 def test_a_grid_has_a_file_beside_it_that_vtk_opens(tmp_path):
     grid = unstructured_grid(np.eye(3), (), {"rank": np.arange(3)})
     raw = {f"/VTKHDF/{path}": Dataset(array, "", "") for path, array in grid.datasets.items()}
-    content = Output(
-        raw, {}, "", attributes={f"/VTKHDF/{path}".rstrip("/"): own for path, own in grid.attributes.items()}
-    )
+    content = Output(raw, {}, "", attributes={f"/VTKHDF/{path}".rstrip("/"): own for path, own in grid.attributes.items()})
     write_artefact(tmp_path / "old" / "place.h5", content, HEADER)
     (tmp_path / "old").rename(tmp_path / "moved")
     read = pyvista.read(tmp_path / "moved" / "place.vtkhdf")
@@ -141,7 +137,7 @@ def test_arrays_of_the_file_beside_have_their_units_in_their_names_at_every_step
 
 def test_the_digest_is_of_the_content_alone(tmp_path):
     first = write_artefact(tmp_path / "a.h5", output(), HEADER)
-    again = write_artefact(tmp_path / "b.h5", output(), Header("place", 2, "other", {}, {}, {}))
+    again = write_artefact(tmp_path / "b.h5", output(), ArtefactHeader("place", 2, "other", {}, {}, {}))
     assert again.digest == first.digest
     changes = [
         output(scale=1 + 1e-15),
@@ -272,17 +268,7 @@ def repeated_text(file, other):
 @pytest.mark.parametrize(
     "attack",
     [
-        outside,
-        external_storage,
-        virtual,
-        huge,
-        ring,
-        compressed,
-        ladder,
-        loop,
-        nested,
-        crowd,
-        repeated_text,
+        outside, external_storage, virtual, huge, ring, compressed, ladder, loop, nested, crowd, repeated_text,
     ],
 )
 def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused(tmp_path, monkeypatch, attack):

@@ -22,7 +22,7 @@ from strainsight.sensors.installation import (
 )
 from strainsight.sensors.rows import channel_rows, fits, misplaced
 
-from .conftest import KINDS, bare, plate, tube
+from .conftest import KINDS, bare, misplaced_rows, plate, tube
 
 STD = InstallationStd(position=0.03, angle=0.05, gain=0.02, transverse=0.01, offset=3e-6, drift=2e-6)
 FIRST = tuple(name for name in (*COMMON, *OWN) if name not in SECOND)
@@ -54,12 +54,7 @@ def test_everything_is_drawn_with_its_own_standard_deviation_and_independently()
     assert within(drawn.transverse[straining], STD.transverse)
     assert within(drawn.offset[straining], STD.offset)
     assert within(drawn.drift[straining], STD.drift)
-    for nothing in (
-        drawn.tilt[straining[first]],
-        drawn.transverse[sensing],
-        drawn.offset[sensing],
-        drawn.drift[sensing],
-    ):
+    for nothing in (drawn.tilt[straining[first]], drawn.transverse[sensing], drawn.offset[sensing], drawn.drift[sensing]):
         assert not nothing.any()
     table = np.column_stack([drawn.place, drawn.angle, drawn.gain[first]])
     correlation = np.corrcoef(table.T) - np.eye(4)
@@ -203,6 +198,8 @@ def test_small_errors_of_installation_change_readings_by_their_sensitivities():
     assert left[1] == pytest.approx(left[0] / 100, rel=0.2)
 
 
+
+
 @pytest.mark.parametrize("kind", KINDS)
 def test_on_a_plate_it_is_found_on_whatever_facet_the_offset_leads_to(kind):
     position, facets = plate(kind, 8, 6, 0.2)
@@ -221,9 +218,7 @@ def test_on_a_plate_it_is_found_on_whatever_facet_the_offset_leads_to(kind):
     stop = gauges.position[~on] + share[:, None] * (meant - gauges.position)[~on]
     np.testing.assert_allclose(moved.position[~on], stop, atol=1e-9)
     G = rng.standard_normal((3, 3))
-    rows = channel_rows(
-        position, gauges, (position @ G.T).reshape(-1, 1), facets=facets, offset=offset, rotation=rotation
-    )
+    rows = misplaced_rows(position, gauges, (position @ G.T).reshape(-1, 1), facets, offset, rotation)
     np.testing.assert_allclose(rows[:, 0], np.einsum("mi,ij,mj->m", expected, G, expected), atol=1e-11)
 
 

@@ -16,7 +16,7 @@ from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.zones import Box
 
 from ..refusals import expect_refusal
-from .conftest import bare
+from .conftest import bare, misplaced_rows
 
 KINDS = {kind.name: kind for kind in FACETS if not len(kind.read_at)}
 
@@ -67,7 +67,7 @@ def test_a_quadratic_field_is_read_exactly_on_a_quadratic_facet_also_beside_its_
     for offset in ([0.0, 0.0], [0.07, 0.0], [0.0, -0.06], [-0.05, 0.04]):
         x = gauges.position[0] + offset[0] * d + offset[1] * np.cross(n, d)
         slope = np.einsum("i,cij,j->c", d, Q + np.swapaxes(Q, 1, 2), x)
-        rows = channel_rows(position, gauges, z.reshape(-1, 1), offset=np.array([offset]))
+        rows = misplaced_rows(position, gauges, z.reshape(-1, 1), offset=np.array([offset]))
         np.testing.assert_allclose(rows[0, 0], slope @ d, atol=1e-12)
 
 

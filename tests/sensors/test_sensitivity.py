@@ -15,7 +15,7 @@ from strainsight.sensors.rows import channel_rows, installation_axes, misplaced
 from strainsight.sensors.walk import skin_of
 
 from ..fem.test_thin import B, L, T, strip
-from .conftest import KINDS, bare, plate, tube
+from .conftest import KINDS, bare, misplaced_rows, plate, tube
 
 NU = 0.3
 
@@ -57,7 +57,7 @@ def test_the_turn_is_the_finite_difference_of_turned_gauges_also_with_grids(leng
     found = sensitivity_rows(position, gauges, field, 0.0, facets=facets)
     h = 0.01
     ways = [
-        channel_rows(position, gauges, field, facets=facets, rotation=np.full(gauges.gauges, way)) for way in (h, -h)
+        misplaced_rows(position, gauges, field, facets, rotation=np.full(gauges.gauges, way)) for way in (h, -h)
     ]
     slope = (ways[0] - ways[1]) / np.deg2rad(2 * h)
     np.testing.assert_allclose(found.angle, slope, atol=1e-6 * np.abs(slope).max())
@@ -139,7 +139,7 @@ def test_the_mean_of_turned_gauges_is_that_of_mohrs_circle():
     field, sigma = (position @ G.T).reshape(-1, 1), np.deg2rad(2.0)
     node, weight = np.polynomial.hermite_e.hermegauss(9)
     turned = [
-        channel_rows(position, gauges, field, facets=facets, rotation=np.full(gauges.gauges, 2.0 * x)) for x in node
+        misplaced_rows(position, gauges, field, facets, rotation=np.full(gauges.gauges, 2.0 * x)) for x in node
     ]
     exact = np.einsum("k,kmr->mr", weight / weight.sum(), turned) - channel_rows(position, gauges, field, facets=facets)
     mean = InstallationStd(angle=sigma).mean(sensitivity_rows(position, gauges, field, 0.0, facets=facets))

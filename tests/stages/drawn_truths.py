@@ -57,8 +57,6 @@ def spread(own, draws, tolerances=None):
     found = trial(own)
     if tolerances is not None:
         found = replace(found, tolerated=tolerances)
-    error, std = (
-        np.array(values) for values in zip(*(filtered(own, found, r) for r in range(1, draws + 1)), strict=True)
-    )
+    error, std = (np.array(values) for values in zip(*(filtered(own, found, r) for r in range(1, draws + 1)), strict=True))
     level = np.sqrt(np.mean(std**2))
     return np.mean(np.abs(error) < 2 * std), np.sqrt(np.mean(error**2)) / level, level

@@ -109,18 +109,9 @@ def config_of(kind, guess, tolerances, sigma, also, held_out, turned):
             "fixed": grids(bonded, "A", turned or {}),
         },
         "tolerances": tolerances,
-        "place": {
-            "estimate": ["tip", *also],
-            "keep": len(bonded),
-            "instants": 3,
-            "installation": "ignore",
-            "certificate": False,
-        },
+        "place": {"estimate": ["tip", *also], "keep": len(bonded), "instants": 3, "installation": "ignore", "certificate": False},
         "validate": times
-        | {
-            "truth": {"model": "modes", "parameters": {"E": 2.1e11}},
-            "initial_std": {"tip": 1.0} | dict.fromkeys(also, 0.05),
-        },
+        | {"truth": {"model": "modes", "parameters": {"E": 2.1e11}}, "initial_std": {"tip": 1.0} | dict.fromkeys(also, 0.05)},
         "filter": {"compare": False},
         "estimate": {
             "file": "angle.csv",
@@ -161,9 +152,7 @@ def estimate(kind, *, guess, tolerances=EXACT, also=(), held_out=False, turned=N
         field_share=np.mean(np.abs(off) < 2 * result["/virtual/std"][late], axis=0),
         E=E,
         E_std=E_std,
-        held_out=(result["/hold_out/predicted"] - result["/gauge/measured"]) / result["/hold_out/std"]
-        if held_out
-        else None,
+        held_out=(result["/hold_out/predicted"] - result["/gauge/measured"]) / result["/hold_out/std"] if held_out else None,
         said=end.text,
     )
 

@@ -30,9 +30,7 @@ def assert_summary_is_listed(artefact, heading: str) -> None:
 
 def test_the_tables_are_those_of_the_records():
     text = DOC.read_text(encoding="utf-8")
-    assert script("docs/artefact_reference.py").renewed(text) == text, (
-        "python docs/artefact_reference.py writes the tables anew"
-    )
+    assert script("docs/artefact_reference.py").renewed(text) == text, "python docs/artefact_reference.py writes the tables anew"
 
 
 @pytest.mark.parametrize("stage", STAGES)

@@ -169,8 +169,7 @@ def test_a_body_that_turns_fast_for_its_step_is_warned_of():
     text += "  r: {type: rigid, mass: 1.0, inertia: {xx: 1.0, yy: 1.0, zz: 1.5}, spin: [0, 0, 40.0]}\n"
     text += "frames:\n  f: {body: r}\nsimulate: {duration: 1.0, time_step: 5.0e-4, start: as_given, method: thesis}\n"
     first, second = (
-        ended("simulate", text, *changes)
-        for changes in ((), ("simulate.method=second_order", "simulate.time_step=5e-3"))
+        ended("simulate", text, *changes) for changes in ((), ("simulate.method=second_order", "simulate.time_step=5e-3"))
     )
     spin, other = (
         np.linalg.norm(done.artefact("simulate")["/v"][:, 3:12], axis=1) / np.sqrt(2) for done in (first, second)
@@ -179,6 +178,4 @@ def test_a_body_that_turns_fast_for_its_step_is_warned_of():
     q = second.artefact("simulate")["/q"]
     lag = 1 - np.arctan2(q[5, 4], q[5, 3]) / (40.0 * 0.025)
     shares = re.search(r"lags by ([\d.]+) % of its angle and gains ([\d.]+) % of its spin in a second", second.text)
-    assert [float(share) for share in shares.groups()] == pytest.approx(
-        [100 * lag, 100 * (other[-1] / 40 - 1)], rel=0.05
-    )
+    assert [float(share) for share in shares.groups()] == pytest.approx([100 * lag, 100 * (other[-1] / 40 - 1)], rel=0.05)

@@ -135,9 +135,7 @@ def test_what_a_step_gets_wrong_of_a_load_is_named_where_it_is_much():
     """1.6 Hz of its own; a push of 0.2 Hz and one of 12 Hz, which has eight steps a period."""
     push = "slow: {{type: force, frame: centre, direction: [1, 0, 0], signal: {{type: sine, frequency: 0.2, amplitude: 1.0}}}}"
     quick = push.replace("slow", "quick").replace("0.2", "12.0")
-    law = (
-        "mount: {type: bushing, frames: [origin, centre], stiffness: [200, 0, 0, 0, 0, 0], damping: [8, 0, 0, 0, 0, 0]}"
-    )
+    law = "mount: {type: bushing, frames: [origin, centre], stiffness: [200, 0, 0, 0, 0, 0], damping: [8, 0, 0, 0, 0, 0]}"
     text = OSCILLATOR.replace("LAW", ", ".join([law, push.format(), quick.format()]))
     done = run(text.replace("duration: 0.5", "duration: 10.0"))
     assert done.code == 0, done.output
@@ -254,9 +252,7 @@ def test_an_angle_from_a_file_is_followed_through_its_samples():
     angle = 0.4 * np.sin(3 * time) / (np.pi / 180)
     lines = ["time,p [deg]", *(f"{t!r},{a!r}" for t, a in zip(time.tolist(), angle.tolist(), strict=True))]
     signal = "{type: csv, file: p.csv, time_column: time, value_column: p}"
-    found = simulated(
-        ARM_ON_MOTOR.replace("{type: ramp, end: -7.0, duration: 2.0}", signal), **{"p.csv": "\n".join(lines)}
-    )
+    found = simulated(ARM_ON_MOTOR.replace("{type: ramp, end: -7.0, duration: 2.0}", signal), **{"p.csv": "\n".join(lines)})
     p = 0.4 * np.sin(3 * found["/time"])
     np.testing.assert_allclose(found["/sensors/tip"][:, [0, 2]], np.column_stack([np.cos(p), -np.sin(p)]), atol=1e-5)
 

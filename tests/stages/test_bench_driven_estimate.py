@@ -93,9 +93,7 @@ def test_the_filter_claims_what_was_expected_of_gauges_beside_a_drive():
     text = BENCH.replace("frames:", "  arm: {type: rigid, mass: 0.1, inertia: {xx: 1.0e-3, yy: 1.0e-3, zz: 1.0e-3}, "
                          "pose: {origin: [1.0, 0.05, 0.04]}}\nframes:\n  eye: {body: arm}")  # fmt: skip
     drive = "{type: driven_angle, frames: [tip, eye], drive: {signal: {type: constant, value: 0.0}}}"
-    text = text.replace(
-        "forces:", f"joints: {{hinge: {{type: revolute, frames: [tip, eye], axis: x}}, motor: {drive}}}\nforces:"
-    )
+    text = text.replace("forces:", f"joints: {{hinge: {{type: revolute, frames: [tip, eye], axis: x}}, motor: {drive}}}\nforces:")
     end = ended("estimate", text.replace("duration: 0.2", "duration: 0.6").replace("name: bench", "name: arm"), *QUICK)
     place, estimate = (end.artefact(stage) for stage in ("place", "estimate"))
     claimed = [estimate[f"/inputs/{name}/std"][-1] for name in place["/inputs"]]

@@ -66,13 +66,7 @@ def test_every_number_of_a_summary_is_listed(estimate, bench):
     for config, *changes in (
         (DIAMETER, "estimate.duration=0.3", "estimate.runs=2", "estimate.sensors.gauges.bias=1.0e-8"),
         (DIAMETER, "estimate.duration=0.3", BANK),
-        (
-            SMALL,
-            "estimate.duration=0.1",
-            measured,
-            "estimate.hold_out=each",
-            *(f"estimate.inputs.F{k}.guess=0" for k in "xyz"),
-        ),
+        (SMALL, "estimate.duration=0.1", measured, "estimate.hold_out=each", *(f"estimate.inputs.F{k}.guess=0" for k in "xyz")),
     ):
         assert_summary_is_listed(estimate(config, *changes), "estimate.h5 of a bench")
 

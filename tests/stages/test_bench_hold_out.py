@@ -112,10 +112,7 @@ def test_a_record_that_contradicts_the_model_ends_with_3_and_has_no_sigma_until_
     record = scaled(record, 1.1)
     found, said = of_test(record, ends=3)
     assert (found.summary["trusted"], found.summary["accepted"]) == (False, False)
-    assert (
-        "the measurements are inconsistent with the model: side, down are contradicted by its sensors: check channels"
-        in said
-    )
+    assert "the measurements are inconsistent with the model: side, down are contradicted by its sensors: check channels" in said
     assert "the other channels contradict gauges.2 (error" in said
     assert max(ratios(found), key=ratios(found).__getitem__) == "gauges.2"
     assert all(np.isnan(found[f"/inputs/{name}/std"]).all() for name in ("side", "down"))
@@ -145,13 +142,7 @@ def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_mod
     monkeypatch.setattr(estimate, "bench_out_of_range", lambda *_: {"E": beyond})
     sensors = json.dumps(SENSORS | {"tip": {"noise": 1e-6, "bias": 1e-6}})
     changes = (f"estimate.sensors={sensors}", f"estimate.measured={json.dumps(MEASURED)}", EACH)
-    words = [
-        "estimate",
-        str(project(RIG, csv(scaled(record)))),
-        "--results",
-        str(tmp_path),
-        *(f"--set={own}" for own in changes),
-    ]
+    words = ["estimate", str(project(RIG, csv(scaled(record)))), "--results", str(tmp_path), *(f"--set={own}" for own in changes)]
     done = CliRunner().invoke(app, words, env={"COLUMNS": "200"})
     said, found = " ".join((done.output + done.stderr).split()), Artefact(tmp_path / "bench" / "estimate.h5")
     assert done.exit_code == 3, said

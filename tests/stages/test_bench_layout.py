@@ -82,9 +82,7 @@ def proven(place, criterion, sizes, allowed=lambda gauges: True):
 @pytest.mark.parametrize("criterion", ["trace", "log_determinant"])
 def test_the_layout_is_proven_best_by_every_criterion(criterion):
     """Each criterion chooses by its own number, and lists all of them; the trace is over one load."""
-    found = place(
-        "place.prove=60", f"place.criterion={criterion}", *["place.metric_over=[down]"] * (criterion == "trace")
-    )
+    found = place("place.prove=60", f"place.criterion={criterion}", *["place.metric_over=[down]"] * (criterion == "trace"))
     proven(found, "down" if criterion == "trace" else criterion, [3])
     if criterion == "trace":
         return
@@ -100,9 +98,7 @@ def test_spacing_and_zones_hold_and_the_layout_is_the_best_within_them():
     apart = np.linalg.norm(x[:, None] - x[None], axis=2)
 
     def allowed(gauges):
-        return sum(x[g, 0] <= 0.35 for g in gauges) <= 1 and all(
-            apart[a, b] >= 0.45 for a, b in combinations(gauges, 2)
-        )
+        return sum(x[g, 0] <= 0.35 for g in gauges) <= 1 and all(apart[a, b] >= 0.45 for a, b in combinations(gauges, 2))
 
     proven(found, "trace", [3], allowed)
     free = place("place.prove=60", *SPREAD)
@@ -165,12 +161,7 @@ def test_limits_and_bonded_gauges_that_cannot_be_are_refused_with_their_key(chan
     assert says in str(refused.value)
 
 
-NARROW = (
-    "place.include=[{box: [[0.0, 0.03, 0.09], [0.65, 0.13, 0.1]]}]",
-    "place.spacing=0.15",
-    "place.pool=3",
-    "place.keep=3",
-)
+NARROW = ("place.include=[{box: [[0.0, 0.03, 0.09], [0.65, 0.13, 0.1]]}]", "place.spacing=0.15", "place.pool=3", "place.keep=3")
 """A strip on top of the beam, aside of its middle: few enough candidates for all triples of them."""
 
 

@@ -148,10 +148,7 @@ def test_the_response_to_a_modulus_is_that_of_two_equilibria():
     place = free()["place"]
     step, layout = 2.1e8, place["/layouts/place/candidate"]
     gauges = [
-        {
-            "position": place["/candidates/position"][at].tolist(),
-            "direction": place["/candidates/direction"][at].tolist(),
-        }
+        {"position": place["/candidates/position"][at].tolist(), "direction": place["/candidates/direction"][at].tolist()}
         for at in layout
     ]
     less, more = (

@@ -82,9 +82,7 @@ def test_a_file_gives_the_loads_that_the_run_gives_it_was_written_from(run, simu
 
 def test_samples_are_taken_as_they_are(run, simulated):
     _, found = histories(run(measured(("gauges", "tip")), "estimate.sensors.tip={noise: 1.0e-6}"))
-    np.testing.assert_allclose(
-        found["/sensors/gauges/measured"], simulated["/sensors/gauges"][1:], rtol=1e-12, atol=1e-18
-    )
+    np.testing.assert_allclose(found["/sensors/gauges/measured"], simulated["/sensors/gauges"][1:], rtol=1e-12, atol=1e-18)
     tip = found["/sensors/tip/measured"]
     assert np.isnan(tip[:, 0]).all()
     np.testing.assert_allclose(tip[:, 1:], simulated["/sensors/tip"][1:, 1:], rtol=1e-12, atol=1e-15)
@@ -199,9 +197,7 @@ def folder(tmp_path_factory):
 
 
 def command(folder, *words):
-    done = CliRunner().invoke(
-        app, [words[0], str(folder / "bench.yaml"), "--results", str(folder / "results"), *words[1:]]
-    )
+    done = CliRunner().invoke(app, [words[0], str(folder / "bench.yaml"), "--results", str(folder / "results"), *words[1:]])
     return done.exit_code, " ".join((done.output + (done.stderr or "")).split())
 
 

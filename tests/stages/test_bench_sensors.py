@@ -110,12 +110,7 @@ def test_loads_beside_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs
 @pytest.mark.parametrize("update", ["iterated", "one_shot"])
 def test_drifting_offsets_beside_loads_that_walk_are_estimated_as_well_as_claimed(update):
     sensors = "estimate.sensors={gauges: {noise: 1.0e-6, bias: 1.0e-5, drift: 2.0e-5}, felt: {noise: 0.02}}"
-    how = (
-        "estimate.truth={model: walk}",
-        "estimate.runs=10",
-        "simulate.duration=0.2",
-        f"estimate.method.update={update}",
-    )
+    how = ("estimate.truth={model: walk}", "estimate.runs=10", "simulate.duration=0.2", f"estimate.method.update={update}")
     found = run(FELT, sensors, *how).artefact("estimate").summary
     assert found["nis"] == pytest.approx(1.0, abs=0.15)
     for name in ("side", "down"):
@@ -134,13 +129,7 @@ ON_TOP = "sensors.gauges.gauges=[" + ", ".join(
 def test_sigma_of_loads_covers_gauges_that_are_drawn_anew_for_every_seed(zeroed):
     """Read where they are drawn, without linearisation, on the filter's own step; exact gauges claim half of that σ or less."""
     noise = "estimate.sensors={gauges: {noise: 1.0e-8}}"
-    how = (
-        ON_TOP,
-        noise,
-        "estimate.truth={model: own}",
-        f"sensors.gauges.zeroed={zeroed}",
-        "forces.side.signal.phase=1.0",
-    )
+    how = (ON_TOP, noise, "estimate.truth={model: own}", f"sensors.gauges.zeroed={zeroed}", "forces.side.signal.phase=1.0")
     found, exact = (run(KNOWN_AT_FIRST, *how, *more).artefact("estimate") for more in ((LOOSE, "estimate.runs=60"), ()))
     for name in ("side", "down"):
         assert 0.8 < found.summary[f"ratio.{name}"] < 1.2

@@ -74,9 +74,7 @@ def test_every_seed_has_a_history_of_its_own_by_another_integrator(estimate):
         np.testing.assert_allclose(found[f"/inputs/{name}/true"], fine[f"/inputs/{name}/true"], rtol=1e-12)
         assert found[f"/runs/numbers/error.{name}"][0] == found.summary[f"error.{name}"]
         assert np.ptp(found[f"/runs/numbers/slope.{name}"]) > 0
-    np.testing.assert_allclose(
-        found["/sensors/relative/measured"], fine["/sensors/relative/measured"], rtol=1e-2, atol=1e-6
-    )
+    np.testing.assert_allclose(found["/sensors/relative/measured"], fine["/sensors/relative/measured"], rtol=1e-2, atol=1e-6)
 
 
 @pytest.mark.slow

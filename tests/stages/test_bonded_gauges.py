@@ -89,9 +89,7 @@ def test_a_layout_that_is_ranked_anew_is_refused_and_says_where_the_gauge_was(pr
     assert f"G1 sits elsewhere now: it was bonded at ({was}) m" in " ".join(said.split())
 
 
-@pytest.mark.parametrize(
-    ("moved", "turned", "code"), [(2.1e-3, 0, 2), (0, 2.1, 2), *slowly((1.9e-3, 0, 0), (0, 1.9, 0))]
-)
+@pytest.mark.parametrize(("moved", "turned", "code"), [(2.1e-3, 0, 2), (0, 2.1, 2), *slowly((1.9e-3, 0, 0), (0, 1.9, 0))])
 def test_a_gauge_may_have_been_bonded_one_sigma_off(project, tmp_path, moved, turned, code):
     """σ of a place is 2 mm and of a direction 2°."""
     rows = lines(project / "bonded.csv")
@@ -122,9 +120,7 @@ def test_bonded_gauges_keep_names_and_places_in_another_placement(project):
         lines(project / "bonded.csv"),
         strict=True,
     ):
-        assert [float(own[f"position_{x}"]) for x in "xyz"] == pytest.approx(
-            [float(was[f"position_{x}"]) for x in "xyz"]
-        )
+        assert [float(own[f"position_{x}"]) for x in "xyz"] == pytest.approx([float(was[f"position_{x}"]) for x in "xyz"])
 
 
 @pytest.mark.slow

@@ -338,9 +338,7 @@ def only_row(table):
     return row
 
 
-@pytest.mark.parametrize(
-    ("pattern", "wired", "arms"), [("half-bending", "half, arms 1 and 2", 2), ("full-bending", "full", 4)]
-)
+@pytest.mark.parametrize(("pattern", "wired", "arms"), [("half-bending", "half, arms 1 and 2", 2), ("full-bending", "full", 4)])
 def test_exports_have_the_wiring_the_slope_and_the_elements_of_a_bridge(by_pattern, pattern, wired, arms):
     """n arms of ±ε give r = n GF ε/4, and ε_B = n ε."""
     listed = by_pattern[pattern].listed

@@ -124,7 +124,9 @@ def test_a_channel_that_is_wrong_in_one_record_is_named_with_it_and_can_be_put_r
     assert artefact.summary["estimate.E"] == pytest.approx(artefact.summary["alone.E.low"], rel=0.005)
     assert artefact.summary["alone.E.mid"] > 1.03 * artefact.summary["alone.E.low"]
     np.testing.assert_allclose(artefact["/record/low/smoothed/E"], artefact.summary["estimate.E"], rtol=1e-9)
-    entries = ", ".join(f"{{channel: G{i}, gauge: G{i}, unit: m/m{', sign: -1' * (i == 2)}}}" for i in range(1, 5))
+    entries = ", ".join(
+        f"{{channel: G{i}, gauge: G{i}, unit: m/m{', sign: -1' * (i == 2)}}}" for i in range(1, 5)
+    )
     put_right = records.replace("wrong.csv}", f"wrong.csv, channels: [{entries}]}}")
     code, said, artefact = run(project, put_right)
     assert code == 0, said
@@ -156,12 +158,7 @@ def one_more(line):
             "estimate.records[3].channels",
             "the same gauges and grids in the same order",
         ),
-        (
-            RECORDS,
-            [("validate:\n", "filter: {method: extended}\nvalidate:\n")],
-            "estimate.records",
-            "filter.method: bank",
-        ),
+        (RECORDS, [("validate:\n", "filter: {method: extended}\nvalidate:\n")], "estimate.records", "filter.method: bank"),
         (RECORDS + "  tune: {parts: [noise]}\n", (), "estimate.tune.parts", "estimate.file"),
     ],
 )

@@ -82,10 +82,7 @@ def test_init_leaves_it_out_as_the_warning_says_and_the_example_does():
     written = yaml.safe_load(text)
     (said,) = warned()
     assert said.endswith(f"mesh.faces: {{seat: {{near: {own.name}}}}} and gauges.exclude: [seat]")
-    assert (written["mesh"]["faces"], written["gauges"]["exclude"]) == (
-        {"seat": {"near": json.loads(own.name)}},
-        ["seat"],
-    )
+    assert (written["mesh"]["faces"], written["gauges"]["exclude"]) == ({"seat": {"near": json.loads(own.name)}}, ["seat"])
     shipped = yaml.safe_load((LUG.parent / "lug-youngs-modulus.yaml").read_text())
     assert all(shipped[of][key] == written[of][key] for of, key in (("mesh", "faces"), ("gauges", "exclude")))
 
@@ -123,9 +120,7 @@ def init(tmp_path, monkeypatch):
 
     def call(deck, *options, answers=None):
         (tmp_path / "ring.inp").write_text(deck)
-        done = CliRunner().invoke(
-            app, ["init", "ring.inp", "-o", "own.yaml", "--force", *GIVEN, *options], input=answers
-        )
+        done = CliRunner().invoke(app, ["init", "ring.inp", "-o", "own.yaml", "--force", *GIVEN, *options], input=answers)
         assert done.exit_code == 0, done.output
         return (tmp_path / "own.yaml").read_text()
 
@@ -134,9 +129,7 @@ def init(tmp_path, monkeypatch):
 
 def heights(text, deck):
     """Of the candidates (m,) [m]."""
-    return artefacts(text, *SMALL, until="train", files={"ring.inp": deck}, beside="bolted")["train"][
-        "/gauges/position"
-    ][:, 2]
+    return artefacts(text, *SMALL, until="train", files={"ring.inp": deck}, beside="bolted")["train"]["/gauges/position"][:, 2]
 
 
 @pytest.mark.parametrize(("options", "sets", "name"), [((), (), "seat"), (("--axis", "1 0 0"), ("seat",), "seat-face")])
@@ -178,12 +171,7 @@ TIED = (
 @pytest.mark.parametrize(
     ("cells", "mesh", "says", "gone"),
     [
-        (
-            (4, 1, 1),
-            ", merge: 1.0e-6",
-            "4 nodes became others within 1e-06 m, as 101 which is 5 now",
-            "nodes lie in the place",
-        ),
+        ((4, 1, 1), ", merge: 1.0e-6", "4 nodes became others within 1e-06 m, as 101 which is 5 now", "nodes lie in the place"),
         ((4, 2, 2), TIED, "mesh.ties.0", "not theirs"),
     ],
     ids=["merged", "tied"],

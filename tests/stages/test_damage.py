@@ -10,8 +10,7 @@ from strainsight import api
 from strainsight.config.estimate import DamageSettings, SNCurve
 from strainsight.estimation.bank_smoother import Paths
 from strainsight.estimation.smoother import Smoothed
-from strainsight.experiment.structure.damage import Asked, Places, Recorded, damage_in_test
-from strainsight.experiment.structure.damage_drawn import DECISIVE, walking, walks
+from strainsight.experiment.structure.damage import DECISIVE, Places, Recorded, damage_in_test, walking, walks
 from strainsight.fem.affine import AffineOperator
 from strainsight.runner.artefact import Artefact
 
@@ -120,9 +119,7 @@ def test_a_load_walks_otherwise_where_the_samples_say_so_by_far(loads, best, und
         return None if name == "d" else so_far ^ {name}
 
     found = walks(frozenset(), list(loads), other, lambda own: LEVEL[own])
-    assert found.best == frozenset(best)
-    assert found.changed == tuple(best)
-    assert found.undecided == tuple(undecided)
+    assert found == (frozenset(best), list(best), list(undecided))
 
 
 def test_of_a_walk_the_other_one_with_the_kappa_that_is_stated(tmp_path):
@@ -183,11 +180,9 @@ def records():
 
 def found_of(records):
     settings = DamageSettings(curve=SNCurve(slope=SLOPE, stress=STRESS, cycles=CYCLES), draws=COUNT, repetitions=3.0)
-    place = Places(
-        np.zeros((1, 3)), np.array([1]), AffineOperator(ROWS[None, None], {}), AffineOperator(np.array([MODULUS]), {})
-    )
+    place = Places(np.zeros((1, 3)), np.array([1]), AffineOperator(ROWS[None, None], {}), AffineOperator(np.array([MODULUS]), {}))
     each = [Recorded(loaded_chain(), smoothed, np.arange(2), parts) for smoothed, parts, _ in records]
-    return damage_in_test(settings, Asked(None, place), each, lambda share: None)
+    return damage_in_test(settings, {"virtual": place}, each, lambda share: None)
 
 
 def test_damage_is_the_sum_over_the_records(records):

@@ -185,9 +185,9 @@ def test_a_modulus_beside_unknown_loads_alone_has_no_sigma_but_for_loads_that_ar
         assert np.isnan(withheld[path]).all()
         assert (given[path] > 0).any()
     field = "/VTKHDF/CellData/"
-    assert {path for path in given if path.startswith(field)} - {
-        path for path in withheld if path.startswith(field)
-    } == {f"{field}strain_std", f"{field}von_mises_std"}
+    assert {path for path in given if path.startswith(field)} - {path for path in withheld if path.startswith(field)} == {
+        f"{field}strain_std", f"{field}von_mises_std"
+    }
     for path in estimates:
         np.testing.assert_array_equal(withheld[path], given[path])
 
@@ -293,8 +293,7 @@ def recorded(path, found):
     """The same as MDF, missing samples marked as such."""
     t = found.pop("time")[0]
     signals = [
-        signal(name, np.nan_to_num(values), t, unit, invalidation_bits=np.isnan(values))
-        for name, (values, unit) in found.items()
+        signal(name, np.nan_to_num(values), t, unit, invalidation_bits=np.isnan(values)) for name, (values, unit) in found.items()
     ]
     return mdf(path, ("rig", signals))
 

@@ -11,7 +11,7 @@ import yaml
 from scipy.sparse.linalg import spsolve
 
 from strainsight.config.load import load_config
-from strainsight.config.loads import Load
+from strainsight.config.loads import LoadSection
 from strainsight.errors import ConfigError, UserError
 from strainsight.experiment.structure.references import load_shapes, load_slopes, point_loads
 from strainsight.fem.affine import Parameter
@@ -114,17 +114,15 @@ def by_load(model):
 
 def test_the_load_of_the_deck_is_the_sum_of_its_weight_and_its_rotation(run):
     shape = by_load(read(Reduced, run["rom"]).model)
-    np.testing.assert_allclose(
-        shape[:, 2], 9.81 * shape[:, 0] + (20 * np.pi) ** 2 * shape[:, 1], atol=1e-9 * np.abs(shape).max()
-    )
+    np.testing.assert_allclose(shape[:, 2], 9.81 * shape[:, 0] + (20 * np.pi) ** 2 * shape[:, 1], atol=1e-9 * np.abs(shape).max())
 
 
 def test_the_weight_of_two_densities_is_reduced_as_the_whole_model_has_it_at_any_of_them():
     """Displacement under weight and rotation against a model assembled anew; its slopes against differences of that."""
     densities = (Parameter("heavy", "density", (1,), 7850.0), Parameter("light", "density", (2,), 2700.0))
     loads = {
-        "weight": Load(gravity=(0, 0.5, -1), known=True, signal=SLOW | {"amplitude": 9.81}),
-        "spin": Load(
+        "weight": LoadSection(gravity=(0, 0.5, -1), known=True, signal=SLOW | {"amplitude": 9.81}),
+        "spin": LoadSection(
             rotation={"axis": (0, 0, 1), "point": (-0.1, 0, 0)}, known=True, signal=SLOW | {"amplitude": 100.0}
         ),
     }
@@ -141,9 +139,7 @@ def test_the_weight_of_two_densities_is_reduced_as_the_whole_model_has_it_at_any
     full = build_model(mesh, densities)
     ranges = {"heavy": (6000.0, 9000.0), "light": (2000.0, 4000.0)}
     slopes = load_slopes(full, loads, densities)
-    found = reduce_model(
-        full, load_shapes(full, loads), tuple(loads), reference, ranges, 3, 3, 1e-9, Damping(), slopes=slopes
-    )
+    found = reduce_model(full, load_shapes(full, loads), tuple(loads), reference, ranges, 3, 3, 1e-9, Damping(), slopes=slopes)
     K, at = found.model.stiffness.at(reference), {"heavy": 6700.0, "light": 3500.0}
     np.testing.assert_allclose(
         found.basis @ np.linalg.solve(K, found.model.input_shape_at(at)), whole(at), atol=1e-9 * np.abs(whole(at)).max()

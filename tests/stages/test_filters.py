@@ -12,6 +12,7 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.structure import expectation as expecting
 from strainsight.experiment.structure import filtering
+from strainsight.experiment.structure.filtering import excluded, excluded_in_words
 from strainsight.experiment.structure.problem import (
     exactly_damped,
     filter_model,
@@ -20,7 +21,6 @@ from strainsight.experiment.structure.problem import (
     problem_of,
 )
 from strainsight.experiment.structure.start import ringing_in_words
-from strainsight.experiment.structure.suspected import excluded, excluded_in_words
 from strainsight.sensors.candidates import ACCELERATION
 
 from ..edges.beam import PLACEMENT_CONFIG, E, apart, bricks, prepared
@@ -213,9 +213,7 @@ def test_a_history_is_taken_from_before_the_start_where_the_record_has_it(beam):
     """In 0.04 s from −0.04 s on; a record from −0.05 s has no 0.06 s, and a sweep has nothing."""
     ramp = {"loads.tip.signal": RAMP, "damping.ratio": 0.05}
     assert np.abs(beam({**ramp, "train.settle": 0.04}).training.coordinate[0]).max() > 0
-    with pytest.raises(
-        ConfigError, match=r"train\.settle: the record covers -0\.05 to 1 s, asked for -0\.06"
-    ) as caught:
+    with pytest.raises(ConfigError, match=r"train\.settle: the record covers -0\.05 to 1 s, asked for -0\.06") as caught:
         beam({**ramp, "train.settle": 0.06})
     assert "auto, none" in caught.value.remedy
     with pytest.raises(ConfigError, match=r"train\.settle: a sweep begins at t = 0"):
@@ -297,8 +295,7 @@ def hub():
     """settle → artefacts of E and ρ of the hub under 20 Hz, up to place, with gauges installed exactly."""
     config = ROOT / "configs" / "hub" / "hub-youngs-modulus-density.yaml"
     return {
-        s: made(config, f"train.settle={s}", "tolerances=none", *FEW, until="place", beside=HUB)
-        for s in ("auto", "none")
+        s: made(config, f"train.settle={s}", "tolerances=none", *FEW, until="place", beside=HUB) for s in ("auto", "none")
     }
 
 

@@ -60,9 +60,7 @@ def test_clearance_and_spacing_are_those_of_the_carrier(beam):
 def curled(mesh):
     """Rolled up along x: its inside, z = 0, at 0.2 m from an axis along y, its outside at 0.28 m, cells of 0.5 rad."""
     x, y, z = (mesh.position - mesh.position.min(axis=0)).T
-    return replace(
-        mesh, position=np.column_stack([(INNER + z) * np.sin(x / INNER), y, (INNER + z) * np.cos(x / INNER)])
-    )
+    return replace(mesh, position=np.column_stack([(INNER + z) * np.sin(x / INNER), y, (INNER + z) * np.cos(x / INNER)]))
 
 
 def test_what_bends_tighter_than_the_type_may_is_left_out_and_nothing_else(beam, training):
@@ -101,9 +99,7 @@ def test_what_bends_too_tightly_is_no_place_that_a_clearance_leaves(beam, traini
     flank = np.flatnonzero(half & (y == 0) & (z > 0.07))[0]
     moved = pool.position.copy()
     for i, axis, share in ((inside, 0, 0.75), (flank, 2, 0.95)):
-        corners = facets.nodes[
-            np.searchsorted(facets.key, facet_key(pool.element[i : i + 1], pool.facet[i : i + 1])[0]), :4
-        ]
+        corners = facets.nodes[np.searchsorted(facets.key, facet_key(pool.element[i : i + 1], pool.facet[i : i + 1])[0]), :4]
         far = beam.mesh.position[corners, axis] > pool.position[i, axis]
         moved[i] = np.where(far, share / 2, (1 - share) / 2) @ mesh.position[corners]
     own = replace(pool, position=moved)

@@ -124,9 +124,7 @@ def test_a_channel_that_reads_nothing_but_rounding_hides_no_other(bar):
     basis = np.hstack([reduced.basis * b, across.reshape(-1, 1)])
     moment = np.outer([*motion, 1.0], [*motion, 1.0])
     facets = exterior_facets(mesh)
-    part = candidates(
-        mesh, facets, (1, 0, 0), (0.0, 90.0), include=[NormalCone((0, 0, 1), 5.0)], rosette=True, length=LENGTH
-    )
+    part = candidates(mesh, facets, (1, 0, 0), (0.0, 90.0), include=[NormalCone((0, 0, 1), 5.0)], rosette=True, length=LENGTH)
     training, skin = SimpleNamespace(moment=moment), skin_of(mesh.position, facets)
     _, over_grid = _steep(mesh, SimpleNamespace(basis=basis), training, part, SIGMA, skin)
     np.testing.assert_allclose(over_grid, LENGTH / (part.position[part.first, 1] + 0.02), rtol=1e-6)
@@ -155,9 +153,7 @@ def test_each_note_has_its_number_and_its_limit():
     for number in ("8.1 % over σ of its place (limit 5 %)", "25 % over its grid (limit 20 %)"):
         assert number in steep_one
     assert tight_one == "check access: 12 mm of room over it (limit 60 mm)"
-    assert (
-        sensor == "check access: 60 mm of room over it (limit 60 mm), and the face about (0, 0, 0) m is held by 4 bores"
-    )
+    assert sensor == "check access: 60 mm of room over it (limit 60 mm), and the face about (0, 0, 0) m is held by 4 bores"
     assert notes_at_gauges(replace(NOTED, room=np.full(4, np.inf)), 4)[2] == ""
 
 

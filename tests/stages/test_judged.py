@@ -12,11 +12,11 @@ from strainsight.config.estimate import Estimate
 from strainsight.errors import ConfigError
 from strainsight.estimation import fault_search
 from strainsight.estimation.decision import claims_of
-from strainsight.experiment.structure import filtered_test
-from strainsight.experiment.structure.diagnosed import judgement_of
-from strainsight.experiment.structure.filtered_test import Filtering, filtered_by_verdict
+from strainsight.experiment.structure import record_filter
+from strainsight.experiment.structure.consistency import judgement_of
 from strainsight.experiment.structure.measured import common_part, records_of
 from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words
+from strainsight.experiment.structure.record_filter import RecordFilter, filter_by_consistency
 from strainsight.measurements.assemble import Signals
 from strainsight.pages.text import number
 
@@ -46,8 +46,8 @@ def records(which):
 
 def judged(record, own=None, **second):
     own = own or records_of(settings(**second))[0]
-    test = SimpleNamespace(labels=NAMES, time=H * np.arange(len(record.samples) + 1))
-    return judgement_of(own, test, SimpleNamespace(known=()), record, 0.0, lambda share: None)
+    test = SimpleNamespace(labels=NAMES, time=H * np.arange(len(record.samples) + 1), record=own)
+    return judgement_of(test, SimpleNamespace(known=()), record, 0.0, lambda share: None)
 
 
 def test_nothing_is_shown_as_an_explanation_of_a_record_that_agrees(monkeypatch):
@@ -109,7 +109,7 @@ def test_record_ends_where_known_loads_have_no_samples():
 )
 def test_records_that_agree_are_filtered_together_and_every_other_by_itself(monkeypatch, agrees, parts):
     """Records, marked by their start, with their places in the order of their names; what is found is in their order."""
-    each = [Filtering(None, None, None, None, i, None, place, 4) for i, place in enumerate((2, 0, 3, 1))]
+    each = [RecordFilter(None, None, None, None, i, None, place, 4) for i, place in enumerate((2, 0, 3, 1))]
     seen, shares = [], []
 
     def together(own, wanted, progress):
@@ -118,8 +118,8 @@ def test_records_that_agree_are_filtered_together_and_every_other_by_itself(monk
         progress(1.0)
         return tuple(f"of {given.start}" for given in own)
 
-    monkeypatch.setattr(filtered_test, "filtered_together", together)
-    assert filtered_by_verdict(each, agrees, None, shares.append) == ("of 0", "of 1", "of 2", "of 3")
+    monkeypatch.setattr(record_filter, "filter_together", together)
+    assert filter_by_consistency(each, agrees, None, shares.append) == ("of 0", "of 1", "of 2", "of 3")
     assert seen == parts
     assert shares[-1] == 1.0
     assert shares == sorted(shares)
@@ -157,9 +157,7 @@ def test_sigma_is_held_against_repeats_the_draws_of_the_test_and_the_smoothed_er
         ((), ("x",), ("E", "zeta"), "E, zeta rests on", ""),
     ],
 )
-def test_parameters_rest_on_loads_where_none_is_known_or_beside_a_damping_factor(
-    known, inputs, parameters, alone, together
-):
+def test_parameters_rest_on_loads_where_none_is_known_or_beside_a_damping_factor(known, inputs, parameters, alone, together):
     unknowns = SimpleNamespace(inputs=inputs, parameters=parameters)
     model = SimpleNamespace(damping=SimpleNamespace(parameter="zeta"))
     own = SimpleNamespace(known=known, unknowns=unknowns, model=model)

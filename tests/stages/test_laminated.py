@@ -25,7 +25,6 @@ from ..strips import RHO, E, L, T, gmsh, grid
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
-
 def push(frequency, amplitude, **where):
     signal = {"type": "sine", "frequency": frequency, "amplitude": amplitude}
     return where | {"direction": [0, 0, 1], "known": True, "signal": signal}
@@ -77,11 +76,7 @@ OTHER = {"regions": "all", "youngs_modulus": 1e9, "poisson_ratio": 0.3, "density
     ("changes", "what", "key"),
     [
         ({"parameters.e1.material": "carbon"}, "no orthotropic material 'carbon'", "parameters.e1.material"),
-        (
-            {"parameters.e1.guess": 1.4e5, "parameters.e1.range": [1e5, 2e5]},
-            r"the deck has 1.4e\+11",
-            "parameters.e1.guess",
-        ),
+        ({"parameters.e1.guess": 1.4e5, "parameters.e1.range": [1e5, 2e5]}, r"the deck has 1.4e\+11", "parameters.e1.guess"),
         (
             {"parameters.e1": E1 | {"property": "density", "guess": 1600.0, "range": [1500.0, 1700.0]}},
             "a density is not of one material",
@@ -139,11 +134,7 @@ def test_axes_of_a_config_are_those_of_the_tensor(tmp_path):
         ("[0.3, 0.3, 0.3]", "0.3", "not poisson_ratio"),
         ("[0.3, 0.3, 0.3]", "[0.3, 0.3, 1.2]", "least eigenvalue is -"),
         ("x: [1, 2, 0]", "x: [0, 2, 6]", "runs along x"),
-        (
-            "[2.1e+11, 2.1e+11, 2.1e+11], poisson_ratio: [0.3, 0.3, 0.3], shear",
-            "2.1e+11, poisson_ratio: 0.3, x",
-            "x_modulus",
-        ),
+        ("[2.1e+11, 2.1e+11, 2.1e+11], poisson_ratio: [0.3, 0.3, 0.3], shear", "2.1e+11, poisson_ratio: 0.3, x", "x_modulus"),
     ],
 )
 def test_a_contradiction_is_named(tmp_path, old, new, what):
@@ -200,3 +191,4 @@ def test_a_layout_sits_on_the_faces_of_shells_of_gmsh(tmp_path):
     along = found["place"]["/selected/final/direction"]
     assert len(along) == 2
     np.testing.assert_allclose(np.abs(along[:, 0]), 1.0, rtol=1e-12)
+

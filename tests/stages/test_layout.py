@@ -55,9 +55,7 @@ def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_s
     """Of 495 layouts none has a lower sum, or root of it, than is said; one has a σ that is lower by more."""
     greedy = eliminate(scenarios_of(beam_of(12, 3, seed=seed), ("Fz",), ("E",)), KEEP)
     swapped, (pool,), names = exchange(greedy.pools, greedy.kept), greedy.pools, ("Fz", "E")
-    (sentence,) = best_possible(
-        certify(greedy.pools, swapped.gauges, swapped.cost[-1]), TRACE, names, root_of(TRACE, names)
-    )
+    (sentence,) = best_possible(certify(greedy.pools, swapped.gauges, swapped.cost[-1]), TRACE, names, root_of(TRACE, names))
 
     def weighted(gauges):
         P = oracle(pool.scenario, list(gauges))
@@ -81,11 +79,7 @@ def test_with_two_unknowns_the_bound_is_on_their_weighted_sum_and_on_no_single_s
         (0.19, ("E",), "σ of E lower by more than 10 %."),
         (0.1235, ("E",), "σ of E lower by more than 6.4 %."),  # 1 − √0.8765 = 6.378 %
         (-1e-9, ("E",), "σ of E lower by more than 0.05 %."),
-        (
-            0.1235,
-            ("x", "y", "E"),
-            "13 %, or its root, the weighted RMS of the steady-state σ of x, y and E, by more than 6.4 %;",
-        ),
+        (0.1235, ("x", "y", "E"), "13 %, or its root, the weighted RMS of the steady-state σ of x, y and E, by more than 6.4 %;"),
     ],
 )
 def test_shares_are_rounded_up(gap, names, said):

@@ -20,7 +20,6 @@ from ..shared import slowly
 
 pytestmark = pytest.mark.usefixtures("no_hot_spots")
 
-
 def sine(frequency, amplitude):
     return {"type": "sine", "frequency": frequency, "amplitude": amplitude}
 

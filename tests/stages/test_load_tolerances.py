@@ -11,11 +11,11 @@ from scipy.spatial.transform import Rotation
 
 from strainsight import api
 from strainsight.estimation.conditional import linear_models
+from strainsight.experiment.structure.consistency import suspect_of, turning_of
 from strainsight.experiment.structure.nuisances import nuisances_of, on_average, tolerated
 from strainsight.experiment.structure.problem import filter_model, problem_of
 from strainsight.experiment.structure.reduction import full_model
 from strainsight.experiment.structure.references import parameters_of
-from strainsight.experiment.structure.suspected import suspect_of, turning_of
 from strainsight.experiment.structure.truth import installation_of, load_error_of
 from strainsight.fem.loads import axes_across
 from strainsight.fem.model import nodal
@@ -256,14 +256,10 @@ def test_drawn_errors_leave_the_truth_within_sigma(beam, case):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    ("changes", "tolerances"), [(OF_A_LOAD, SMALL), (UNKNOWN_LOAD, LARGE)], ids=["loads", "drifts"]
-)
+@pytest.mark.parametrize(("changes", "tolerances"), [(OF_A_LOAD, SMALL), (UNKNOWN_LOAD, LARGE)], ids=["loads", "drifts"])
 def test_what_is_learned_of_errors_leaves_an_unknown_load_within_sigma(beam, changes, tolerances):
     """σ is smaller than where they are not learned. Of turns of several degrees it holds to first order."""
-    own, considered = (
-        beam(changes | {"tolerances": NOTHING | tolerances | {"treat": how}}) for how in ("estimate", "consider")
-    )
+    own, considered = (beam(changes | {"tolerances": NOTHING | tolerances | {"treat": how}}) for how in ("estimate", "consider"))
     inside, ratio, level = spread(own, 200)
     assert inside > 0.92
     assert ratio < 1.15
@@ -278,12 +274,8 @@ def test_a_gauge_taken_as_turned_has_the_mean_of_one_that_is(tmp_path):
     own = prepared(tmp_path, bricks((10, 2, 2), "hex20"), {"screen": {"keep": "all"}}, *few)
     case, mesh, reduced, training = own.case, own.mesh, own.reduced, own.training
     problem, pool = problem_of(case.config, {}, reduced, training, own.screened), training.candidates
-    one = int(
-        np.flatnonzero((pool.angle == 0) & (pool.normal[:, 2] > 0.99) & (np.abs(pool.position[:, 0] - 0.25) < 0.05))[0]
-    )
-    (twin,) = np.flatnonzero(
-        (pool.angle == TURN) & (pool.element == pool.element[one]) & (pool.facet == pool.facet[one])
-    )
+    one = int(np.flatnonzero((pool.angle == 0) & (pool.normal[:, 2] > 0.99) & (np.abs(pool.position[:, 0] - 0.25) < 0.05))[0])
+    (twin,) = np.flatnonzero((pool.angle == TURN) & (pool.element == pool.element[one]) & (pool.facet == pool.facet[one]))
 
     def averaged(channel):
         channels = np.array([channel])
@@ -294,9 +286,7 @@ def test_a_gauge_taken_as_turned_has_the_mean_of_one_that_is(tmp_path):
     own, _, model = averaged(one)
     test = SimpleNamespace(channels=np.array([one]), known=np.zeros((1, 3, 0)), values=None)
     start = np.zeros((model.size, model.size))
-    given = SimpleNamespace(
-        model=model, test=test, problem=problem, covariance=start, tolerances=own, biased=None, settled=None
-    )
+    given = SimpleNamespace(model=model, test=test, problem=problem, covariance=start, tolerances=own, biased=None, settled=None)
     turning = turning_of(mesh, reduced, training, test.channels)
     found, _ = suspect_of(case.config, mesh, reduced, training, given, turning).turned(0, TURN)
     assert not start.any()  # the start at rest of the filter is left as it is

@@ -187,11 +187,7 @@ BEND = {**FREE, "loads.bend": LOADS["bend"]}
     [
         ({"loads.bend.direction": [0, 0, 1]}, "loads.bend.direction", "remove one of the two keys"),
         ({"loads.bend.deck_load": "FORCE-1", "loads.bend.node": None}, "loads.bend.moment", "remove the key"),
-        (
-            {"motion_sensors": SENSORS},
-            "motion_sensors.mid",
-            "reads the rigid motion, which is left out of a free structure",
-        ),
+        ({"motion_sensors": SENSORS}, "motion_sensors.mid", "reads the rigid motion, which is left out of a free structure"),
         ({"mesh.matrices": READY, "parameters.E.region": None}, "mesh.free", "is of an assembled model"),
     ],
 )

@@ -59,9 +59,7 @@ def test_the_list_of_gauges_says_what_the_artefacts_say(artefacts):
         written = [[float(line[f"{key}_{axis}"]) for axis in "xyz"] for line in lines]
         np.testing.assert_allclose(written, train[f"/gauges/{key}"][rows], rtol=1e-8, atol=1e-12)
     np.testing.assert_allclose([float(line["std_E_without"]) for line in lines], place["/without/E"], rtol=1e-8)
-    assert {"workshop.csv", "workshop.unv", "sheet-G1.svg"} <= {
-        path.name for path in artefacts["report"].path.parent.iterdir()
-    }
+    assert {"workshop.csv", "workshop.unv", "sheet-G1.svg"} <= {path.name for path in artefacts["report"].path.parent.iterdir()}
 
 
 @pytest.mark.slow
@@ -75,9 +73,7 @@ def test_the_order_of_loads_and_unknowns_in_the_file_changes_nothing(tmp_path):
     for lines, estimate in (((tip, side), "[E, side]"), ((side, tip), "[side, E]")):
         path = tmp_path / f"own{len(found)}.yaml"
         path.write_text(text.replace(tip, "\n".join(lines)).replace("estimate: [E]", f"estimate: {estimate}"))
-        done = finished(
-            job_of(path, tmp_path / f"results{len(found)}", *SHORT, *UNSTUDIED, "screen.keep=24"), PLACEMENT[:-1]
-        )
+        done = finished(job_of(path, tmp_path / f"results{len(found)}", *SHORT, *UNSTUDIED, "screen.keep=24"), PLACEMENT[:-1])
         found.append({stage: artefact for stage, (_, _, artefact) in done.items()})
     assert [str(name) for name in found[1]["place"]["/elimination/unknowns"]] == ["side", "E"]
     for name in ("E", "side"):

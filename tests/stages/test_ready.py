@@ -147,9 +147,7 @@ def test_a_given_gauge_is_called_by_its_number_in_the_table(beam):
     measured = Artefact(folder / "train.h5")["/gauges/element"][found["/gauge/channel"]]
     assert [str(number) for number in measured] == gauges
     for gauge in (0, 102, "G1"):
-        code, said = run(
-            "estimate", f"--set=estimate.channels.0.gauge={gauge}", "--set=estimate.file=results/beam/measured.csv"
-        )
+        code, said = run("estimate", f"--set=estimate.channels.0.gauge={gauge}", "--set=estimate.file=results/beam/measured.csv")
         assert code == 2
         assert f"no gauge '{gauge}'" in said
 

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from strainsight.config.loads import UNITS, Load, Recorded
+from strainsight.config.loads import UNITS, LoadSection, RecordedSection
 from strainsight.decks.reader import read_mesh
 from strainsight.errors import UserError
 from strainsight.experiment.recorded import LOADS, QUANTITY, recorded
@@ -18,10 +18,7 @@ from ..edges.beam import TIP, bricks, finished
 from ..fem.test_thin import straight
 from ..mesh.test_shell_faces import plate, strip
 
-GAUGES = {
-    "direction": {"type": "axis", "axis": [1, 0, 0], "angles": [0.0]},
-    "noise_std": {"relative_to_strongest": 0.01},
-}
+GAUGES = {"direction": {"type": "axis", "axis": [1, 0, 0], "angles": [0.0]}, "noise_std": {"relative_to_strongest": 0.01}}
 SENSOR = {"quantity": "displacement", "noise_std": {"value": 1e-6}, "surface": "lid"}
 MODULUS = {"property": "youngs_modulus", "region": 1, "guess": 210000.0, "range": [1.8e5, 2.2e5]}
 
@@ -32,16 +29,8 @@ MODULUS = {"property": "youngs_modulus", "region": 1, "guess": 210000.0, "range"
         ({"loads.tip.node": 99999}, "loads.tip", "node 99999, which is not there"),
         ({"loads.tip.node": None, "loads.tip.set": "tipp"}, "loads.tip", "node set 'tipp', which is not there"),
         ({"parameters.E.guess": {"from": "other"}, "parameters.E.region": 7}, "parameters.E.region", "no region 7"),
-        (
-            {"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}},
-            "parameters.E.guess",
-            "210000 MPa are 2.1e",
-        ),
-        (
-            {"gauges": GAUGES | {"exclude": [{"near_set": {"set": "rim", "distance": 0.1}}]}},
-            "gauges.exclude.0",
-            "'rim'",
-        ),
+        ({"parameters": {"E": MODULUS}, "validate.truth.parameters": {"E": 2e5}}, "parameters.E.guess", "210000 MPa are 2.1e"),
+        ({"gauges": GAUGES | {"exclude": [{"near_set": {"set": "rim", "distance": 0.1}}]}}, "gauges.exclude.0", "'rim'"),
         ({"motion_sensors": {"laser": SENSOR}}, "motion_sensors.laser.surface", "the set 'lid' is not in the mesh"),
     ],
 )
@@ -57,7 +46,7 @@ def test_a_force_on_one_node_of_a_solid_or_a_shell_is_warned_of_and_one_on_a_tie
     tie = finished(tmp_path / "tie", "import", bricks((4, 2, 2)), {"loads.tip.node": TIP})
     assert not any("acts on node" in text for text in tie["import"].warnings)
     signal = {"type": "sine", "frequency": 1.0, "amplitude": 1.0}
-    push = Load(node=100, direction=(0.0, 0.0, 1.0), known=True, signal=signal)
+    push = LoadSection(node=100, direction=(0.0, 0.0, 1.0), known=True, signal=signal)
     shells = plate(*strip())
     assert "acts on node 100 of a shell alone" in on_one_node({"push": push}, shells)[0]
     assert not on_one_node({"push": push}, replace(shells, beams=(straight(1).beams[0],)))
@@ -71,7 +60,7 @@ def test_runs_that_differ_in_their_loads_alone_share_the_modes(tmp_path):
     assert one["modes"].key == other["modes"].key
 
 
-COLUMNS = Recorded(type="csv", file="own.csv", time_column="time", value_column="F")
+COLUMNS = RecordedSection(type="csv", file="own.csv", time_column="time", value_column="F")
 KEY = "loads.tip.signal"
 MEANT = {"KN": "kN?", "kp": "kgf?", "tf": "kN (1 tf", "NM": "Nm?", "mn": "mN or MN?"}
 
@@ -107,10 +96,7 @@ def test_the_same_history_however_it_is_written(table, text):
         ("time,F\n0,1\n0.5,1\n0.5,2\n", ":4", "does not increase from 0.5 s to 0.5 s", "drop repeated times"),
         ("time,F\n0,1\n1,\n2,3\n", ":3", "no sample under 'F'", "no gaps"),
         ("time;f\n0;1\n1;2\n", ":1", "no column 'F'", "did you mean f?"),
-        *(
-            (f"time;F [{unit}]\n0;1\n1;2\n", "", f"'F' is in {unit}", f"did you mean {meant}")
-            for unit, meant in MEANT.items()
-        ),
+        *((f"time;F [{unit}]\n0;1\n1;2\n", "", f"'F' is in {unit}", f"did you mean {meant}") for unit, meant in MEANT.items()),
         ("time;F [volt]\n0;1\n1;2\n", "", "'F' is in volt", "known units: m/s2, "),
     ],
 )

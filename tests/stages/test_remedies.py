@@ -15,7 +15,7 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.record import BankRecord
 from strainsight.experiment.recorded import _calibration
-from strainsight.experiment.structure.diagnosed import judgement_of
+from strainsight.experiment.structure.consistency import judgement_of
 from strainsight.experiment.structure.measured import records_of
 from strainsight.measurements.calibration import calibrate
 from strainsight.measurements.clock import shifted
@@ -60,10 +60,10 @@ def as_read(samples, settings):
 
 def judged(truth, samples, settings=STATED):
     model, P, _, _ = truth
-    test = SimpleNamespace(labels=NAMES, time=CLOCK, h=H, every=1)
+    test = SimpleNamespace(labels=NAMES, time=CLOCK, step=H, record=records_of(settings)[0])
     lowest = SimpleNamespace(known=(), model=model.model)
     record = suspect(model, P, forces(LONG), as_read(samples, settings))
-    return judgement_of(records_of(settings)[0], test, lowest, record, 0.0, lambda share: None)
+    return judgement_of(test, lowest, record, 0.0, lambda share: None)
 
 
 def followed(message, samples):

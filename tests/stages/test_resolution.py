@@ -56,9 +56,7 @@ def test_noise_above_every_reading_is_named_with_both(run):
     assert loud_noise(training, noisy(screened, 0.99 * largest)) == ""
     noise = 1.01 * largest
     assert f"{noise:.3g} strain, with readings of at most {largest:.3g}" in loud_noise(training, noisy(screened, noise))
-    moving = replace(
-        training, candidates=replace(training.candidates, quantity=np.ones_like(training.candidates.quantity))
-    )
+    moving = replace(training, candidates=replace(training.candidates, quantity=np.ones_like(training.candidates.quantity)))
     assert "m/s^2" in loud_noise(moving, noisy(screened, 1.0))
 
 

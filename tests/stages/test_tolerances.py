@@ -76,9 +76,7 @@ def beam(tmp_path_factory):
         step = 1e-3 * np.eye(len(gauges))
         return np.stack([(estimate(own) - estimate(-own)) / 2e-3 for own in step])
 
-    return SimpleNamespace(
-        case=case, training=training, validated=validated, drawn=drawn, expected=expected, slopes=slopes
-    )
+    return SimpleNamespace(case=case, training=training, validated=validated, drawn=drawn, expected=expected, slopes=slopes)
 
 
 @pytest.mark.slow
@@ -138,9 +136,7 @@ def test_stated_sizes_are_the_same_in_every_repeat(beam):
 def scalars(count=2):
     """Oscillators of 1 kg and 1 … N/m with 1 % of damping."""
     stiffness = AffineOperator(np.diag(np.arange(1.0, count + 1)), {})
-    return ReducedModel(
-        AffineOperator(np.eye(count), {}), stiffness, np.ones((count, 1)), ("F",), {}, Damping(ratio=0.01)
-    )
+    return ReducedModel(AffineOperator(np.eye(count), {}), stiffness, np.ones((count, 1)), ("F",), {}, Damping(ratio=0.01))
 
 
 def test_every_mode_has_its_own_lognormal_damping(beam):
@@ -244,11 +240,7 @@ def test_the_metric_has_the_errors_of_installation_as_noise_and_the_layout_is_it
     plain, found = installation_beam("tolerances=none"), installation_beam(GAIN, "place.prove=60")
     assert found.task.coherence == COHERENCE * PLACEMENT_CONFIG["train"]["duration"]
     assert "installation as noise" in found.task.sigma
-    beside = (
-        found.task.coherence
-        * 0.05**2
-        * np.mean(installation_beam.training.reading(installation_beam.pool) ** 2, axis=0)
-    )
+    beside = found.task.coherence * 0.05**2 * np.mean(installation_beam.training.reading(installation_beam.pool) ** 2, axis=0)
     for own, other in zip(plain.task.pools, found.task.pools, strict=True):
         np.testing.assert_allclose(other.scenario.r, own.scenario.r + beside, rtol=1e-9)
     pools = found.elimination.pools

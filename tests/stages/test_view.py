@@ -16,7 +16,7 @@ import vtkmodules.vtkCommonCore
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import UserError
-from strainsight.experiment.structure.contour import surface_strains
+from strainsight.experiment.structure.surface import surface_strains
 from strainsight.pages.view.viewing import DOTS, FACETS
 from strainsight.records.mesh import mesh_from
 from strainsight.records.record import read

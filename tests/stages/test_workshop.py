@@ -38,9 +38,7 @@ def beam(tmp_path_factory):
     """The config of a beam whose deck is in mm, t and s."""
     folder = tmp_path_factory.mktemp("workshop")
     (folder / "beam.bdf").write_text(bricks((8, 2, 2), length=1e-3, mass=1e3))
-    text = PLACEMENT.replace("length_unit: m, mass_unit: kg", "length_unit: mm, mass_unit: t").replace(
-        "1000,", f"{TIP},"
-    )
+    text = PLACEMENT.replace("length_unit: m, mass_unit: kg", "length_unit: mm, mass_unit: t").replace("1000,", f"{TIP},")
     (folder / "beam.yaml").write_text(re.sub(r"^estimate:.*?(?=^validate)", "", text, flags=re.MULTILINE | re.DOTALL))
     return folder / "beam.yaml"
 
@@ -54,10 +52,7 @@ def results(beam, tmp_path_factory):
     """A folder with a layout and what `report` writes of it for the workshop and for other programs."""
     changes, folder = (DATUM, EXPORTS, *WIRED), tmp_path_factory.mktemp("results")
     upstream = made(beam, *changes, until="place")
-    context, mesh = (
-        Context(load_config(beam, changes).model, upstream, {}, lambda *_: None),
-        mesh_from(upstream["import"]),
-    )
+    context, mesh = Context(load_config(beam, changes).model, upstream, {}, lambda *_: None), mesh_from(upstream["import"])
     shop = workshop_of_run(context, mesh)
     files = workshop_files(shop) | sheet_files(sheets_of(context, shop, mesh)) | exported(context, shop)
     for name, content in files.items():
@@ -98,9 +93,7 @@ def test_distances_to_edges_are_those_to_the_sides_of_the_beam(results):
 
 
 def test_the_universal_file_says_its_unit_and_has_the_same_places(results):
-    units, _, nodes = (
-        own for own in pyuff.UFF(str(results / "workshop.unv")).read_sets() if own["type"] in (164, 2420, 2411)
-    )
+    units, _, nodes = (own for own in pyuff.UFF(str(results / "workshop.unv")).read_sets() if own["type"] in (164, 2420, 2411))
     assert units["length"] == pytest.approx(1000)
     x = np.array([numbers(row, "x_mm", "y_mm", "z_mm") for row in rows(results / "workshop.csv")])
     np.testing.assert_allclose(np.column_stack([nodes["x"], nodes["y"], nodes["z"]]), x, atol=1e-6)
@@ -120,9 +113,7 @@ def test_every_gauge_has_its_sheet(results):
         words = re.findall(r"<text[^>]*>([^<]*)</text>", (results / f"sheet-{row['gauge']}.svg").read_text())
         x = numbers(row, "x_mm", "y_mm", "z_mm")
         # Seen along z the beam lies along x of the datum: both coordinates are dimensioned, if they are not 0.
-        assert {f"{name} = {value:g}".replace("-", "−") for name, value in zip("xyz", x, strict=True) if value} <= set(
-            words
-        )
+        assert {f"{name} = {value:g}".replace("-", "−") for name, value in zip("xyz", x, strict=True) if value} <= set(words)
         assert {f"{numbers(row, name)[0]:g}" for name in ("edge_mm", "edge2_mm")} <= set(words)
 
 
@@ -141,10 +132,7 @@ def test_another_reader_of_abaqus_finds_the_elements_below_the_mesh(results, bea
     """meshio's cells are the elements of the deck in order, counted from 0."""
     mesh = read_mesh(beam.parent / "beam.bdf")
     (block,) = mesh.blocks
-    lines = [
-        "*NODE",
-        *(f"{i}, {x:.6f}, {y:.6f}, {z:.6f}" for i, (x, y, z) in zip(mesh.node_ids, mesh.position, strict=True)),
-    ]
+    lines = ["*NODE", *(f"{i}, {x:.6f}, {y:.6f}, {z:.6f}" for i, (x, y, z) in zip(mesh.node_ids, mesh.position, strict=True))]
     lines.append("*ELEMENT, TYPE=C3D8")
     lines += [", ".join(map(str, (i, *mesh.node_ids[n]))) for i, n in zip(block.ids, block.nodes, strict=True)]
     text = (results / "gauges-abaqus.inp").read_text()

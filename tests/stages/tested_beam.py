@@ -138,6 +138,4 @@ def as_written(folder: Path) -> tuple[dict, dict[str, np.ndarray]]:
     code, message = estimated(folder, folder / "results" / "test" / "measured.csv", FIELD)
     assert code == 0, message
     estimate = result(folder)
-    return dict(estimate.summary), {
-        path: estimate[path].copy() for path in ("/smoothed/side", "/smoothed/E", "/virtual/strain")
-    }
+    return dict(estimate.summary), {path: estimate[path].copy() for path in ("/smoothed/side", "/smoothed/E", "/virtual/strain")}

@@ -55,7 +55,6 @@ rom: {modes: 6, parameter_samples: 3, tolerance: 1.0e-4}
 BANDS = {"lift": (0.5, 4.0), "drag": (0.5, 4.0), "twist": (0.5, 4.0), "shaker": (15.0, 60.0)}
 """[Hz]"""
 
-
 @dataclass(frozen=True)
 class Place:
     """A gauge on an element (id): position (3,) of its middle [mm], normal (3,) out of the face, direction (3,)."""

@@ -14,9 +14,9 @@ from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
 from strainsight.experiment.structure.early import check_files
+from strainsight.experiment.structure.filtering import beyond_ranges, widen
 from strainsight.experiment.structure.mesh import mesh_of
 from strainsight.experiment.structure.mesh_tables import ASSUMES
-from strainsight.experiment.structure.suspected import beyond_ranges, widen
 from strainsight.records.record import read
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
@@ -100,14 +100,7 @@ STUB = "GRID,60,,.405,0.,0.", "CBAR,50,2,5,60,0.,0.,1.", f"PBAR,2,1,1.-3,1.-7,1.
         frame(*STUB),
         frame("SPC1,1,345,1,THRU,5", section="PBAR,1,1,4.-4,2.-8,1.-8"),
     ],
-    ids=[
-        "gravity a hundred times",
-        "as one number",
-        "a load of a thousand times",
-        "a heavy tip",
-        "a stub of 5 mm",
-        "in a plane",
-    ],
+    ids=["gravity a hundred times", "as one number", "a load of a thousand times", "a heavy tip", "a stub of 5 mm", "in a plane"],
 )
 def test_what_is_unusual_and_sound_has_no_warning(deck, tmp_path):
     assert said_of(tmp_path, deck, {}) == ()
@@ -181,11 +174,7 @@ def test_it_is_named_with_its_range_and_the_key(tmp_path, value, said):
 
 @pytest.mark.slow
 def test_a_validation_withholds_sigma_there_and_says_it_first(tmp_path):
-    changes = {
-        "parameters.E.range": [E * (1 - 1e-9), E * (1 + 1e-9)],
-        "parameters.E.guess": E,
-        "place.certificate": False,
-    }
+    changes = {"parameters.E.range": [E * (1 - 1e-9), E * (1 + 1e-9)], "parameters.E.guess": E, "place.certificate": False}
     found = finished(tmp_path, "validate", ranges_bricks((4, 1, 1)), changes)
     summary = found["validate"].summary
     assert str(summary["out_of_range"]).startswith("σ is withheld: E came out at 2.")
@@ -328,9 +317,7 @@ def test_a_clock_that_is_too_slow_for_a_load_is_warned_of(project):
     assert "which folds back: record faster" in said(project)
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "words"), [("0.010,", "0.009,", "stands twice"), ("0.010,", "0.0004,", "steps back")]
-)
+@pytest.mark.parametrize(("old", "new", "words"), [("0.010,", "0.009,", "stands twice"), ("0.010,", "0.0004,", "steps back")])
 def test_a_repeated_time_and_a_broken_clock_are_refused(project, old, new, words):
     text = (project / "test.csv").read_text(encoding="utf-8")
     assert text.count(f"\n{old}") == 1

@@ -10,7 +10,7 @@ Kind = Literal["deck_load", "node", "set", "face"]
 
 
 @dataclass(frozen=True)
-class Place:
+class DeckPlace:
     """Where a load or a support may be: name of a load or set of the deck, id of a node, or a point of a face, "[x, y, z]" in
     m; what it is, in words; whether it is held already; force [N] of a load; of_mass: a load on all mass, whose force says how
     often it acts; lies_on: what holds a face that probably lies on something; picked: what `mesh.faces` picks
@@ -64,7 +64,7 @@ class Suggestion:
     support_sets: tuple[int, ...] = ()
     support_key: Literal["spc", "step"] = "spc"
     unsupported: tuple[tuple[str, int, str], ...] = ()
-    places: tuple[Place, ...] = ()
+    places: tuple[DeckPlace, ...] = ()
     taken: tuple[str, ...] = ()
     gauge_type: str | None = "3/350"
     thin: tuple[str, ...] = ()
@@ -90,8 +90,8 @@ class Answers:
     """
 
     material: tuple[float, float, float] | None = None
-    held: Place | None = None
-    load: Place | None = None
+    held: DeckPlace | None = None
+    load: DeckPlace | None = None
     direction: str | None = None
     amplitude: float | None = None
     frequency: float | None = None

@@ -73,10 +73,10 @@ def shown_key(key: str) -> str:
 
 def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
     """A problem unless exactly one of the values is given."""
-    given = [f"'{name}'" for name, value in values.items() if value is not None]
-    if len(given) != 1:
+    stated = [f"'{name}'" for name, value in values.items() if value is not None]
+    if len(stated) != 1:
         listed = [f"'{name}'" for name in values]
-        what = f"{' and '.join(given)} are both given" if given else f"none of {', '.join(listed)} is given"
+        what = f"{' and '.join(stated)} are both given" if stated else f"none of {', '.join(listed)} is given"
         yield Problem(key, what, f"give exactly one of {', '.join(listed)}", at_key=True)
 
 
@@ -151,8 +151,8 @@ class PlausibleBy:
 
     def __get_pydantic_json_schema__(self, core: Any, handler: Any) -> Any:
         cases: dict[str, list[str]] = {}
-        for case, own in self.ranges.items():
-            cases.setdefault(own.words(), []).append(case)
+        for case, limits in self.ranges.items():
+            cases.setdefault(limits.words(), []).append(case)
         return handler(core) | {"plausible": "; ".join(f"{words} ({', '.join(of)})" for words, of in cases.items())}
 
 
@@ -314,7 +314,7 @@ PARALLEL = 1e-6
 """sin² of the least angle between the two axes of a system, 0.06°."""
 
 
-class CoordinateSystem(Section):
+class AxesSection(Section):
     """A right-handed system, z = x × y."""
 
     origin: Point = Field((0.0, 0.0, 0.0), description="Its origin [m; of a datum in the deck's unit of length].")
@@ -366,5 +366,7 @@ def name_problems(config: BaseModel) -> Iterator[Problem]:
     for name in marked(config, Names):
         mark = name.mark
         entries = getattr(config, mark.section)
-        there = [own for own, entry in entries.items() if mark.type is None or entry.type == mark.type]
-        yield from known(name.field, str(name.value), [*there, *mark.besides], mark.what)
+        known_names = [
+            entry_name for entry_name, entry in entries.items() if mark.type is None or entry.type == mark.type
+        ]
+        yield from known(name.field, str(name.value), [*known_names, *mark.besides], mark.what)

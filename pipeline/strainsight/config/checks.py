@@ -5,11 +5,18 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 
 from strainsight.config.base import Problem, known, section_problems, undivided
-from strainsight.config.checks_gauges import gauge_problems
-from strainsight.config.checks_model import model_problems
+from strainsight.config.checks_model import gauge_problems, model_problems
 from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
-from strainsight.config.loads import CaseLoad, LoadSignal, MultiSine, Settle, Sine, Sweep, load_case_problems
+from strainsight.config.loads import (
+    CaseLoad,
+    LoadSignal,
+    MultiSineSection,
+    Settle,
+    SineSection,
+    SweepSection,
+    load_case_problems,
+)
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import at_most, did_you_mean
 
@@ -75,29 +82,29 @@ def _load_cases(config: PlacementConfig) -> Iterator[Problem]:
     yield from load_case_problems(cases, config.loads, config.place.estimate, over)
     for name, case in cases.items():
         key, step = f"place.load_cases.{name}", case.time_step or train.time_step
-        signals = {own: load.signal for own, load in config.loads.items() if own not in case.loads}
-        signals |= {own: entry.signal for own, entry in case.loads.items() if isinstance(entry, CaseLoad)}
+        signals = {load_name: load.signal for load_name, load in config.loads.items() if load_name not in case.loads}
+        signals |= {load_name: entry.signal for load_name, entry in case.loads.items() if isinstance(entry, CaseLoad)}
         yield from _time(key, case.duration or train.duration, step, signals)
         yield from _settle(key, train.settle if case.settle is None else case.settle, step)
         asked = {}
-        for own, load in config.loads.items():
-            entry, noise = case.loads.get(own), load.process_noise.frequency
+        for load_name, load in config.loads.items():
+            entry, noise = case.loads.get(load_name), load.process_noise.frequency
             if isinstance(entry, CaseLoad) and entry.frequency is not None:
-                asked[f"{key}.loads.{own}.frequency"] = entry.frequency
+                asked[f"{key}.loads.{load_name}.frequency"] = entry.frequency
             elif not load.known and noise is not None:
-                asked[f"loads.{own}.process_noise.frequency"] = noise
+                asked[f"loads.{load_name}.process_noise.frequency"] = noise
             elif not load.known and entry == "none" and (highest := _highest(load.signal)) is not None:
-                asked[f"{key}.loads.{own}"] = highest  # silent, it has the process noise that it has as stated
+                asked[f"{key}.loads.{load_name}"] = highest  # silent, it has the process noise that it has as stated
         yield from _resolved(asked, step, "the time step of this case")
 
 
 def _highest(signal: LoadSignal) -> float | None:
     match signal:
-        case Sine():
+        case SineSection():
             return signal.frequency
-        case Sweep():
+        case SweepSection():
             return max(signal.start_frequency, signal.end_frequency)
-        case MultiSine():
+        case MultiSineSection():
             return signal.highest
     return None
 
@@ -243,8 +250,8 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
         yield from known(f"estimate.initial_std.{name}", name, config.place.estimate, "unknown")
     yield from record_problems(config, config.estimate)
     stated = {f"estimate.inputs.{name}": name for name in config.estimate.inputs}
-    for i, own in enumerate(config.estimate.records):
-        stated |= {f"estimate.records.{i}.inputs.{name}": name for name in own.inputs or ()}
+    for i, record in enumerate(config.estimate.records):
+        stated |= {f"estimate.records.{i}.inputs.{name}": name for name in record.inputs or ()}
     for key, name in stated.items():
         yield from known(key, name, config.loads, "load")
         if name in config.loads and not config.loads[name].known:
@@ -267,29 +274,31 @@ def record_problems(config: PlacementConfig, settings: Estimate) -> Iterator[Pro
             "give one file, or a list of records",
             at_key=True,
         )
-    names, files = [own.name.lower() for own in records], [own.file for own in records]
-    for i, own in enumerate(records):
+    names, files = [record.name.lower() for record in records], [record.file for record in records]
+    for i, record in enumerate(records):
         key = f"estimate.records.{i}"
-        if own.name.lower() in names[:i]:
-            yield Problem(f"{key}.name", f"'{own.name}' is named twice", "give every record a name of its own")
-        if own.file in files[:i]:
-            yield Problem(f"{key}.file", f"{own.file} is named twice: it would count twice", "leave one of them out")
-        if own.channels is not None:
-            yield from _other_channels(f"{key}.channels", settings.channels, own.channels)
+        if record.name.lower() in names[:i]:
+            yield Problem(f"{key}.name", f"'{record.name}' is named twice", "give every record a name of its own")
+        if record.file in files[:i]:
+            yield Problem(f"{key}.file", f"{record.file} is named twice: it would count twice", "leave one of them out")
+        if record.channels is not None:
+            yield from _other_channels(f"{key}.channels", settings.channels, record.channels)
     if len(records) > 1:
         yield from _not_of_several(config, settings)
 
 
-def _other_channels(key: str, shared: tuple[GaugeChannel, ...], own: tuple[GaugeChannel, ...]) -> Iterator[Problem]:
+def _other_channels(
+    key: str, shared: tuple[GaugeChannel, ...], channels: tuple[GaugeChannel, ...]
+) -> Iterator[Problem]:
     remedy = "name the same gauges and grids in the same order, with the same bias"
-    if len(own) != len(shared):
-        yield Problem(key, f"{len(own)} channels, estimate.channels has {len(shared)}", remedy)
+    if len(channels) != len(shared):
+        yield Problem(key, f"{len(channels)} channels, estimate.channels has {len(shared)}", remedy)
         return
-    for i, (one, other) in enumerate(zip(own, shared, strict=True)):
+    for i, (one, other) in enumerate(zip(channels, shared, strict=True)):
         for field in ("gauge", "grid", "bias"):
-            here, there = getattr(one, field), getattr(other, field)
-            if here != there:
-                yield Problem(f"{key}.{i}", f"{field} {here}, estimate.channels.{i} has {there}", remedy)
+            stated, expected = getattr(one, field), getattr(other, field)
+            if stated != expected:
+                yield Problem(f"{key}.{i}", f"{field} {stated}, estimate.channels.{i} has {expected}", remedy)
 
 
 def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Problem]:

@@ -53,7 +53,7 @@ class SNCurve(Section):
     )
 
 
-class MeanStress(Section):
+class MeanStressSection(Section):
     """Which range about no mean does the same damage; the S-N curve is then one of mean zero (R = −1)."""
 
     rule: Literal["none", "goodman", "fkm"] = expert(
@@ -69,7 +69,7 @@ class DamageSettings(Section):
     """Damage of the record at every point of the surface and every virtual gauge, with its interval."""
 
     curve: SNCurve = Field(description="The S-N curve of the material.")
-    mean_stress: MeanStress = expert(default_factory=MeanStress, description="What a mean stress does.")
+    mean_stress: MeanStressSection = expert(default_factory=MeanStressSection, description="What a mean stress does.")
     stress: Literal["signed_von_mises", "principal"] = expert(
         "signed_von_mises",
         description="Of the surface: von Mises' stress with the sign of the principal stress of the largest size, or that "
@@ -117,7 +117,7 @@ BridgeKind = Literal[
 ]
 
 
-class Bridge(Section):
+class BridgeSection(Section):
     """How gauges sit in a Wheatstone bridge, for channels in mV/V."""
 
     arrangement: BridgeKind = Field(
@@ -163,7 +163,7 @@ class Channel(Section):
         description="true: the unit in the file is wrong, or readings are meant that look like a wrong unit, being so small, or "
         "like the last value of a slower channel, repeated.",
     )
-    bridge: Bridge | None = Field(None, description="For mV/V and V/V, and only there.")
+    bridge: BridgeSection | None = Field(None, description="For mV/V and V/V, and only there.")
     sign: Literal[1, -1] = expert(1, description="-1: wired the other way round.")
     scale: Annotated[Positive, SCALE] = expert(1.0, description="Factor on the calibrated signal [-].")
     offset: Annotated[float, READING] = expert(0.0, description="Subtracted from the readings [unit].")
@@ -206,7 +206,7 @@ RATES = {"Hz": 1.0, "kHz": 1e3}
 """Units of a sampling rate → Hz."""
 
 
-class Clock(Section):
+class ClockSection(Section):
     """The time of the file; a UFF function carries its own, channels of MDF4 and TDMS mostly."""
 
     channel: Text | None = Field(
@@ -220,7 +220,7 @@ class Clock(Section):
     )
 
     @model_validator(mode="after")
-    def _one_clock(self) -> Clock:
+    def _one_clock(self) -> ClockSection:
         if self.rate is None:
             return self
         if self.channel is not None:
@@ -275,7 +275,7 @@ class RecordedFile(Section):
         "auto", description="Which reader; auto: by the ending; mdf and tdms need the extra daq."
     )
     text: TextForm = expert(default_factory=TextForm, description="How a CSV file is written.")
-    time: Clock = with_defaults(Clock, "The time of the file.")
+    time: ClockSection = with_defaults(ClockSection, "The time of the file.")
 
 
 class RecordOfTest(Section):
@@ -288,7 +288,7 @@ class RecordOfTest(Section):
     date: Text | None = Field(None, description="As estimate.date; null: that one.")
     format: FileFormat | None = Field(None, description="As estimate.format; null: that one.")
     text: TextForm | None = expert(None, description="As estimate.text; null: that one.")
-    time: Clock | None = Field(None, description="As estimate.time; null: that one.")
+    time: ClockSection | None = Field(None, description="As estimate.time; null: that one.")
     channels: Annotated[tuple[GaugeChannel, ...], Field(min_length=1)] | None = expert(
         None, description="As estimate.channels, of the same gauges, grids and biases in the same order; null: those."
     )

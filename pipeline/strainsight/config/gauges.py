@@ -124,7 +124,7 @@ def gauge_type(gauges: Typed) -> GaugeType | None:
     return None if gauges.type is None else {**CATALOGUE, **gauges.types}[gauges.type]
 
 
-def type_gain(own: GaugeType) -> float:
+def type_gain(kind: GaugeType) -> float:
     """σ of the gain of a gauge of this type:
 
         √(t² + (R_L/R)²)
@@ -132,7 +132,7 @@ def type_gain(own: GaugeType) -> float:
     t: tolerance of its gauge factor, as if it were σ; R_L = `LEADS` over its resistance R, by which lead wires in series with the
     gauge make its reading smaller. 3/350: 0.58 %, 3/120: 0.97 %.
     """
-    return float(round((own.gauge_factor_tolerance**2 + (LEADS / own.resistance) ** 2) ** 0.5, 6))
+    return float(round((kind.gauge_factor_tolerance**2 + (LEADS / kind.resistance) ** 2) ** 0.5, 6))
 
 
 def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
@@ -145,7 +145,7 @@ def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
         yield Problem("gauges.type", f"no type of gauge is called '{gauges.type}'", remedy)
     elif (grids := known[gauges.type].grids) != rosette:
         what = f"{gauges.type} has {grids} grid{'s' * (grids > 1)}, and a gauge here has {rosette}"
-        fitting = [name for name, own in known.items() if own.grids == rosette]
+        fitting = [name for name, kind in known.items() if kind.grids == rosette]
         remedy = f"take {' or '.join(fitting)}" if fitting else "describe the rosette under gauges.types"
         yield Problem("gauges.type", what, f"{remedy}; a rosette needs gauges.rosette: true")
 
@@ -161,23 +161,23 @@ def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
     gauges = data.get("gauges")
     if not isinstance(gauges, Mapping) or not isinstance(gauges.get("type"), str) or gauges.get("given") is not None:
         return data
-    own = _named(gauges["type"], gauges.get("types"))
-    if own is None:
+    kind = _named(gauges["type"], gauges.get("types"))
+    if kind is None:
         return data
     wanted: dict[str, dict[str, float]] = {
-        "gauges": {"grid_length": own.grid_length, "range": own.range},
-        "screen": {"minimum_spacing": own.spacing},
-        "place": {"minimum_spacing": own.spacing},
-        "report": {"gauge_factor": own.gauge_factor, "resistance": own.resistance},
+        "gauges": {"grid_length": kind.grid_length, "range": kind.range},
+        "screen": {"minimum_spacing": kind.spacing},
+        "place": {"minimum_spacing": kind.spacing},
+        "report": {"gauge_factor": kind.gauge_factor, "resistance": kind.resistance},
     }
     if not data.get("motion_sensors"):
-        wanted["tolerances"] = {"gain": type_gain(own)}
-    found = dict(data)
+        wanted["tolerances"] = {"gain": type_gain(kind)}
+    completed = dict(data)
     for section, values in wanted.items():
         stated = data.get(section, {} if section in ("screen", "tolerances", "report") else None)
         if isinstance(stated, Mapping):
-            found[section] = {**values, **stated}
-    return found
+            completed[section] = {**values, **stated}
+    return completed
 
 
 def _named(name: str, types: Any) -> GaugeType | None:
@@ -252,7 +252,7 @@ NoiseStd = Annotated[
 ]
 
 
-class GivenGauges(Section):
+class GaugeRows(Section):
     """Candidates by their strain rows, where the solids of the mesh do not carry them (shells, beams)."""
 
     rows: Text = Field(description="Matrix file (.mtx, .npz, .op4): strain of each gauge per motion of each row.")
@@ -411,7 +411,7 @@ class Gauges(GaugeSites, Noisy):
         "`type`, without one of the carrier that is assumed for its grid (3 mm where grid_length is 0: 4.6 mm), less where the "
         "part leaves no choice of places.",
     )
-    given: GivenGauges | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
+    given: GaugeRows | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
     range: Annotated[Positive | None, STRAIN_RANGE] = expert(
         None,
         description="Largest strain that a gauge can measure, of a bridge an arm [strain]; candidates that see more in training "

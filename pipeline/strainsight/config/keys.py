@@ -150,13 +150,13 @@ BOUNDS = {
 
 def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
     """Every problem of a ValidationError, in the terms of the config file; one for each key."""
-    found = [
+    located = [
         (path_in(model, data, entry["loc"]), entry) for entry in error.errors(include_url=False) if not _emptied(entry)
     ]
     # The members of a union complain one after the other about the same value.
     problems = [
         _problem(path, [entry for _, entry in group], model, data)
-        for path, group in groupby(found, key=lambda pair: pair[0])
+        for path, group in groupby(located, key=lambda pair: pair[0])
     ]
     # A misspelt key is one problem, not an unknown key and a missing one.
     misspelt = {
@@ -204,9 +204,9 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
                 did_you_mean(str(tag), known, "choose one of them"),
             )
         case "one_key":
-            given, known = first["input"], keys_at(model, path, data)
-            alone = isinstance(given, dict) and len(given) == 1 and not {*given} <= {*known}
-            meant = did_you_mean(str(*given), known) if alone else ""
+            value, known = first["input"], keys_at(model, path, data)
+            alone = isinstance(value, dict) and len(value) == 1 and not {*value} <= {*known}
+            meant = did_you_mean(str(*value), known) if alone else ""
             return Problem(key, first["msg"], meant or _description(model, path, data))
     if first["input"] is None and first["type"] != "missing":
         return Problem(key, "left blank", _description(model, path, data), at_key=True)
@@ -311,8 +311,8 @@ def put(data: dict[str, Any], override: Override) -> list[str]:
     Returns the dotted keys of the mappings that were made. Raises ConfigError for a list's entry that is not there.
     """
     *parents, last = override.key.split(".")
-    if data.get("kind") == "suite" and (found := SET_OF_A_SUITE.fullmatch(override.key)):
-        parents, last = found[1].split("."), found[2]
+    if data.get("kind") == "suite" and (split := SET_OF_A_SUITE.fullmatch(override.key)):
+        parents, last = split[1].split("."), split[2]
     spot: Any = data
     made = []
     for i, part in enumerate(parents, start=1):
@@ -354,11 +354,11 @@ def explained(problem: Problem, made: Sequence[str], model: type[BaseModel], dat
     return replace(problem, remedy=did_you_mean(name, known, problem.remedy))
 
 
-def meant_for_runs(problem: Problem, given: Sequence[Override]) -> Problem:
+def meant_for_runs(problem: Problem, overrides: Sequence[Override]) -> Problem:
     """Say how a suite sets a key of its runs."""
     if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields | BenchConfig.model_fields:
         return problem
-    made = [o for o in given if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
+    made = [o for o in overrides if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
     written = (
         f"set.{made[-1].key}={_written(made[-1].value)}"
         if made

@@ -38,10 +38,10 @@ def key_of(*keys: str, text: bool = False) -> Any:
         if text and isinstance(value, str):
             return NAMED
         if isinstance(value, Section):
-            own = {field.alias or name for name, field in type(value).model_fields.items()}
-            return next((key for key in keys if key in own), None)
-        found = [key for key in keys if key in value] if isinstance(value, dict) else []
-        return found[0] if len(found) == 1 else None
+            names = {field.alias or name for name, field in type(value).model_fields.items()}
+            return next((key for key in keys if key in names), None)
+        present = [key for key in keys if key in value] if isinstance(value, dict) else []
+        return present[0] if len(present) == 1 else None
 
     return Discriminator(
         which,

@@ -62,24 +62,24 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
     Raises ConfigError that lists every problem with file:line:column, key and remedy.
     """
     path = Path(path)
-    given = tuple(parsed(text) if isinstance(text, str) else text for text in overrides)
+    put_over = tuple(parsed(text) if isinstance(text, str) else text for text in overrides)
     data, places, key_places = _read(path)
     made: list[str] = []
-    for override in given:
+    for override in put_over:
         sections, key = put(data, override), override.key
         made += sections
         for stale in [old for old in places if old == key or old.startswith(f"{key}.")]:
             del places[stale], key_places[stale]
         for new in (*sections, key):
             places[new] = key_places[new] = override.where
-    model, found = _validated(data)
+    model, wrong = _validated(data)
     if model is None:
         if data.get("kind") == "suite":
-            found = [meant_for_runs(problem, given) for problem in found]
+            wrong = [meant_for_runs(problem, put_over) for problem in wrong]
         elif isinstance(data.get("kind"), str) and data["kind"] in KINDS:
-            found = [explained(problem, made, KINDS[data["kind"]][0], data) for problem in found]
-        raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in found])
-    return LoadedConfig(path, model, given, places)
+            wrong = [explained(problem, made, KINDS[data["kind"]][0], data) for problem in wrong]
+        raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in wrong])
+    return LoadedConfig(path, model, put_over, places)
 
 
 def kind_of(path: Path | str) -> Any:
@@ -103,8 +103,8 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
         model = kind_model.model_validate_json(json.dumps(data))
     except ValidationError as error:
         return None, problems_of(error, kind_model, data)
-    found = list(contradictions(model))
-    return (None, found) if found else (model, [])
+    wrong = list(contradictions(model))
+    return (None, wrong) if wrong else (model, [])
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
@@ -158,11 +158,11 @@ def _locate(places: Mapping[str, str], key: str) -> str:
     return places[""]
 
 
-def _error(found: Sequence[tuple[str, Problem]]) -> ConfigError:
+def _error(wrong: Sequence[tuple[str, Problem]]) -> ConfigError:
     """The first problem, with the others behind it."""
     errors = [
         ConfigError(problem.what, where=where, key=shown_key(problem.key) or None, remedy=problem.remedy or None)
-        for where, problem in found
+        for where, problem in wrong
     ]
     errors[0].others = tuple(errors[1:])
     return errors[0]

@@ -44,7 +44,7 @@ class Oscillation(Section):
     )
 
 
-class Sine(Oscillation):
+class SineSection(Oscillation):
     """u(t) = a sin(2πft + φ)."""
 
     type: Literal["sine"] = Field(description="Kind of signal.")
@@ -52,7 +52,7 @@ class Sine(Oscillation):
     phase: Annotated[float, TURN] = expert(0.0, description="Phase φ [rad].")
 
 
-class Sweep(Oscillation):
+class SweepSection(Oscillation):
     """A sine whose frequency runs linearly from one value to another, and then stays there."""
 
     type: Literal["sweep"] = Field(description="Kind of signal.")
@@ -61,7 +61,7 @@ class Sweep(Oscillation):
     duration: Duration = Field(description="Length of the sweep [s].")
 
 
-class MultiSine(Oscillation):
+class MultiSineSection(Oscillation):
     """Sines of equal amplitude, evenly spaced in frequency, with seeded phases."""
 
     type: Literal["multisine"] = Field(description="Kind of signal.")
@@ -75,7 +75,7 @@ class MultiSine(Oscillation):
             yield Problem("lowest", f"{self.lowest:g} Hz is above the highest, {self.highest:g} Hz", "swap them")
 
 
-class Recorded(Section):
+class RecordedSection(Section):
     """A measured history, with straight lines between its samples."""
 
     type: Literal["csv"] = Field(description="Kind of signal.")
@@ -91,7 +91,7 @@ class Recorded(Section):
     )
 
 
-LoadSignal = Annotated[Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")]
+LoadSignal = Annotated[SineSection | SweepSection | MultiSineSection | RecordedSection, Field(discriminator="type")]
 """What a load looks like in time."""
 
 Settle = Positive | Literal["auto", "none"]
@@ -138,7 +138,7 @@ class Rotation(Section):
     point: Point = Field((0.0, 0.0, 0.0), description="A point on it [m].")
 
 
-class Load(Section):
+class LoadSection(Section):
     """A force at a node or spread over a set or face, a moment, what presses on a face, or what pulls at all mass."""
 
     node: Id | None = Field(
@@ -195,7 +195,7 @@ class Load(Section):
         else:
             yield from exactly_one("", places)
             yield from self._in_one_place()
-        if not self.known and isinstance(self.signal, Recorded) and self.process_noise.frequency is None:
+        if not self.known and isinstance(self.signal, RecordedSection) and self.process_noise.frequency is None:
             what = "an unknown load from a recorded signal needs a typical frequency"
             yield Problem("process_noise", what, "give process_noise.frequency of the load [Hz]", at_key=True)
 
@@ -281,7 +281,7 @@ def silent_in(case: TrainingCase) -> frozenset[str]:
 
 
 def load_case_problems(
-    cases: Mapping[str, TrainingCase], loads: Mapping[str, Load], estimate: Sequence[str], over: Sequence[str]
+    cases: Mapping[str, TrainingCase], loads: Mapping[str, LoadSection], estimate: Sequence[str], over: Sequence[str]
 ) -> Iterator[Problem]:
     """Contradictions between load cases and loads; estimate: the unknowns, over: those that the criterion covers."""
     for name, case in cases.items():
@@ -308,9 +308,9 @@ def load_case_problems(
             )
 
 
-def _entry(key: str, entry: CaseLoad, load: Load) -> Iterator[Problem]:
+def _entry(key: str, entry: CaseLoad, load: LoadSection) -> Iterator[Problem]:
     stated = entry.frequency if entry.frequency is not None else load.process_noise.frequency
-    if not load.known and isinstance(entry.signal, Recorded) and stated is None:
+    if not load.known and isinstance(entry.signal, RecordedSection) and stated is None:
         yield Problem(
             f"{key}.frequency",
             "an unknown load from a recorded signal needs a typical frequency",

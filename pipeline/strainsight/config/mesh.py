@@ -11,7 +11,7 @@ from strainsight.config.base import (
     DENSITY,
     MODULUS,
     STIFFNESS,
-    CoordinateSystem,
+    AxesSection,
     DirectionVector,
     Id,
     Name,
@@ -38,7 +38,7 @@ NodeId = Annotated[Id, Field(ge=1)]
 SetId = NodeId
 
 
-class MaterialAxes(CoordinateSystem):
+class MaterialAxes(AxesSection):
     """Where the axes 1, 2, 3 of an orthotropic material lie."""
 
     system: Literal["rectangular", "cylindrical", "spherical"] = expert(
@@ -60,7 +60,7 @@ class OfRegions(Section):
     )
 
 
-class Material(OfRegions):
+class MaterialSection(OfRegions):
     """A linear elastic material, for regions whose material the file does not state, or in place of the file's: isotropic, or of
     solids orthotropic, with three of each constant."""
 
@@ -315,7 +315,7 @@ class SecondResults(ResultsFile):
     )
 
 
-class Results(ResultsFile):
+class ResultsSection(ResultsFile):
     """Modes and static responses of another program, in place of stiffness and mass."""
 
     loads: dict[Name, ResponseOfLoad] = Field(
@@ -400,7 +400,9 @@ class MeshFile(Section):
         description="Names for faces of the surface, which the file need not know: a name is a set of nodes, for loads, "
         "supports, ties, zones and `gauges.surface`.",
     )
-    materials: dict[Name, Material] = Field({}, description="Materials that the file lacks, in SI units, by name.")
+    materials: dict[Name, MaterialSection] = Field(
+        {}, description="Materials that the file lacks, in SI units, by name."
+    )
     sections: dict[Name, ElementSection] = Field(
         {},
         description="Sections that make shells, beams and rods of triangles, quadrangles and lines of a gmsh, VTU or other file, "
@@ -415,7 +417,7 @@ class MeshFile(Section):
     )
     ties: tuple[Tie, ...] = Field((), description="Rigid and averaging elements that the file lacks.")
     matrices: Matrices | None = Field(None, description="Stiffness and mass from another program.")
-    results: Results | None = Field(
+    results: ResultsSection | None = Field(
         None,
         description="Modes and static responses from another program, in place of stiffness and mass: supports and materials of "
         "the mesh are then not needed.",

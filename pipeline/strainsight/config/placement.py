@@ -14,7 +14,7 @@ from strainsight.config.base import (
     PROPERTY,
     RESISTANCE,
     SIZE,
-    CoordinateSystem,
+    AxesSection,
     Count,
     DirectionVector,
     Frequency,
@@ -35,7 +35,7 @@ from strainsight.config.base import (
 from strainsight.config.estimate import Estimate
 from strainsight.config.gauges import Gauges, MotionSensors
 from strainsight.config.layout import LayoutSettings
-from strainsight.config.loads import Load, Settle, TrainingCase
+from strainsight.config.loads import LoadSection, Settle, TrainingCase
 from strainsight.config.mesh import MeshFile
 from strainsight.config.tolerances import StatedTolerances, Tolerances, Validate
 
@@ -147,7 +147,7 @@ class Damped(Section):
     )
 
 
-class ReducedModel(Section):
+class ReducedModelSection(Section):
     """The parametric reduced model."""
 
     modes: Annotated[int, Plausible(1, 500)] = Field(10, ge=1, description="Modes per parameter sample [-].")
@@ -218,7 +218,7 @@ class Symmetry(Section):
     normal: DirectionVector = expert(description="Its normal in global coordinates [-].")
 
 
-class Place(LayoutSettings):
+class PlaceSection(LayoutSettings):
     """The elimination."""
 
     estimate: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(
@@ -303,7 +303,7 @@ class Filter(Section):
 Export = Literal["nastran", "abaqus", "catman", "labview", "mat"]
 
 
-class Datum(CoordinateSystem):
+class Datum(AxesSection):
     """Where a workshop measures from, in the deck's coordinates."""
 
 
@@ -336,14 +336,14 @@ class PlacementConfig(NamedRun, Damped):
     kind: Literal["placement"] = Field(description="Which pipeline.")
     mesh: MeshFile = Field(description="The finite-element model.")
     parameters: dict[Name, MaterialParameter] = Field({}, description="Material properties that stay free, by name.")
-    loads: Annotated[dict[Name, Load], Field(min_length=1)] = Field(description="Loads, by name.")
+    loads: Annotated[dict[Name, LoadSection], Field(min_length=1)] = Field(description="Loads, by name.")
     solver: Literal["direct", "slepc"] = expert(
         "direct",
         description="Who factorises the stiffness, for modes and static responses. direct: this process, by PARDISO; slepc: "
         "processes of MPI, by SLEPc and MUMPS, where one machine has too little memory or time; which launcher and how many "
         "processes say STRAINSIGHT_MPI and STRAINSIGHT_MPI_PYTHON in the environment, and no config.",
     )
-    rom: ReducedModel = with_defaults(ReducedModel, "The parametric reduced model.")
+    rom: ReducedModelSection = with_defaults(ReducedModelSection, "The parametric reduced model.")
     train: Train = Field(description="The training run.")
     gauges: Gauges = Field(description="Candidates and their noise.")
     tolerances: StatedTolerances = with_defaults(
@@ -355,7 +355,7 @@ class PlacementConfig(NamedRun, Damped):
     screen: Screen = with_defaults(Screen, "Which candidates enter the elimination.")
     process_noise: ProcessNoise = with_defaults(ProcessNoise, "Process noise of the filter.")
     observe: Cases = with_defaults(Cases, "Which unknowns could be distinguished.")
-    place: Place = Field(description="The elimination.")
+    place: PlaceSection = Field(description="The elimination.")
     filter: Filter = with_defaults(Filter, "The filter itself.")
     validation: Validate = Field(alias="validate", description="The filter on simulated measurements.")
     estimate: Estimate | None = Field(None, description="The filter on measurements of a test.")

@@ -45,7 +45,7 @@ class Measure(Section):
             yield Problem("against_number", what, "give against: RUN, or leave it out", at_key=True)
 
 
-class Explained(Section):
+class WithReason(Section):
     """What may need a reason."""
 
     why: str = Field(
@@ -61,13 +61,13 @@ class Noted(Section):
     note: str = Field("", description="A sentence that the page shows with it.")
 
 
-class Claim(Measure, Explained):
+class ClaimSection(Measure, WithReason):
     """A statement about numbers of runs: confirmed where all of them are within the bounds, contradicted otherwise."""
 
     text: Text = Field(description="The statement.")
 
 
-class Comparison(Explained):
+class ComparisonSection(WithReason):
     """What a source says, what comes out under its settings, and what under ours."""
 
     source: Text = Field(description="Where it stands, as in figure 2.4.")
@@ -87,16 +87,16 @@ def as_texts(value: str | Sequence[str]) -> tuple[str, ...]:
     return (value,) if isinstance(value, str) else tuple(value)
 
 
-def measures_of(claims: Sequence[Claim], comparisons: Sequence[Comparison]) -> dict[str, Measure]:
+def measures_of(claims: Sequence[ClaimSection], comparisons: Sequence[ComparisonSection]) -> dict[str, Measure]:
     """Dotted key → every measure of a suite: its claims, then both sides of its comparisons."""
-    found: dict[str, Measure] = {f"claims.{i}": claim for i, claim in enumerate(claims)}
+    measures: dict[str, Measure] = {f"claims.{i}": claim for i, claim in enumerate(claims)}
     for i, row in enumerate(comparisons):
         sides = {"as_printed": row.as_printed, "ours": row.ours}
-        found |= {f"comparisons.{i}.{side}": own for side, own in sides.items() if own is not None}
-    return found
+        measures |= {f"comparisons.{i}.{side}": measure for side, measure in sides.items() if measure is not None}
+    return measures
 
 
-class Study(Noted):
+class StudySection(Noted):
     """A question that several runs answer together; what is not listed here is a study by its name in runs[].study alone."""
 
     name: Text = Field(description="Name of the study, as in runs[].study; the heading on the page.")
@@ -112,7 +112,7 @@ class Study(Noted):
     )
 
 
-def study_problems(studies: Sequence[Study], named: Sequence[str]) -> Iterator[Problem]:
+def study_problems(studies: Sequence[StudySection], named: Sequence[str]) -> Iterator[Problem]:
     """What is wrong with the studies; named: those of the runs."""
     for i, study in enumerate(studies):
         if study.name in [other.name for other in studies[:i]]:
@@ -162,9 +162,13 @@ class SuiteConfig(Overriding):
     runs: Annotated[tuple[SuiteRun, ...], Field(min_length=1)] = Field(
         description="The runs, in order: placements and benches."
     )
-    studies: tuple[Study, ...] = Field((), description="What more there is to say of studies named in runs[].study.")
-    claims: tuple[Claim, ...] = Field((), description="Statements that the page calls confirmed or contradicted.")
-    comparisons: tuple[Comparison, ...] = Field(
+    studies: tuple[StudySection, ...] = Field(
+        (), description="What more there is to say of studies named in runs[].study."
+    )
+    claims: tuple[ClaimSection, ...] = Field(
+        (), description="Statements that the page calls confirmed or contradicted."
+    )
+    comparisons: tuple[ComparisonSection, ...] = Field(
         (), description="What a source says, row by row, beside what comes out under its settings and under ours."
     )
 
@@ -183,7 +187,9 @@ def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
         yield from _lines({f"claims.{i}.{key}": getattr(claim, key) for key in ("text", "why")})
     for i, row in enumerate(config.comparisons):
         yield from _lines({f"comparisons.{i}.{key}": getattr(row, key) for key in ("source", "says", "printed", "why")})
-    yield from _lines({f"{key}.unit": own.unit for key, own in measures_of(config.claims, config.comparisons).items()})
+    yield from _lines(
+        {f"{key}.unit": measure.unit for key, measure in measures_of(config.claims, config.comparisons).items()}
+    )
     yield from study_problems(config.studies, [run.study for run in config.runs if run.study is not None])
     yield from section_problems(config)
 

@@ -11,7 +11,7 @@ from typing import Any, TypeVar
 
 from strainsight.config.keys import MISSING, Override, place_in
 from strainsight.config.load import LoadedConfig, kind_of, load_config
-from strainsight.config.suite import Study, SuiteConfig, SuiteRun, as_texts, measures_of
+from strainsight.config.suite import StudySection, SuiteConfig, SuiteRun, as_texts, measures_of
 from strainsight.errors import ConfigError, StrainsightError, did_you_mean
 
 Of = TypeVar("Of")
@@ -37,10 +37,10 @@ def runs_of(suite: LoadedConfig) -> tuple[PlannedRun, ...]:
     assert isinstance(model, SuiteConfig)
     plain = all_of(range(len(model.runs)), lambda i: PlannedRun(model.runs[i], i, _plain(suite, model, i)))
     names = [run.config.model.name for run in plain]
-    found = all_of(plain, lambda run: _final(suite, model, run, names))
-    all_of(found, lambda run: _refuse_taken(suite, model, found[: run.place], run))
-    all_of(_refused(suite, model, found, names), _raise)
-    return tuple(found)
+    final = all_of(plain, lambda run: _final(suite, model, run, names))
+    all_of(final, lambda run: _refuse_taken(suite, model, final[: run.place], run))
+    all_of(_refused(suite, model, final, names), _raise)
+    return tuple(final)
 
 
 def _raise(error: ConfigError) -> None:
@@ -66,7 +66,7 @@ def all_of(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
     return made
 
 
-def study_of(model: SuiteConfig, run: PlannedRun) -> Study | None:
+def study_of(model: SuiteConfig, run: PlannedRun) -> StudySection | None:
     """What the suite says more of the study of a run."""
     return next((study for study in model.studies if study.name == run.entry.study), None)
 
@@ -196,9 +196,9 @@ def _refused(
                 f"{study.over} is no number in runs[{run.place}], '{run.config.data['name']}'",
                 "name a key that is a number in every run of the study, or set it there",
             )
-    for place, own in measures_of(model.claims, model.comparisons).items():
-        named = [("run", name) for name in as_texts(own.run)]
-        named += [("against", own.against)] if own.against is not None else []
+    for place, measure in measures_of(model.claims, model.comparisons).items():
+        named = [("run", name) for name in as_texts(measure.run)]
+        named += [("against", measure.against)] if measure.against is not None else []
         for key, name in named:
             if name not in names:
                 known = f"its runs are {', '.join(names)}"

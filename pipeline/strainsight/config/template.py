@@ -10,7 +10,7 @@ from typing import Annotated, Any
 
 from pydantic import Field, TypeAdapter
 
-from strainsight.config.answers import NONE, Answers, Place, Suggestion
+from strainsight.config.answers import NONE, Answers, DeckPlace, Suggestion
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import BearingConfig
 from strainsight.config.placement import PlacementConfig
@@ -125,27 +125,27 @@ LISTED, FACES = 12, 24
 """Places for a load, and faces, that a config lists."""
 
 
-def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE) -> str:
+def template(deck: str, suggestion: Suggestion | None = None, answers: Answers = NONE) -> str:
     """A config for the deck at `deck` (path from the config's folder); it validates once nothing is blank."""
-    found = found or Suggestion()
+    suggestion = suggestion or Suggestion()
     name = run_name(deck)
-    E = found.youngs_modulus or (answers.material[0] if answers.material else None)
+    E = suggestion.youngs_modulus or (answers.material[0] if answers.material else None)
     modulus = answers.find == "modulus"
-    parameter, value, unit = ("stiffness", 1.0, "") if found.several_moduli else ("E", E, "[Pa] ")
+    parameter, value, unit = ("stiffness", 1.0, "") if suggestion.several_moduli else ("E", E, "[Pa] ")
     unknown = parameter if modulus else "force"
     return TEMPLATE.format(
         deck=_escaped(deck),
         name=name,
         file=_quoted(deck),
-        length_unit=found.length_unit,
-        mass_unit=found.mass_unit,
-        mesh=_mesh(deck, found, answers),
-        parameters=_parameters(found, E) if modulus else "parameters: {}\n",
-        load=_load(found, answers),
+        length_unit=suggestion.length_unit,
+        mass_unit=suggestion.mass_unit,
+        mesh=_mesh(deck, suggestion, answers),
+        parameters=_parameters(suggestion, E) if modulus else "parameters: {}\n",
+        load=_load(suggestion, answers),
         direction=_direction(answers.axis),
-        type=_type(found),
-        spacing=SPACING if found.gauge_type else OWN_SPACING.format(spacing=0.009),
-        exclude=_exclude(found, answers),
+        type=_type(suggestion),
+        spacing=SPACING if suggestion.gauge_type else OWN_SPACING.format(spacing=0.009),
+        exclude=_exclude(suggestion, answers),
         unknown=unknown,
         pad=" " * (5 - len(unknown)),
         keep=answers.keep,
@@ -157,28 +157,28 @@ def template(deck: str, found: Suggestion | None = None, answers: Answers = NONE
     )
 
 
-def _named(found: Suggestion, answers: Answers) -> dict[str, str]:
+def _named(suggestion: Suggestion, answers: Answers) -> dict[str, str]:
     """The faces that the user has named, name → point."""
     return {
-        found.free(role): place.name
+        suggestion.free(role): place.name
         for role, place in (("held", answers.held), ("loaded", answers.load))
         if place is not None and place.kind == "face"
     }
 
 
-def _seats(found: Suggestion, answers: Answers) -> dict[str, Place]:
+def _seats(suggestion: Suggestion, answers: Answers) -> dict[str, DeckPlace]:
     """The faces that probably lie on something, by the user's name where there is one."""
-    own = {found.face_at(point): name for name, point in _named(found, answers).items()}
-    seats = [place for place in found.places if place.lies_on]
-    names = [found.free("seat" if len(seats) == 1 else f"seat-{i + 1}") for i in range(len(seats))]
-    return {own.get(place.name, name): place for name, place in zip(names, seats, strict=True)}
+    names_of_user = {suggestion.face_at(point): name for name, point in _named(suggestion, answers).items()}
+    seats = [place for place in suggestion.places if place.lies_on]
+    names = [suggestion.free("seat" if len(seats) == 1 else f"seat-{i + 1}") for i in range(len(seats))]
+    return {names_of_user.get(place.name, name): place for name, place in zip(names, seats, strict=True)}
 
 
-def _exclude(found: Suggestion, answers: Answers) -> str:
+def _exclude(suggestion: Suggestion, answers: Answers) -> str:
     """Zones without gauges, written so that each line may be taken out by itself."""
     cone = CONE.format(axis=answers.axis) if answers.axis else ""
     lines = ""
-    for name, place in _seats(found, answers).items():
+    for name, place in _seats(suggestion, answers).items():
         entry = f"- {name}" if cone else f"{name},"
         if place.instead_of:
             lines += f"    # {entry:<27} # the other side of the same bores: put it in if something lies there\n"
@@ -189,11 +189,11 @@ def _exclude(found: Suggestion, answers: Answers) -> str:
     return f"{cone}{lines}" if cone else ON_SEATS.format(lines=lines)
 
 
-def _type(found: Suggestion) -> str:
+def _type(suggestion: Suggestion) -> str:
     """The type of gauge that fits; of a deck in no usual unit, or without a surface, none is known to fit or not to."""
-    if found.gauge_type:
-        return TYPE.format(name=found.gauge_type)
-    return NO_TYPE if found.solids and found.length_unit and not found.thin else OPEN_TYPE
+    if suggestion.gauge_type:
+        return TYPE.format(name=suggestion.gauge_type)
+    return NO_TYPE if suggestion.solids and suggestion.length_unit and not suggestion.thin else OPEN_TYPE
 
 
 def run_name(deck: str) -> str:
@@ -205,34 +205,36 @@ def run_name(deck: str) -> str:
     return name
 
 
-def _mesh(deck: str, found: Suggestion, answers: Answers) -> str:
+def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
     """Faces, materials and supports that the file lacks, and the faces there are, as comments."""
-    named = _named(found, answers)
-    seats = {name: place for name, place in _seats(found, answers).items() if name not in named}
-    blank = not found.supports and answers.held is None and not found.thin
-    lines = [f"  # {found.odd}: state mesh.materials too, or correct the deck"] if found.odd else []
-    if found.unsupported:
+    named = _named(suggestion, answers)
+    seats = {name: place for name, place in _seats(suggestion, answers).items() if name not in named}
+    blank = not suggestion.supports and answers.held is None and not suggestion.thin
+    lines = [f"  # {suggestion.odd}: state mesh.materials too, or correct the deck"] if suggestion.odd else []
+    if suggestion.unsupported:
         lines.append(
             "  # What is not supported, though the model is not the same without; what does not matter goes into `ignore`:"
         )
-        lines += [f"  #   {printable(f'{n:<32} # {k}, the first at {at}')}" for n, k, at in found.unsupported]
+        lines += [f"  #   {printable(f'{n:<32} # {k}, the first at {at}')}" for n, k, at in suggestion.unsupported]
         lines.append("  ignore: []            # ← names from above, or add to the model what they do")
-    if found.contact:
-        pairs = f"{', '.join(found.pairs[:3])}{', …' * (len(found.pairs) > 3)}"
+    if suggestion.contact:
+        pairs = f"{', '.join(suggestion.pairs[:3])}{', …' * (len(suggestion.pairs) > 3)}"
         lines.append(
             f"  # Contact of {printable(pairs)}. open: nothing connects it, as in a *FREQUENCY step of CalculiX;"
         )
         lines.append(
             "  # bonded: nodes that lie on the other surface follow it, the stiffest it can be. Compare the two."
         )
-        why = "open, it moves freely" if found.contact == "bonded" else "open holds too"
-        lines.append(f"  contact: {found.contact:<12} # ← bonded or open: {why}")
-    if found.support_sets:
-        sets = ", ".join(map(str, found.support_sets))
-        chosen = f"{found.support_key}: {'' if answers.spc is None else answers.spc:<16}"
-        what = "set of supports that hold" if found.support_key == "spc" else "step whose supports and elements count"
+        why = "open, it moves freely" if suggestion.contact == "bonded" else "open holds too"
+        lines.append(f"  contact: {suggestion.contact:<12} # ← bonded or open: {why}")
+    if suggestion.support_sets:
+        sets = ", ".join(map(str, suggestion.support_sets))
+        chosen = f"{suggestion.support_key}: {'' if answers.spc is None else answers.spc:<16}"
+        what = (
+            "set of supports that hold" if suggestion.support_key == "spc" else "step whose supports and elements count"
+        )
         lines.append(f"  {chosen} # ← {what}: {sets}")
-    if faces := [place for place in found.places if place.kind == "face"]:
+    if faces := [place for place in suggestion.places if place.kind == "face"]:
         lines.append("  # Faces of its surface, the largest first; a name in `faces` is as good as a set of the deck:")
         for place in faces[:FACES]:
             held = f", {place.lies_on}: does something lie on it?" if place.lies_on else ", held" * place.held
@@ -242,67 +244,67 @@ def _mesh(deck: str, found: Suggestion, answers: Answers) -> str:
     if named or seats or blank:
         lines.append("  faces:")
         lines += [f"    {role}: {{near: {point}}}" for role, point in named.items()]
-        lines += [f"    {name}: {{{own.picked}}}    # {own.lies_on}" for name, own in seats.items()]
+        lines += [f"    {name}: {{{entry.picked}}}    # {entry.lies_on}" for name, entry in seats.items()]
         if blank:
             lines.append(
-                f"    {found.free('held')}: {{near: }}        # ← [x, y, z] of a point of the face that is held"
+                f"    {suggestion.free('held')}: {{near: }}        # ← [x, y, z] of a point of the face that is held"
             )
-    if found.thin:
+    if suggestion.thin:
         lines.append(
-            f"  sections:             # of its triangles and quadrangles: {printable(', '.join(found.thin))} ← [m]"
+            f"  sections:             # of its triangles and quadrangles: {printable(', '.join(suggestion.thin))} ← [m]"
         )
         lines.append("    shells: {regions: all, thickness: }")
-    if found.matrices:
+    if suggestion.matrices:
         dof, sti, mas = (_quoted(f"{deck.rpartition('.')[0]}{ending}") for ending in (".dof", ".sti", ".mas"))
-        at = f", parameter: E, at: {_exact(found.youngs_modulus)}" if found.youngs_modulus else ""
+        at = f", parameter: E, at: {_exact(suggestion.youngs_modulus)}" if suggestion.youngs_modulus else ""
         lines += [
             "  # Matrices of CalculiX beside the deck, in place of its elements; `region` of the parameter then goes:",
             f"  # matrices: {{numbering: {dof}, stiffness: [{{file: {sti}{at}}}], mass: [{{file: {mas}}}]}}",
         ]
-    if found.lacking:
+    if suggestion.lacking:
         lines.append("  materials:            # that the file lacks, in whole or in part ← [Pa], [-], [kg/m³]")
-    for i, own in enumerate(found.lacking):
+    for i, entry in enumerate(suggestion.lacking):
         E, nu, rho = answers.material or (None, None, None)
-        E, nu = (E, nu) if own.youngs_modulus is None else (own.youngs_modulus, own.poisson_ratio)
-        name, regions = f"own-{i + 1}" if i else "own", list(own.regions)
+        E, nu = (E, nu) if entry.youngs_modulus is None else (entry.youngs_modulus, entry.poisson_ratio)
+        name, regions = f"own-{i + 1}" if i else "own", list(entry.regions)
         lines.append(
             MATERIAL.format(name=name, regions=regions, E=_exact(E), nu=_plain(nu, 12), rho=_plain(rho)).rstrip()
         )
-    if not found.supports:
+    if not suggestion.supports:
         on_face = blank or (answers.held is not None and answers.held.kind == "face")
-        held = found.free("held") if on_face else _value(answers.held) if answers.held else ""
+        held = suggestion.free("held") if on_face else _value(answers.held) if answers.held else ""
         node = answers.held is not None and answers.held.kind == "node"
         lines.append(
             "  supports:             # the file states none; or, where nothing holds it, `free: true` in their place"
         )
-        components = "[1, 2, 3, 4, 5, 6]" if found.thin else "[1, 2, 3]"
-        means = "1-3 translations, 4-6 rotations" if found.thin else "1-3 translations"
+        components = "[1, 2, 3, 4, 5, 6]" if suggestion.thin else "[1, 2, 3]"
+        means = "1-3 translations, 4-6 rotations" if suggestion.thin else "1-3 translations"
         lines.append(f"    - {{{'node' if node else 'set'}: {held}, components: {components}}}   # ← {means}")
     return "".join(f"{line}\n" for line in lines)
 
 
-def _parameters(found: Suggestion, E: float | None) -> str:
-    region = found.region
-    if found.several_moduli:
+def _parameters(suggestion: Suggestion, E: float | None) -> str:
+    region = suggestion.region
+    if suggestion.several_moduli:
         return FACTOR.format(region=region)
     low, high = (_number(0.8 * E), _number(1.2 * E)) if E else ("", "")
     return PARAMETERS.format(region=region, guess=_exact(E), range=f"[{low}, {high}]" if E else "")
 
 
-def _load(found: Suggestion, answers: Answers) -> str:
+def _load(suggestion: Suggestion, answers: Answers) -> str:
     """Where it acts, along what, whether it is known, and its history."""
     place = answers.load
     lines = []
     if place is None:
         lines.append("    # ← where it acts, one of")
-        likely = [own for own in found.places if own.kind != "face" and not (own.held or own.of_mass)]
-        lines += [f"    #   {own.kind}: {_value(own):<20} # {own.what}" for own in likely[:LISTED]]
+        likely = [spot for spot in suggestion.places if spot.kind != "face" and not (spot.held or spot.of_mass)]
+        lines += [f"    #   {spot.kind}: {_value(spot):<20} # {spot.what}" for spot in likely[:LISTED]]
         lines.append("    #   set: NAME                 # a name of mesh.faces: the force is spread over the face")
-        for own in [own for own in found.places if own.of_mass]:
-            lines.append(f"    #   deck_load: {_value(own):<14} # {own.what}; with `factor: true`, and no direction")
+        for spot in [spot for spot in suggestion.places if spot.of_mass]:
+            lines.append(f"    #   deck_load: {_value(spot):<14} # {spot.what}; with `factor: true`, and no direction")
         lines.append("    set:")
     elif place.kind == "face":
-        lines.append(f"    set: {found.free('loaded'):<24} # the face above; the force is spread over it")
+        lines.append(f"    set: {suggestion.free('loaded'):<24} # the face above; the force is spread over it")
     else:
         lines.append(f"    {place.kind}: {_value(place):<20}       # {place.what}")
         if place.of_mass:
@@ -325,7 +327,7 @@ def _direction(axis: str | None) -> str:
     return "  direction: {type: principal, angles: [0]}   # ← what strains most; or {type: axis, axis: [1, 0, 0], angles: [0]}"
 
 
-def _value(place: Place) -> str:
+def _value(place: DeckPlace) -> str:
     return place.name if place.kind == "node" else _quoted(place.name)
 
 

@@ -160,7 +160,7 @@ def tolerances_of(stated: Tolerances | Literal["none"]) -> Tolerances:
     return NONE if stated == "none" else stated
 
 
-class Truth(Section):
+class TruthSection(Section):
     """What stands for reality in the validation."""
 
     model: Literal["full", "modes", "rich", "rom"] = Field(
@@ -200,7 +200,7 @@ class Sweeps(Section):
 class Validate(TimeSpan):
     """The filter on simulated measurements."""
 
-    truth: Truth = with_defaults(Truth, "What stands for reality.")
+    truth: TruthSection = with_defaults(TruthSection, "What stands for reality.")
     initial_std: Annotated[dict[Name, Positive], RELATIVE_STD] = Field(
         description="Initial σ of every unknown, relative to its guess or amplitude [-]."
     )

@@ -108,18 +108,18 @@ def _json(node: Any, path: str, marks: dict[str, Mark]) -> Any:
 
 
 def _mapping(node: Any, path: str, marks: dict[str, Mark]) -> dict[str, Any]:
-    found: dict[str, Any] = {}
+    mapping: dict[str, Any] = {}
     for key_node, value_node in node.value:
         if not isinstance(key_node, ScalarNode) or str(key_node.tag) == PREFIX + "merge" or key_node.anchor:
             raise YamlProblem("a key has to be plain text", *_at(key_node), path)
         key = _text(key_node, path)
         below = f"{path}.{key}" if path else key
-        if key in found:
+        if key in mapping:
             first = ":".join(map(str, marks[below].key))
             raise YamlProblem("given twice", *_at(key_node), below, f"the first one is at {first}: remove one of them")
         marks[below] = Mark(_at(key_node), _at(value_node))
-        found[key] = _json(value_node, below, marks)
-    return found
+        mapping[key] = _json(value_node, below, marks)
+    return mapping
 
 
 def _text(node: Any, path: str) -> str:

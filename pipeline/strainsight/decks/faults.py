@@ -95,18 +95,19 @@ def lamina_fault(moduli: Mapping[str, float], poisson_ratio: float, name: str = 
     return None
 
 
+def entity_error(kind: str, number: int, what: str, remedy: str, where: Where) -> DeckError:
+    """A DeckError at a "node" or "element" of the file."""
+    return DeckError(what, where=where(kind, number), remedy=remedy, entity=(kind, number))
+
+
 def check_nodes(ids: IntArray, position: FloatArray, where: Where) -> None:
     """Raise DeckError unless node ids (n,) are positive and each once, and positions (n, 3) finite."""
     _check_ids(ids, "node", where)
     finite = np.isfinite(position).all(axis=1)
     if not finite.all():
         node = int(ids[np.argmin(finite)])
-        raise DeckError(
-            f"node {node} has a coordinate that is not a finite number",
-            where=where("node", node),
-            remedy="correct the coordinate, or write the mesh again",
-            entity=("node", node),
-        )
+        what = f"node {node} has a coordinate that is not a finite number"
+        raise entity_error("node", node, what, "correct the coordinate, or write the mesh again", where)
 
 
 def check_elements(
@@ -120,23 +121,16 @@ def check_elements(
     called = name or (lambda block, row: f"element {block.ids[row]} ({block.kind})")
     for block in blocks:
         if (row := folded(block.nodes)) is not None:
-            element = int(block.ids[row])
-            raise DeckError(
-                f"{called(block, row)}: a node stands twice in the element",
-                where=where("element", element),
-                remedy=COLLAPSED.get(block.kind, "replace collapsed elements by wedges or tetrahedra"),
-                entity=("element", element),
-            )
+            what = f"{called(block, row)}: a node stands twice in the element"
+            remedy = COLLAPSED.get(block.kind, "replace collapsed elements by wedges or tetrahedra")
+            raise entity_error("element", int(block.ids[row]), what, remedy, where)
         if (pair := coincident(block.nodes)) is not None:
             first, second = (int(block.ids[row]) for row in pair)
             place, other = where("element", second), where("element", first)
-            raise DeckError(
-                f"{called(block, pair[1])}: the same nodes as {called(block, pair[0])}"
-                + (f" at {other}" if other != place else ""),
-                where=place,
-                remedy="remove one of the two: together they count stiffness and mass twice",
-                entity=("element", second),
-            )
+            what = f"{called(block, pair[1])}: the same nodes as {called(block, pair[0])}"
+            what += f" at {other}" if other != place else ""
+            remedy = "remove one of the two: together they count stiffness and mass twice"
+            raise entity_error("element", second, what, remedy, where)
 
 
 def _check_ids(ids: IntArray, what: str, where: Where) -> None:
@@ -147,11 +141,8 @@ def _check_ids(ids: IntArray, what: str, where: Where) -> None:
         )
     if (pair := repeated(ids)) is not None:
         number = int(ids[pair[1]])
-        raise DeckError(
-            f"{what} number {number} stands twice",
-            where=where(what, number),
-            remedy=f"give every {what} its own number",
-            entity=(what, number),
+        raise entity_error(
+            what, number, f"{what} number {number} stands twice", f"give every {what} its own number", where
         )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.config.base import Section
 from strainsight.config.estimate import Channel, DelayInSamples, DelayInSeconds, RecordedFile
-from strainsight.config.loads import Recorded
+from strainsight.config.loads import RecordedSection
 from strainsight.config.mesh import RegionKey
 from strainsight.config.placement import ModalDamping, RayleighDamping
 from strainsight.errors import ConfigError, UserError, blame
@@ -40,7 +40,7 @@ NO_UNIT = ("-", "–")
 NO_GAPS = "a load history has no gaps: give the value, or drop the line"
 
 
-def recorded(key: str, config: Recorded, path: Path, of: Sequence[str] = LOADS) -> FromSamples:
+def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = LOADS) -> FromSamples:
     """The history that the text table at `path` holds in the columns that the config names; key: of the signal; of: the
     quantities that it may be of.
 
@@ -215,7 +215,7 @@ def signal_of(name: str, config: Section, files: Mapping[str, Path], section: st
 
 def signal_at(key: str, config: Section, files: Mapping[str, Path], of: Sequence[str] = LOADS) -> Signal:
     """The history that stands at a key of the config; of: the quantities that a file may hold of it."""
-    if isinstance(config, Recorded):
+    if isinstance(config, RecordedSection):
         return recorded(key, config, files[f"{key}.file"], of)
     stated = dict(config)
     kind = SIGNALS[stated.pop("type")]

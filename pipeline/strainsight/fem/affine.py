@@ -47,7 +47,7 @@ DAMPING: Final = "damping_factor"
 
 def at_their_references(parameters: Sequence[Parameter]) -> tuple[Parameter, ...]:
     """For K and M at the references alone: what they are not proportional to is not free, and nothing is interpolated."""
-    return tuple(replace(own, range=None) for own in parameters)
+    return tuple(replace(parameter, range=None) for parameter in parameters)
 
 
 def of_stiffness(property: str) -> bool:
@@ -100,11 +100,11 @@ class Coefficient:
 
     def at(self, theta: Mapping[str, Any]) -> Any:
         """c(θ); values of θ may be arrays of any common shape."""
-        return _summed(self.weights[None], [own.at(theta)[0] for own in self.bases])[0]
+        return _summed(self.weights[None], [basis.at(theta)[0] for basis in self.bases])[0]
 
     def derivative(self, name: str, theta: Mapping[str, Any]) -> Any:
         """∂c/∂θ_name."""
-        return _summed(self.weights[None], [own.at(theta)[own.parameter == name] for own in self.bases])[0]
+        return _summed(self.weights[None], [basis.at(theta)[basis.parameter == name] for basis in self.bases])[0]
 
     def times(self, name: str) -> Coefficient:
         """θ_name c(θ), name none of its own parameters."""
@@ -173,8 +173,8 @@ class AffineOperator:
     def _alike(self) -> list[tuple[tuple[Newton, ...], list[str], np.ndarray]]:
         """Coefficients of the same bases: their terms, and their weights (K, m₁, m₂, …)."""
         found: dict[tuple[Newton, ...], list[str]] = {}
-        for label, own in self.coefficients.items():
-            found.setdefault(own.bases, []).append(label)
+        for label, coefficient in self.coefficients.items():
+            found.setdefault(coefficient.bases, []).append(label)
         return [
             (bases, labels, np.stack([self.coefficients[label].weights for label in labels]))
             for bases, labels in found.items()
@@ -184,25 +184,25 @@ class AffineOperator:
         """c_k(θ) of the terms with a coefficient, or ∂c_k/∂θ_name of those that depend on it."""
         found: dict[str, Any] = {}
         for bases, labels, weights in self._alike:
-            if name is None or any(own.parameter == name for own in bases):
-                tables = [own.at(theta)[name is not None and own.parameter == name] for own in bases]
+            if name is None or any(basis.parameter == name for basis in bases):
+                tables = [basis.at(theta)[name is not None and basis.parameter == name] for basis in bases]
                 found |= zip(labels, _summed(weights, tables), strict=True)
         return found
 
     def of_all(self, change: Callable[[Any], Any]) -> AffineOperator:
         """X₀ and every X_k through a linear map: that of X(θ), term by term."""
         return AffineOperator(
-            change(self.constant), {label: change(own) for label, own in self.terms.items()}, self.coefficients
+            change(self.constant), {label: change(term) for label, term in self.terms.items()}, self.coefficients
         )
 
     def of_terms(self, change: Callable[[Any], Any]) -> AffineOperator:
         """Every X_k through a linear map, where X₀ = 0 and stays so."""
-        return AffineOperator(0.0, {label: change(own) for label, own in self.terms.items()}, self.coefficients)
+        return AffineOperator(0.0, {label: change(term) for label, term in self.terms.items()}, self.coefficients)
 
     def on_one_pattern(self) -> AffineOperator:
         """The same, where sparse, with X₀ and every X_k that has half as many entries or more on the pattern of all of these:
         X(θ) is a sum of arrays then."""
-        large = [label for label, own in self.terms.items() if 2 * own.nnz >= self.constant.nnz > 0]
+        large = [label for label, term in self.terms.items() if 2 * term.nnz >= self.constant.nnz > 0]
         constant, *wide = on_one([self.constant, *(self.terms[label] for label in large)])
         return replace(self, constant=constant, terms={**self.terms, **dict(zip(large, wide, strict=True))})
 
@@ -259,7 +259,7 @@ def on_one(matrices: Sequence[sparse.csr_array]) -> list[sparse.csr_array]:
         return sparse.csr_array((data, whole.indices, whole.indptr), shape=whole.shape)
 
     whole.data[:] = 1.0
-    return [widened(own) for own in matrices]
+    return [widened(matrix) for matrix in matrices]
 
 
 def added(X: Any, Y: Any) -> Any:

@@ -72,7 +72,7 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
             mesh, parameters, kind, mesh.blocks, lambda own, some: sums(own, some, pattern(some)) if some else empty
         )
         # what depends on a modulus in another way does so on its own in shells, whose terms bear the same labels
-        label = {own: f"solids: {own}" if own in found.coefficients else own for own in found.terms}
+        label = {term: f"solids: {term}" if term in found.coefficients else term for term in found.terms}
         return AffineOperator(
             found.constant,
             {label[own]: term for own, term in found.terms.items()},

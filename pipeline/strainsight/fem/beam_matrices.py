@@ -10,12 +10,11 @@ import numpy as np
 
 from strainsight.fem.beam_properties import (
     BeamProperties,
-    bending_axes,
     check_properties,
     end_stiffness,
     properties_of,
     require,
-    require_positive,
+    require_area,
 )
 from strainsight.mesh.thin_faces import ALONG, axes_along, beam_shape
 
@@ -23,7 +22,6 @@ __all__ = [
     "BeamProperties",
     "beam_masses",
     "beam_stiffnesses",
-    "beam_strain_rows",
     "properties_of",
     "rod_masses",
     "rod_stiffnesses",
@@ -126,7 +124,7 @@ def rod_stiffnesses(
     Returns (e, 12, 12) [m, m³], to be multiplied with E. Raises DeckError for a rod without length, area ≤ 0 or J < 0.
     """
     x, length = _directions(position, ids)
-    require_positive("area", area, ids, "m²")
+    require_area(area, ids)
     require(
         torsion >= 0,
         torsion,
@@ -151,42 +149,6 @@ def rod_masses(position: np.ndarray, per_length: np.ndarray, ids: np.ndarray) ->
     for component in range(3):
         pair[np.ix_([component, 6 + component], [component, 6 + component])] = np.array([[2.0, 1.0], [1.0, 2.0]]) / 6
     return (per_length * length)[:, None, None] * pair
-
-
-def beam_strain_rows(
-    position: np.ndarray,
-    axes: np.ndarray,
-    properties: BeamProperties,
-    offset: np.ndarray,
-    released: np.ndarray,
-    at: np.ndarray,
-    y: np.ndarray,
-    z: np.ndarray,
-) -> np.ndarray:
-    """Strain along beams from the motions of their nodes, ε = rows · u:
-
-        ε = N/(E A) + (y, z) S⁻¹ m/E,    m(x) = m_B − (L − x) (V_y, V_z),    m = (−M_z, M_y),
-
-    which is u' − y θ_z' + z θ_y' (u' − y v'' − z w'' of a beam that does not shear), from the forces at B, so that it is exact
-    for loads at the ends, with a taper too. Bending that the section does not resist leaves no strain.
-
-    Where the neutral axis lies n beside that of the beam, m − N n and (y, z) − n take their places.
-
-    at (e,) share of the length from A; y, z (e,) place on the section [m]; the rest as `beam_stiffnesses`, which is to have
-    accepted it. Returns (e, 12) [1/m, 1].
-    """
-    length = _lengths(position, axes, offset, np.arange(len(position)))
-    forces = end_stiffness(length, properties, released)[:, 6:]
-    area = (1 - at) * properties.area[:, 0] + at * properties.area[:, 1]
-    v, ends, _, _ = bending_axes(properties.second)
-    inverse = np.einsum("eij,ej,ekj->eik", v, 1 / ((1 - at)[:, None] * ends[..., 0] + at[:, None] * ends[..., 1]), v)
-    moment = np.stack([-forces[:, 5], forces[:, 4]], axis=1) - ((1 - at) * length)[:, None, None] * forces[:, 1:3]
-    place = np.stack([y, z], axis=1)
-    if properties.neutral is not None:
-        n = (1 - at)[:, None] * properties.neutral[:, 0] + at[:, None] * properties.neutral[:, 1]
-        place, moment = place - n, moment - n[:, :, None] * forces[:, None, 0]
-    rows = forces[:, 0] / area[:, None] + np.einsum("ei,eij,ejn->en", place, inverse, moment)
-    return np.matmul(rows[:, None], _arms(axes, offset))[:, 0]
 
 
 def _arms(axes: np.ndarray, offset: np.ndarray) -> np.ndarray:

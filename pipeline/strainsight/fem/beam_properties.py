@@ -39,12 +39,12 @@ def properties_of(sections: Sequence[BeamSection], poisson_ratio: FloatArray) ->
 
     The areas of shear over the area are those at A. poisson_ratio (e,) [-].
     """
-    ends = [(own, own.at_b or own) for own in sections]
+    ends = [(section, section.at_b or section) for section in sections]
     return BeamProperties(
         np.array([[end.area for end in pair] for pair in ends], float).reshape(-1, 2),
         np.array([[end.second for end in pair] for pair in ends], float).reshape(-1, 2, 2, 2),
         np.array([[end.torsion for end in pair] for pair in ends], float).reshape(-1, 2),
-        np.array([own.shear for own in sections], float).reshape(-1, 2),
+        np.array([section.shear for section in sections], float).reshape(-1, 2),
         np.asarray(poisson_ratio, float),
         np.array([[end.neutral for end in pair] for pair in ends], float).reshape(-1, 2, 2),
     )
@@ -54,7 +54,7 @@ def check_properties(own: BeamProperties, ids: np.ndarray) -> None:
     """Raises DeckError for an area that is not positive, negative moments or shear, I1 I2 < I12², and a resistance that one
     end has and the other does not."""
     I1, I2, I12 = own.second[..., 0, 0], own.second[..., 1, 1], own.second[..., 0, 1]
-    require_positive("area", own.area, ids, "m²")
+    require_area(own.area, ids)
     for name, value, unit in (
         ("moment of area I1", I1, "m⁴"),
         ("moment of area I2", I2, "m⁴"),
@@ -76,9 +76,9 @@ def check_properties(own: BeamProperties, ids: np.ndarray) -> None:
     require(least > ONE_END, least, ids, what, "give its property I1, I2 and J at both ends, or at neither")
 
 
-def require_positive(name: str, value: np.ndarray, ids: np.ndarray, unit: str) -> None:
-    """Raises DeckError where a value (e, …) is not positive."""
-    require(value > 0, value, ids, f"has the {name} {{value:g}} {unit}", f"give its property a positive {name}")
+def require_area(area: np.ndarray, ids: np.ndarray) -> None:
+    """Raises DeckError where an area (e, …) is not positive."""
+    require(area > 0, area, ids, "has the area {value:g} m²", "give its property a positive area")
 
 
 def require(right: np.ndarray, value: np.ndarray, ids: np.ndarray, what: str, remedy: str) -> None:

@@ -42,9 +42,9 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
     a sparse matrix, so that no motion is too small to count, and over max |X| of an array.
     Raises UserError where degree MOST is not enough. Source: Chkifa, Cohen and Schwab, Found. Comput. Math. 14 (2014).
     """
-    axes = [_Axis(own) for own in parameters]
-    names = [own.name for own in axes]
-    first = of({own.name: own.reference for own in parameters})
+    axes = [_Axis(parameter) for parameter in parameters]
+    names = [axis.name for axis in axes]
+    first = of({parameter.name: parameter.reference for parameter in parameters})
     scale = _scales(first)
     span: list[np.ndarray] = []
     found: dict[tuple[int, ...], np.ndarray] = {(0,) * len(parameters): np.zeros(0)}
@@ -59,25 +59,25 @@ def interpolated(of: Callable[[Mapping[str, float]], Operator], parameters: Sequ
                 remedy=f"narrow {' or '.join(f'parameters.{name}.range' for name in names)}",
             )
         for index in tried:
-            theta = {own.name: own.theta(k) for own, k in zip(axes, index, strict=True)}
+            theta = {axis.name: axis.theta(k) for axis, k in zip(axes, index, strict=True)}
             w = _seen_in((_data(of(theta)) - _data(first)) * scale, span)
             for other, less in found.items():
                 if all(a <= b for a, b in zip(other, index, strict=True)):
                     w[: len(less)] -= _value_at(axes, other, index) * less
             found[index] = w / _value_at(axes, index, index)
             change = np.abs(sum((a * B for a, B in zip(found[index], span, strict=True)), np.zeros(1))).max()
-            if change * np.prod([own.largest(k) for own, k in zip(axes, index, strict=True)]) > TOLERANCE:
+            if change * np.prod([axis.largest(k) for axis, k in zip(axes, index, strict=True)]) > TOLERANCE:
                 kept.add(index)
     shape: list[int] = (np.max(list(kept), axis=0) + 1).tolist()
-    weights = np.zeros((len(span), *shape))
+    weights = np.zeros((len(span), int(np.prod(shape))))
     for degrees in kept:
-        weights[(slice(len(found[degrees])), *degrees)] = found[degrees]
-    bases = tuple(own.newton(m - 1) for own, m in zip(axes, shape, strict=True))
+        weights[: len(found[degrees]), np.ravel_multi_index(degrees, shape)] = found[degrees]
+    bases = tuple(axis.newton(m - 1) for axis, m in zip(axes, shape, strict=True))
     labels = [f"{' '.join(names)} ({k + 1})" for k in range(len(span))]
     return AffineOperator(
         first,
         {label: _like(first, B / scale) for label, B in zip(labels, span, strict=True)},
-        {label: Coefficient(bases, each) for label, each in zip(labels, weights, strict=True)},
+        {label: Coefficient(bases, each.reshape(shape)) for label, each in zip(labels, weights, strict=True)},
     )
 
 
@@ -197,7 +197,9 @@ def region_operator(
             alike.setdefault(tuple(own.name for own in shaped.get(number, ())), {})[number] = factor
         for names, some in alike.items():
             if names:
-                part = _interpolated(mesh, [own for own in parameters if own.name in names], some, summed)
+                part = _interpolated(
+                    mesh, [parameter for parameter in parameters if parameter.name in names], some, summed
+                )
                 parts.append(_proportional(part, name) if name else part)
             elif (own := summed(mesh, some)).nnz:
                 X[name] = own
@@ -210,17 +212,17 @@ def _shaped(mesh: Mesh, parameters: Sequence[Parameter], kind: str) -> dict[int,
     of a region, and where a region has no such property."""
     found: dict[int, list[Parameter]] = {}
     taken: dict[tuple[int, str, int], Parameter] = {}
-    for own in parameters:
-        if kind == "mass" and own.property not in OF_MASS:
+    for parameter in parameters:
+        if kind == "mass" and parameter.property not in OF_MASS:
             continue
-        for number in (each for each in own.regions if shapes(mesh, each, own.property)):
-            which = (number, own.property, meant(mesh, number, own.property, own.material))
-            if (other := taken.setdefault(which, own)) is not own:
+        for number in (each for each in parameter.regions if shapes(mesh, each, parameter.property)):
+            which = (number, parameter.property, meant(mesh, number, parameter.property, parameter.material))
+            if (other := taken.setdefault(which, parameter)) is not parameter:
                 raise UserError(
-                    f"parameters {other.name} and {own.name} are both the {own.property} of region {number}",
+                    f"parameters {other.name} and {parameter.name} are both the {parameter.property} of region {number}",
                     remedy="keep one of them",
                 )
-            found.setdefault(number, []).append(own)
+            found.setdefault(number, []).append(parameter)
     return found
 
 
@@ -234,23 +236,23 @@ def _interpolated(
 
     def at(theta: Mapping[str, float]) -> sparse.csr_array:
         other = mesh
-        for own in parameters:
-            here = [number for number in own.regions if number in regions]
-            other = with_value(other, own.property, here, theta[own.name], own.material)
+        for parameter in parameters:
+            here = [number for number in parameter.regions if number in regions]
+            other = with_value(other, parameter.property, here, theta[parameter.name], parameter.material)
         return summed(other, regions)
 
-    if all(own.range is None for own in parameters):
-        return AffineOperator(at({own.name: own.reference for own in parameters}), {})
+    if all(parameter.range is None for parameter in parameters):
+        return AffineOperator(at({parameter.name: parameter.reference for parameter in parameters}), {})
     return interpolated(at, parameters)
 
 
 def _proportional(X: AffineOperator, name: str) -> AffineOperator:
     """θ X(θ) of one more parameter."""
-    terms = {f"{name} {label}": own for label, own in X.terms.items()}
+    terms = {f"{name} {label}": term for label, term in X.terms.items()}
     return AffineOperator(
         0 * X.constant,
         {name: X.constant} | terms,
-        {f"{name} {label}": own.times(name) for label, own in X.coefficients.items()},
+        {f"{name} {label}": coefficient.times(name) for label, coefficient in X.coefficients.items()},
     )
 
 
@@ -308,7 +310,7 @@ def modulus_of(mesh: Mesh, region: int) -> float:
 def some_of(block: Block, which: np.ndarray) -> Block:
     """Some elements of a block."""
     columns = {name: own for name, own in vars(block).items() if isinstance(own, np.ndarray)}
-    return replace(block, **{name: own[which] for name, own in columns.items() if len(own) == len(block.ids)})
+    return replace(block, **{name: column[which] for name, column in columns.items() if len(column) == len(block.ids)})
 
 
 def cut(block: Block, regions: Mapping[int, float], size: int | None = None) -> Iterator[Block]:

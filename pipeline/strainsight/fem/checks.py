@@ -50,8 +50,8 @@ def check_geometry(mesh: Mesh) -> None:
         )
     for block in mesh.blocks:
         _check_midsides(mesh, block)
-    for own in mesh.elements:
-        _check_regions(mesh, own)
+    for element in mesh.elements:
+        _check_regions(mesh, element)
     for thin in mesh.thin:
         _check_middle_half(mesh, thin)
     for shells in mesh.shells:

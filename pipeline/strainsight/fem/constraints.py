@@ -14,7 +14,7 @@ from strainsight.fem.beam_matrices import GAUSS, beam_strains
 from strainsight.fem.by_region import poisson_ratios
 from strainsight.fem.equations import (
     Equations,
-    Rows,
+    MotionRows,
     entity_of,
     equations,
     references,
@@ -71,7 +71,7 @@ def constraint_transform(
     for an RBE3 whose nodes do not hold its reference, for a mass or an RBE3 on nodes of no stiffness.
     """
     n = len(mesh.position)
-    rows = Rows(n, rotation_rows(mesh, rotations), turned_nodes(mesh))
+    rows = MotionRows(n, rotation_rows(mesh, rotations), turned_nodes(mesh))
     found = equations(mesh, rows)
     clamped = _clamped(mesh, rows, found)
     Q = rows.turn()
@@ -122,7 +122,7 @@ def describe_row(mesh: Mesh, constraint: Constraint, row: int) -> str:
     return f"node {mesh.node_ids[node]}, {word} {'xyz'[component]}"
 
 
-def _clamped(mesh: Mesh, rows: Rows, found: Equations) -> np.ndarray:
+def _clamped(mesh: Mesh, rows: MotionRows, found: Equations) -> np.ndarray:
     """Rows that are held; a rotation of a node that has none is left out."""
     fixed = np.asarray(mesh.fixed, dtype=np.int64).reshape(-1, 2)
     held = rows.of(fixed[:, 0], fixed[:, 1])
@@ -136,7 +136,7 @@ def _clamped(mesh: Mesh, rows: Rows, found: Equations) -> np.ndarray:
     return held[held >= 0]
 
 
-def _resolved(mesh: Mesh, rows: Rows, found: Equations, free: np.ndarray) -> sparse.csr_array:
+def _resolved(mesh: Mesh, rows: MotionRows, found: Equations, free: np.ndarray) -> sparse.csr_array:
     """(I + D + D² + …) E, E the columns of the free rows; D is nilpotent unless elements follow each other."""
     D, size = found.matrix(), rows.size
     T = step = sparse.csr_array((np.ones(len(free)), (free, np.arange(len(free)))), shape=(size, len(free)))
@@ -161,7 +161,7 @@ def _resolved(mesh: Mesh, rows: Rows, found: Equations, free: np.ndarray) -> spa
         T = T + step
 
 
-def _check_carried(mesh: Mesh, rows: Rows, T: sparse.csr_array, carried: np.ndarray) -> None:
+def _check_carried(mesh: Mesh, rows: MotionRows, T: sparse.csr_array, carried: np.ndarray) -> None:
     """Masses and averaging elements may not hang on motions that nothing carries."""
     if not mesh.averaging and not mesh.point_masses:
         return
@@ -191,7 +191,7 @@ def _check_carried(mesh: Mesh, rows: Rows, T: sparse.csr_array, carried: np.ndar
             )
 
 
-def with_arms(mesh: Mesh, rows: Rows, T: sparse.csr_array) -> sparse.csr_array:
+def with_arms(mesh: Mesh, rows: MotionRows, T: sparse.csr_array) -> sparse.csr_array:
     """T of z = T z_free (3n + 3r, n_free), with its rows of the nodes that follow one of a shell or beam as rigid arms:
 
         u_a = u + θ × (x_a − x),     on a side of a beam  − ν ε d  ∓ ½ γ L ŝ  too
@@ -208,7 +208,7 @@ def with_arms(mesh: Mesh, rows: Rows, T: sparse.csr_array) -> sparse.csr_array:
     return T
 
 
-def _rigid(mesh: Mesh, rows: Rows) -> sparse.csr_array:
+def _rigid(mesh: Mesh, rows: MotionRows) -> sparse.csr_array:
     arm, reference = mesh.arms.T
     leads = _six(rows, reference)
     values = rigid_rows(mesh.position[arm] - mesh.position[reference])
@@ -218,13 +218,13 @@ def _rigid(mesh: Mesh, rows: Rows) -> sparse.csr_array:
     return sparse.csr_array((values[kept], (row[kept], column[kept])), shape=(rows.size, rows.size))
 
 
-def _six(rows: Rows, nodes: np.ndarray) -> np.ndarray:
+def _six(rows: MotionRows, nodes: np.ndarray) -> np.ndarray:
     """Rows (k, 6) of the translations and rotations of nodes (k,)."""
     first = np.array([rows.first[node] for node in nodes.tolist()], dtype=np.int64)
     return np.concatenate([3 * nodes[:, None] + np.arange(3), first[:, None] + np.arange(3)], axis=1)
 
 
-def _of_sides(mesh: Mesh, block: BeamBlock, rows: Rows) -> sparse.csr_array:
+def _of_sides(mesh: Mesh, block: BeamBlock, rows: MotionRows) -> sparse.csr_array:
     """What the sides (s) of the beams of a block add to their rigid arms."""
     element, side = np.nonzero(block.on_sides[:, :, 0] >= 0)
     corners, ends = block.on_sides[element, side], block.nodes[element]
@@ -256,7 +256,7 @@ def _of_sides(mesh: Mesh, block: BeamBlock, rows: Rows) -> sparse.csr_array:
     return sparse.csr_array((value, places), shape=(rows.size, rows.size))
 
 
-def _of_curved_sides(mesh: Mesh, block: BeamBlock, rows: Rows) -> sparse.csr_array:
+def _of_curved_sides(mesh: Mesh, block: BeamBlock, rows: MotionRows) -> sparse.csr_array:
     """The same of beams of three nodes, on the six motions of these."""
     element, side = np.nonzero(block.on_sides[:, :, 0] >= 0)
     corners, nodes, offset = block.on_sides[element, side], block.nodes[element], block.offset[element]

@@ -327,9 +327,11 @@ class FacetLaws:
 def facet_laws(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ()) -> FacetLaws | None:
     """None where no facet is on a laminate, a shell of several materials, an anisotropic or a composite solid."""
     free = [
-        replace(own, regions=tuple(number for number in own.regions if shapes(mesh, number, "youngs_modulus")))
-        for own in parameters
-        if own.property in ("youngs_modulus", *PLY_MODULI)
+        replace(
+            parameter, regions=tuple(number for number in parameter.regions if shapes(mesh, number, "youngs_modulus"))
+        )
+        for parameter in parameters
+        if parameter.property in ("youngs_modulus", *PLY_MODULI)
     ]
     free = [own for own in free if own.regions]
 

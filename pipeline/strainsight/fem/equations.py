@@ -29,7 +29,7 @@ def translation_rows(nodes: np.ndarray | list[int]) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Rows:
+class MotionRows:
     """Where motions stand in z': 3·node + component, then three rotations of each node that has them.
 
     nodes n; first: node → row of its first rotation; axes: node → (3, 3) axes of its components, one in a column, the
@@ -136,16 +136,19 @@ class Equations:
 
 def relation_terms(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of all terms (t,) of the relations: number of the relation, node, component and value."""
-    relation = np.repeat(np.arange(len(mesh.relations)), [len(own.node) for own in mesh.relations])
+    relation = np.repeat(np.arange(len(mesh.relations)), [len(tie.node) for tie in mesh.relations])
     whole = [np.zeros(0, dtype=np.int64)]
     node, component = (
         np.concatenate([*whole, *parts])
-        for parts in ([own.node for own in mesh.relations], [own.component for own in mesh.relations])
+        for parts in (
+            [tie.node for tie in mesh.relations],
+            [tie.component for tie in mesh.relations],
+        )
     )
-    return relation, node, component, np.concatenate([np.zeros(0), *(own.value for own in mesh.relations)])
+    return relation, node, component, np.concatenate([np.zeros(0), *(tie.value for tie in mesh.relations)])
 
 
-def add_relations(mesh: Mesh, rows: Rows, found: Equations) -> None:
+def add_relations(mesh: Mesh, rows: MotionRows, found: Equations) -> None:
     """Add  z'_1 = −Σ_{k>1} c_k z'_k / c_1  of all relations to the equations.
 
     Raises DeckError for a first term that is zero, and for a motion that follows already.
@@ -184,8 +187,8 @@ def turning_nodes(mesh: Mesh) -> list[int]:
     """Nodes of shells and beams, points that springs turn, and those that a RigidElement turns where that matters: a mass or a
     spring resists it, or a load of the file has a moment there."""
     found = {point.node for point in mesh.point_masses if point.turns}
-    for own in mesh.springs:
-        found.update(own.turned.tolist())
+    for spring in mesh.springs:
+        found.update(spring.turned.tolist())
     for load in mesh.loads.values():
         if load.moment is not None:
             found.update(load.nodes[load.moment.any(axis=1)].tolist())
@@ -231,7 +234,7 @@ def turned_nodes(mesh: Mesh) -> dict[int, np.ndarray]:
     return {node: np.asarray(axes, dtype=float) for node, axes in mesh.axes.items() if node in named}
 
 
-def equations(mesh: Mesh, rows: Rows) -> Equations:
+def equations(mesh: Mesh, rows: MotionRows) -> Equations:
     """What the rigid and averaging elements and the relations of a mesh say, with Q_i the axes of node i:
 
         rigid       Q_iu'_i = u_r + θ_r × (x_i − x_r),   Q_iθ'_i = θ_r           in the stated components of u'_i, θ'_i
@@ -276,7 +279,7 @@ def _cleared(values: np.ndarray, size: np.ndarray) -> np.ndarray:
     return np.where(np.abs(values) > ROUNDING * size, values, 0.0)
 
 
-def _add_rigid(mesh: Mesh, e: RigidElement, rows: Rows, found: Equations) -> None:
+def _add_rigid(mesh: Mesh, e: RigidElement, rows: MotionRows, found: Equations) -> None:
     nodes = np.asarray(e.nodes, dtype=np.int64)
     if len(nodes) == 0 or e.reference in nodes:
         own = f"depends on its own reference node {mesh.node_ids[e.reference]}"
@@ -299,7 +302,7 @@ def _add_rigid(mesh: Mesh, e: RigidElement, rows: Rows, found: Equations) -> Non
         found.add(mesh, e, nodes[existing], own_rows[existing], source, motion[existing, component])
 
 
-def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations) -> None:
+def _add_averaging(mesh: Mesh, e: AveragingElement, rows: MotionRows, found: Equations) -> None:
     wanted = sorted(set(e.components))
     mean, length = _mean_motion(mesh, e, rows, wanted)
     own = rows.of(np.full(len(wanted), e.reference), np.array(wanted))
@@ -332,8 +335,10 @@ def _add_averaging(mesh: Mesh, e: AveragingElement, rows: Rows, found: Equations
     found.add(mesh, e, dependent[:, 0], solved, columns[~chosen], values)
 
 
-def _mean_motion(mesh: Mesh, e: AveragingElement, rows: Rows, wanted: Collection[int]) -> tuple[np.ndarray, float]:
-    """Wanted motions of the reference as means of the `Rows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
+def _mean_motion(
+    mesh: Mesh, e: AveragingElement, rows: MotionRows, wanted: Collection[int]
+) -> tuple[np.ndarray, float]:
+    """Wanted motions of the reference as means of the `MotionRows.averaged` (c, 3k + 3t), and the length of the arms [m]."""
     nodes, w = np.asarray(e.nodes, dtype=np.int64), np.asarray(e.weight, dtype=float)
     if len(nodes) == 0 or e.reference in nodes or not np.all(w >= 0) or not w.sum() > 0:
         raise DeckError(

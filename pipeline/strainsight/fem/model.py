@@ -100,7 +100,7 @@ def build_model(
     if len(mesh.turning):
         idle = idle_rotations(mesh, constraint, at_reference(stiffness, parameters))
         stiffness = replace(stiffness, constant=stiffness.constant + idle)
-    if mesh.springs or any(own.springs for own in parameters):
+    if mesh.springs or any(parameter.springs for parameter in parameters):
         springs = spring_operator(mesh, constraint.reference_rows, parameters)
         stiffness = sum_of(stiffness, restricted(springs, constraint.transform))
     if mesh.point_masses:
@@ -111,7 +111,9 @@ def build_model(
 
 def at_reference(X: AffineOperator, parameters: Sequence[Parameter]) -> sparse.csr_array:
     """X at the reference values of its parameters."""
-    return sparse.csr_array(X.at({own.name: own.reference for own in parameters if own.name in X.parameters}))
+    return sparse.csr_array(
+        X.at({parameter.name: parameter.reference for parameter in parameters if parameter.name in X.parameters})
+    )
 
 
 def soft_springs(mesh: Mesh) -> str:
@@ -141,11 +143,11 @@ def _squared_wave_speeds(mesh: Mesh) -> list[float]:
     plies = [ply for region in mesh.regions for ply in mesh.ply_materials(region)]
     layers = [layer for region in mesh.regions for layer in mesh.layer_materials(region)]
     stiff = [(own.youngs_modulus, own.density) for own in (*used, *plies, *layers) if isinstance(own, Material)]
-    stiff += [(min(own.e1, own.e2), own.density) for own in plies if isinstance(own, Lamina)]
+    stiff += [(min(ply.e1, ply.e2), ply.density) for ply in plies if isinstance(ply, Lamina)]
     shells = (mesh.general_shell(region) for region in mesh.regions)
-    stiff += [(float(np.linalg.eigvalsh(own.membrane)[0]), own.density) for own in shells if own is not None]
+    stiff += [(float(np.linalg.eigvalsh(shell.membrane)[0]), shell.density) for shell in shells if shell is not None]
     solids = (*(mesh.anisotropic_of(region) for region in mesh.regions), *layers)
-    stiff += [(min(own.moduli), own.density) for own in solids if isinstance(own, Anisotropic)]
+    stiff += [(min(solid.moduli), solid.density) for solid in solids if isinstance(solid, Anisotropic)]
     return [E / density for E, density in stiff if density > 0]
 
 

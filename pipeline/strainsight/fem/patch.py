@@ -111,8 +111,8 @@ def forced_nodes(mesh: Mesh) -> np.ndarray:
         found[averaging.nodes] = True
     for relation in mesh.relations:
         found[relation.node] = True
-    for own in mesh.springs:
-        found[own.node] = True
+    for spring in mesh.springs:
+        found[spring.node] = True
     for node in (*(rigid.reference for rigid in mesh.rigid), *(point.node for point in mesh.point_masses)):
         found[node] = True
     return found

@@ -190,6 +190,6 @@ def _tied(mesh: Mesh, node: IntArray, piece: IntArray, count: int) -> set[tuple[
 def _joints(mesh: Mesh) -> Iterator[IntArray]:
     yield from (np.append(tie.nodes, tie.reference) for tie in mesh.rigid)
     yield from (np.append(tie.nodes, tie.reference) for tie in mesh.averaging)
-    yield from (own.node for own in mesh.relations)
+    yield from (relation.node for relation in mesh.relations)
     for springs in mesh.springs:
         yield from (springs.node[springs.spring == i] for i in range(len(springs.stiffness)))

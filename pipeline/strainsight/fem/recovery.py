@@ -300,8 +300,8 @@ def surface_model(
             remedy="give it one material (MID1 = MID2, no MID4) or plies (PCOMP), or do without stress and damage there",
         )
     materials = [mesh.material_of(int(number)) for number in numbers]
-    lam, mu = lame(np.array([0.0 if own is None else own.poisson_ratio for own in materials])[where])
-    E = np.array([1.0 if own is None else own.youngs_modulus for own in materials])[where]
+    lam, mu = lame(np.array([0.0 if material is None else material.poisson_ratio for material in materials])[where])
+    E = np.array([1.0 if material is None else material.youngs_modulus for material in materials])[where]
     terms = {}
     for p in parameters:
         if scales_stiffness(p.property):

@@ -27,24 +27,24 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
     size = 3 * len(mesh.position) + 3 * len(rotation_rows)
     rows, columns, values, stiffness = [], [], [], [np.zeros(0)]
     count = 0
-    for own in mesh.springs:
-        at = 3 * own.node + own.component
-        for i in np.flatnonzero((own.component > 2) & (own.value != 0)):
-            node = int(own.node[i])
+    for spring in mesh.springs:
+        at = 3 * spring.node + spring.component
+        for i in np.flatnonzero((spring.component > 2) & (spring.value != 0)):
+            node = int(spring.node[i])
             if node not in rotation_rows:
                 raise DeckError(
-                    f"{own} acts on rotations of node {mesh.node_ids[node]}, which has none",
+                    f"{spring} acts on rotations of node {mesh.node_ids[node]}, which has none",
                     remedy="make it the reference node of a tie (RBE2, mesh.ties), hold its rotations, or let the ends of the "
                     "spring coincide",
                     entity=("node", int(mesh.node_ids[node])),
                 )
-            at[i] = rotation_rows[node] + own.component[i] - 3
-        kept = own.value != 0
-        rows.append(own.spring[kept] + count)
+            at[i] = rotation_rows[node] + spring.component[i] - 3
+        kept = spring.value != 0
+        rows.append(spring.spring[kept] + count)
         columns.append(at[kept])
-        values.append(own.value[kept])
-        stiffness.append(own.stiffness)
-        count += len(own.stiffness)
+        values.append(spring.value[kept])
+        stiffness.append(spring.stiffness)
+        count += len(spring.stiffness)
     if not rows:
         return sparse.csr_array((0, size)), np.zeros(0)
     places = np.concatenate(rows), np.concatenate(columns)
@@ -89,7 +89,7 @@ def spring_owners(mesh: Mesh, springs: Mapping[str, Sequence[str]]) -> dict[str,
     owner: dict[str, str] = {}
     for parameter, wanted in springs.items():
         names = spring_names(mesh, wanted)
-        if names and not any(own.stiffness.any() for own in mesh.springs if own.name in names):
+        if names and not any(spring.stiffness.any() for spring in mesh.springs if spring.name in names):
             raise UserError(
                 f"the springs of parameter {parameter} have no stiffness", remedy="give them one, or name others"
             )
@@ -111,9 +111,11 @@ def spring_operator(
     Raises the errors of `spring_rows` and `spring_owners`.
     """
     R, k = spring_rows(mesh, rotation_rows)
-    factors = {own.name: own.springs for own in parameters if own.springs}
+    factors = {parameter.name: parameter.springs for parameter in parameters if parameter.springs}
     owner = spring_owners(mesh, factors)
-    of = np.repeat([owner.get(own.name, "") for own in mesh.springs], [len(own.stiffness) for own in mesh.springs])
+    of = np.repeat(
+        [owner.get(spring.name, "") for spring in mesh.springs], [len(spring.stiffness) for spring in mesh.springs]
+    )
     of = np.concatenate([of, np.full(len(k) - len(of), "")])
 
     def part(parameter: str) -> sparse.csr_array:
@@ -124,8 +126,10 @@ def spring_operator(
 
 def sprung_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> np.ndarray:
     """Rows of z that springs act on: translations, and all rotations of points that they alone turn."""
-    found = [3 * own.node + own.component for own in mesh.springs]
-    acts = [(own.component < 3) & (own.value != 0) & (own.stiffness[own.spring] > 0) for own in mesh.springs]
+    found = [3 * spring.node + spring.component for spring in mesh.springs]
+    acts = [
+        (spring.component < 3) & (spring.value != 0) & (spring.stiffness[spring.spring] > 0) for spring in mesh.springs
+    ]
     turned = [rotation_rows[node] + np.arange(3) for node in _alone(mesh, rotation_rows)]
     translations = (rows[on] for rows, on in zip(found, acts, strict=True))
     return np.unique(np.concatenate([np.zeros(0, np.int64), *translations, *turned]))

@@ -253,7 +253,7 @@ def _parted(mesh: Mesh, pieces: Pieces, centre: np.ndarray, radius: np.ndarray) 
         columns.append(np.broadcast_to(6 * body[:, None, None] + np.arange(6), blocks.shape))
     rows = np.arange(3 * len(node)).reshape(-1, 3, 1)
     return sparse.csr_array(
-        (np.ravel(values), (np.ravel([np.broadcast_to(rows, own.shape) for own in values]), np.ravel(columns))),
+        (np.ravel(values), (np.ravel([np.broadcast_to(rows, value.shape) for value in values]), np.ravel(columns))),
         shape=(3 * len(node), 6 * len(centre)),
     )
 
@@ -317,10 +317,10 @@ def links(mesh: Mesh) -> tuple[Grounded, ...]:
 
 def _each(mesh: Mesh) -> Iterator[Grounded]:
     x = mesh.position - mesh.position.mean(axis=0)
-    for own in mesh.springs:
-        for i in np.flatnonzero(own.stiffness > 0):
-            part = own.spring == i
-            yield from _checked(x, own.name, own.node[part], own.component[part], own.value[part], {})
+    for spring in mesh.springs:
+        for i in np.flatnonzero(spring.stiffness > 0):
+            part = spring.spring == i
+            yield from _checked(x, spring.name, spring.node[part], spring.component[part], spring.value[part], {})
     for tie in mesh.relations:
         yield from _checked(x, str(tie), tie.node, tie.component, tie.value, mesh.axes)
 

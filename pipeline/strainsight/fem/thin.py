@@ -49,7 +49,7 @@ def resistance_of(mesh: Mesh, part: ShellBlock) -> Resistance:
         sections = [mesh.sections[int(number)] for number in part.region[alike]]
         nu = poisson_ratios(mesh, part.region[alike])
         found.A[alike], found.D[alike], found.S[alike] = _homogeneous(
-            [own for own in sections if isinstance(own, ShellSection)], nu
+            [section for section in sections if isinstance(section, ShellSection)], nu
         )
     if alike.all():
         return found
@@ -77,8 +77,8 @@ def of_laminate(mesh: Mesh, region: int) -> Resistance:
     assert laminate is not None
     materials = plies_of(mesh, region)
     thickness, angle = np.array([[ply.thickness, np.radians(ply.angle)] for ply in laminate.plies]).T
-    Q = np.stack([ply_stiffness(own) for own in materials])
-    return laminate_resistance(thickness, angle, Q, np.array([_shear_flexibility(own) for own in materials]))
+    Q = np.stack([ply_stiffness(material) for material in materials])
+    return laminate_resistance(thickness, angle, Q, np.array([_shear_flexibility(material) for material in materials]))
 
 
 def plies_of(mesh: Mesh, region: int) -> tuple[Lamina | Material, ...]:
@@ -142,7 +142,7 @@ def _moments(mesh: Mesh, region: int) -> tuple[float, float, float]:
 def _homogeneous(sections: Sequence[ShellSection], nu: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """A, D (e, 3, 3) and S (e, 2, 2) of homogeneous shells with unit modulus: t C, t³/12 C, t_s G."""
     t, bending, shear = (
-        np.array([getattr(own, name) for own in sections]) for name in ("thickness", "bending", "shear")
+        np.array([getattr(section, name) for section in sections]) for name in ("thickness", "bending", "shear")
     )
     C = np.zeros((len(nu), 3, 3))
     C[:, 0, 0] = C[:, 1, 1] = 1 / (1 - nu**2)
@@ -157,7 +157,7 @@ CHUNK = 2048
 
 
 @dataclass(frozen=True)
-class Pattern:
+class ThinPattern:
     """Pairs of nodes that share an element, sorted: onto (pairs, blocks of all elements) adds up what is of one pair; indptr
     (m + 1,) and columns (pairs,) say where each stands."""
 
@@ -176,9 +176,9 @@ def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[Af
     Raises DeckError for an element that is degenerate, UserError for parameters that overlap or name no region, or that a
     region has no property for.
     """
-    found: dict[frozenset[int], Pattern] = {}
+    found: dict[frozenset[int], ThinPattern] = {}
 
-    def pattern(regions: Mapping[int, float]) -> Pattern:
+    def pattern(regions: Mapping[int, float]) -> ThinPattern:
         """Of the same regions at other values of their properties, and of their mass, it is the same."""
         key = frozenset(regions)
         if key not in found:
@@ -191,7 +191,7 @@ def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[Af
     M = region_operator(
         mesh, parameters, "mass", mesh.thin, lambda own, some: _sum(pattern(some), _masses(own, some, False))
     )
-    beside = {number: 0.0 for number, own in mesh.sections.items() if _has_nonstructural(own)}
+    beside = {number: 0.0 for number, section in mesh.sections.items() if _has_nonstructural(section)}
     more = AffineOperator(_sum(pattern(beside), _masses(mesh, beside, True)), {})
     return K, sum_of(M, more)
 
@@ -305,7 +305,7 @@ def _parts(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[ShellBlock | Be
         yield from cut(block, regions, CHUNK // 8 if block.nodes.shape[1] > 4 else CHUNK)
 
 
-def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> Pattern:
+def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> ThinPattern:
     """Of some elements, on all nodes of shells and beams of a mesh."""
     index = np.full(len(mesh.position), -1)
     index[mesh.thin_nodes] = np.arange(len(mesh.thin_nodes))
@@ -319,10 +319,10 @@ def _pattern(mesh: Mesh, parts: Iterator[ShellBlock | BeamBlock]) -> Pattern:
         np.concatenate([[0], np.cumsum(np.bincount(pairs // m, minlength=m))]) if m else np.zeros(1, dtype=np.int64)
     )
     size: type[np.signedinteger] = np.int32 if 36 * len(pairs) < 2**31 else np.int64
-    return Pattern(onto, indptr.astype(size), (pairs % m if m else pairs).astype(size))
+    return ThinPattern(onto, indptr.astype(size), (pairs % m if m else pairs).astype(size))
 
 
-def _sum(pattern: Pattern, parts: list[np.ndarray]) -> sparse.csr_array:
+def _sum(pattern: ThinPattern, parts: list[np.ndarray]) -> sparse.csr_array:
     """Σ over elements (6m, 6m): the 6 × 6 blocks of every pair of nodes, added up."""
     blocks = (pattern.onto @ np.concatenate([np.zeros((0, 36)), *parts])).reshape(-1, 6, 6)
     m = len(pattern.indptr) - 1

@@ -6,7 +6,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache
 from math import ceil, comb, factorial
-from typing import Literal
 
 import numpy as np
 from scipy import sparse
@@ -33,24 +32,19 @@ class ViscousDamping:
 
 
 def modal_damping(
-    K: sparse.csr_array,
-    M: sparse.csr_array,
-    ratio: float,
-    modes: int,
-    above: Literal["stiffness", "none"] = "stiffness",
-    rigid: np.ndarray | None = None,
+    K: sparse.csr_array, M: sparse.csr_array, ratio: float, modes: int, rigid: np.ndarray | None = None
 ) -> ViscousDamping:
-    """The ratio ζ in each of the lowest N modes, exactly; above them, as no sparse C has one ratio for all modes:
+    """The ratio ζ in each of the lowest N modes, exactly; above them, as no sparse C has one ratio for all modes, it grows as
+    ζω/ω_N from ζ on, and static responses stay:
 
-        "stiffness"   β = 2ζ/ω_N,  c_i = 2ζω_i − βω_i²:  the ratio grows as ζω/ω_N from ζ on, and static responses stay
-        "none"        β = 0,       c_i = 2ζω_i:           nothing
+        β = 2ζ/ω_N,  c_i = 2ζω_i − βω_i²
 
     K, M (n, n); modes N ≥ 1; rigid (n, k): the rigid motions of a free structure, which are not damped. Raises the errors of
     `fem.modes.modes`.
     """
     frequency, shapes = lowest_modes(K, M, modes, rigid=rigid)
     omega = 2 * np.pi * frequency
-    beta = 2 * ratio / omega[-1] if above == "stiffness" else 0.0
+    beta = 2 * ratio / omega[-1]
     return ViscousDamping(0.0, beta, omega, shapes, 2 * ratio * omega - beta * omega**2)
 
 
@@ -118,7 +112,7 @@ def transient(
     if reach is None:
         reach = max(_reach(K, M, damping, held, h, model.rigid), 0.0 if mass is None else BAND / h)
     scheme, substeps = choose(2 * np.pi * reach * h)
-    step = _Step(K, M, sparse.csr_array(S), damping, scheme, h, substeps, held.shape[1])
+    step = _TransientStep(K, M, sparse.csr_array(S), damping, scheme, h, substeps, held.shape[1])
     z, v = (np.zeros(K.shape[0]),) * 2 if start is None else start
     motion = np.stack([z, v]).astype(float)
     recorder = _Recorder(step, rows, acceleration_rows, mass, len(held) + 1)
@@ -147,7 +141,7 @@ def free_rows(model: FiniteElementModel, rows: sparse.csr_array) -> sparse.csr_a
     return sparse.csr_array(rows @ model.constraint.transform[: 3 * len(model.mesh.position)])
 
 
-class _Step:
+class _TransientStep:
     """One step of length h in `substeps` parts, with the factors it needs."""
 
     def __init__(
@@ -210,7 +204,7 @@ class _Recorder:
 
     def __init__(
         self,
-        step: _Step,
+        step: _TransientStep,
         rows: sparse.csr_array | np.ndarray,
         acceleration_rows: sparse.csr_array | np.ndarray | None,
         mass: Factor | None,

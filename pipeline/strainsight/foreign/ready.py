@@ -18,14 +18,7 @@ from strainsight.mesh.model import IdTable, Mesh
 
 LOOSE = 1e-14
 """ε: energy of a rigid motion over that of its entries one by one, below which nothing holds it."""
-MOTIONS = (
-    "translation x",
-    "translation y",
-    "translation z",
-    "rotation about x",
-    "rotation about y",
-    "rotation about z",
-)
+MOTIONS = tuple(f"{motion} {axis}" for motion in ("translation", "rotation about") for axis in "xyz")
 
 
 @dataclass(frozen=True)

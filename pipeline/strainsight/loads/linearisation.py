@@ -76,12 +76,6 @@ def parameter_forces(
     return forces
 
 
-def augment_rows(rows: np.ndarray, unknowns: Unknowns) -> np.ndarray:
-    """H* = [H, 0, 0, 0] (m, n*): strain rows (m, n) on x*; at given q nothing else enters."""
-    m, n = rows.shape
-    return np.hstack([rows, np.zeros((m, n + len(unknowns.state_names)))])
-
-
 def linearisation_instants(
     model: ReducedModel,
     unknowns: Unknowns,

@@ -17,25 +17,13 @@ LONGEST = 1000
 DEEPEST = 50
 """Parentheses, signs and powers within each other."""
 FUNCTIONS: dict[str, np.ufunc] = {
+    **{
+        name: getattr(np, name) for name in ("exp", "log", "log10", "sqrt", "sin", "cos", "tan", "sinh", "cosh", "tanh")
+    },
+    **{f"{prefix}{name}": getattr(np, f"arc{name}") for name in ("sin", "cos", "tan") for prefix in ("a", "arc")},
     "abs": np.absolute,
-    "exp": np.exp,
     "ln": np.log,
-    "log": np.log,
-    "log10": np.log10,
     "pow": np.power,
-    "sqrt": np.sqrt,
-    "sin": np.sin,
-    "cos": np.cos,
-    "tan": np.tan,
-    "asin": np.arcsin,
-    "acos": np.arccos,
-    "atan": np.arctan,
-    "arcsin": np.arcsin,
-    "arccos": np.arccos,
-    "arctan": np.arctan,
-    "sinh": np.sinh,
-    "cosh": np.cosh,
-    "tanh": np.tanh,
 }
 """By their names in small letters; log is the natural logarithm, as in C and for asammdf."""
 Value = np.float64 | NDArray[np.float64]
@@ -151,34 +139,11 @@ def _close(tokens: Tokens, at: int) -> int:
 
 
 Values = NDArray[np.float64]
+_ELEMENTARY = ("polynomial", "exponential", "logarithmic", "rational", "formula", "text", "text")
+_TEXTS = ("ranges", "values with text", "ranges with text", "text", "text", "text")
 _KINDS = {
-    3: {
-        65535: "none",
-        0: "linear",
-        1: "interpolated",
-        2: "table",
-        6: "polynomial",
-        7: "exponential",
-        8: "logarithmic",
-        9: "rational",
-        10: "formula",
-        11: "text",
-        12: "text",
-    },
-    4: {
-        0: "none",
-        1: "linear",
-        2: "rational",
-        3: "formula",
-        4: "interpolated",
-        5: "table",
-        6: "ranges",
-        7: "values with text",
-        8: "ranges with text",
-        9: "text",
-        10: "text",
-        11: "text",
-    },
+    3: {65535: "none", 0: "linear", 1: "interpolated", 2: "table", **dict(enumerate(_ELEMENTARY, start=6))},
+    4: dict(enumerate(("none", "linear", "rational", "formula", "interpolated", "table", *_TEXTS))),
 }
 """Version → code of a rule → what it is."""
 _DEEPEST = 4

@@ -167,10 +167,10 @@ def _with_altered(
 ) -> tuple[Mesh, int]:
     """A mesh with a material more, of another density and of moduli that are multiplied, and its id."""
     number = free_material(mesh)
-    return with_own(mesh, rescaled(replace(old, id=number, density=density), pressure=stiffness)), number
+    return with_added_material(mesh, rescaled(replace(old, id=number, density=density), pressure=stiffness)), number
 
 
-def with_own(mesh: Mesh, material: Material | Lamina | Anisotropic) -> Mesh:
+def with_added_material(mesh: Mesh, material: Material | Lamina | Anisotropic) -> Mesh:
     """A mesh with a material more, of an id that no other has."""
     kinds = {Lamina: "laminae", Anisotropic: "anisotropic", Material: "materials"}
     field = kinds[type(material)]

@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import UserError, did_you_mean
-from strainsight.mesh.additions import free_material, with_layers, with_own, with_properties
+from strainsight.mesh.additions import free_material, with_added_material, with_layers, with_properties
 from strainsight.mesh.anisotropic import CompositeSolid
 from strainsight.mesh.model import Material, Mesh
 from strainsight.mesh.thin import BeamSection, GeneralShell, Lamina, Laminate, ShellSection
@@ -150,7 +150,7 @@ def _with_ply(mesh: Mesh, region: int, property: str, value: float, material: in
     laminate = mesh.laminate(region)
     parts: tuple[Any, ...] = laminate.plies if laminate else mesh.composites[region].layers
     changed = [replace(part, material=number) if part.material == old.id else part for part in parts]
-    return with_layers(with_own(mesh, replace(old, id=number, name=str(old), **change)), region, changed)
+    return with_layers(with_added_material(mesh, replace(old, id=number, name=str(old), **change)), region, changed)
 
 
 def _shell_of(mesh: Mesh, region: int) -> ShellSection | GeneralShell | Laminate:

@@ -101,11 +101,7 @@ def _i1(overhang: float, web: float, clear: float, height: float) -> Shape:
 def _chan(width: float, height: float, web: float, flange: float) -> Shape:
     """Open to the right."""
     clear, overhang = height - 2 * flange, width - web
-    parts = (
-        block(0, 0, height, web),
-        block(0, web, flange, overhang),
-        block(height - flange, web, flange, overhang),
-    )
+    parts = (block(0, 0, height, web), block(0, web, flange, overhang), block(height - flange, web, flange, overhang))
     J = walls((width - web / 2, flange), (width - web / 2, flange), (height - flange, web))
     if not clear > 0:
         raise NoFit

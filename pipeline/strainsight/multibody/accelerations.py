@@ -15,7 +15,7 @@ from strainsight.multibody.forces import Gravity, Load
 from strainsight.multibody.joints import Driven, DrivenRelation, Joint, driven_of
 from strainsight.multibody.laws import TurningGravity
 from strainsight.multibody.relations import Relation, relation_bends, relation_rows
-from strainsight.multibody.sensors import Felt, Readings
+from strainsight.multibody.sensors import CompiledSensors, Felt
 from strainsight.multibody.system import Element, System
 
 
@@ -261,7 +261,7 @@ def _solved(A: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class Measured:
+class ReadingSlopes:
     """y (k,) of all sensors, ∂y/∂q, ∂y/∂v (k, n), ∂y/∂u (k, loads), ∂y/∂θ (k, nθ)."""
 
     y: np.ndarray
@@ -273,13 +273,13 @@ class Measured:
 
 def measured(
     system: System,
-    sensors: Readings,
+    sensors: CompiledSensors,
     q: np.ndarray,
     v: np.ndarray,
     u: np.ndarray,
     theta: np.ndarray,
     p_second: np.ndarray,
-) -> Measured:
+) -> ReadingSlopes:
     """What sensors read of a state, and all that it depends on: accelerometers feel loads and parameters at once, and not only
     what these have moved; free of any time step. Arguments as of `instant`."""
     now = instant(system, q, v, u, theta, p_second)
@@ -294,7 +294,7 @@ def measured(
         by_u[own], by_theta[own] = by_a @ slopes.by_u, by_a @ slopes.by_theta
         for law, k in _turning(system):
             by_u[own, k] += by_g @ law.at(u[k])[1]
-    return Measured(y, by_q, by_v, by_u, by_theta)
+    return ReadingSlopes(y, by_q, by_v, by_u, by_theta)
 
 
 def at_rest(system: System, u: np.ndarray) -> Felt:
@@ -304,13 +304,13 @@ def at_rest(system: System, u: np.ndarray) -> Felt:
 
 def gravity_at(system: System, u: np.ndarray) -> np.ndarray:
     """Acceleration of gravity (3,) [m/s²], all of it."""
-    steady = sum((own.acceleration for own in system.forces if isinstance(own, Gravity)), np.zeros(3))
+    steady = sum((force.acceleration for force in system.forces if isinstance(force, Gravity)), np.zeros(3))
     return np.asarray(steady + sum((law.at(u[k])[0] for law, k in _turning(system)), np.zeros(3)))
 
 
 def _turning(system: System) -> list[tuple[TurningGravity, int]]:
     """Gravity that turns, with the place of its angle in u."""
-    laws = [(own.force.law, int(own.inputs[0])) for own in system.elements if len(own.inputs)]
+    laws = [(element.force.law, int(element.inputs[0])) for element in system.elements if len(element.inputs)]
     return [(law, k) for law, k in laws if isinstance(law, TurningGravity)]
 
 

@@ -162,7 +162,7 @@ def followed(frequencies: np.ndarray, h: float, method: Method) -> float:
     the exact one, in steps of h [s]; never above the first mode, beside which no share holds."""
     first = float(np.min(frequencies))
     tried = np.geomspace(1e-4, 1.0, FINENESS)[:-1] * min(first, 0.5 / h)
-    off = np.max([relative_error(tried, float(own), h, method) for own in frequencies], axis=0)
+    off = np.max([relative_error(tried, float(frequency), h, method) for frequency in frequencies], axis=0)
     beyond = np.flatnonzero(off > SHARE)
     return float(tried[-1] if not len(beyond) else tried[max(beyond[0] - 1, 0)])
 
@@ -180,7 +180,7 @@ def missed(loads: np.ndarray, frequencies: np.ndarray, h: float, method: Method)
     tried = np.fft.rfftfreq(count, h)[1:]
     # a load that a mode follows at its own frequency has no displacement to compare with
     with np.errstate(divide="ignore", invalid="ignore"):
-        off = np.max([relative_error(tried, float(own), h, method) for own in frequencies], axis=0)
+        off = np.max([relative_error(tried, float(frequency), h, method) for frequency in frequencies], axis=0)
     off = np.minimum(np.nan_to_num(off, nan=1.0, posinf=1.0), 1.0)
     whole = energy.sum(axis=0)
     return np.sqrt(np.divide(off**2 @ energy, whole, out=np.zeros(loads.shape[1]), where=whole > 0))

@@ -87,10 +87,8 @@ def compile_drives(held: Sequence[Relation | DrivenRelation], first: int, inputs
     return Drives(tuple(names), inputs, *columns), extra
 
 
-def drive(
-    drives: Drives, m: int, u: np.ndarray, rho: np.ndarray, G: np.ndarray, G_rate: np.ndarray | None = None
-) -> Driven | None:
-    """Turns rows of ρ (nr,), ∇ρ and its rate (nr, n) into φ, B and dB/dt of the driven constraints, in place."""
+def drive(drives: Drives, m: int, u: np.ndarray, rho: np.ndarray, G: np.ndarray) -> Driven | None:
+    """Turns rows of ρ (nr,) and ∇ρ (nr, n) into φ and B of the driven constraints, in place."""
     if not len(drives.row):
         return None
     n, rate = G.shape[1], np.zeros(len(rho))
@@ -98,8 +96,7 @@ def drive(
         np.stack([drives.row, drives.across, drives.which, drives.power], axis=1),
         np.zeros((len(drives.row), n + 2)),
     )
-    G_rate = np.zeros((0, n)) if G_rate is None else G_rate
-    drive_relations(table, drives.at, len(drives.names), u, rho, rate, G, G_rate, by)
+    drive_relations(table, drives.at, len(drives.names), u, rho, rate, G, np.zeros((0, n)), by)
     return driven_of(drives, m, u, by)
 
 

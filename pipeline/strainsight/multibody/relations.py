@@ -30,9 +30,9 @@ def coincidence(i: Frame, j: Frame, k: int, value: float = 0.0) -> Relation:
     return Relation(f"{'xyz'[k]} of {j.name} on {i.name}", (constant(np.eye(3)[k]),), (j.point, -i.point), value)
 
 
-def dot(i: Frame, a: int, j: Frame, b: int, value: float = 0.0) -> Relation:
-    """a_{i,a}·a_{j,b} = value [-]."""
-    return Relation(f"{'xyz'[a]} of {i.name} · {'xyz'[b]} of {j.name}", (i.axis(a),), (j.axis(b),), value)
+def dot(i: Frame, a: int, j: Frame, b: int) -> Relation:
+    """a_{i,a}·a_{j,b} [-]."""
+    return Relation(f"{'xyz'[a]} of {i.name} · {'xyz'[b]} of {j.name}", (i.axis(a),), (j.axis(b),))
 
 
 def cosine(i: Frame, a: int, j: Frame, b: int) -> Relation:
@@ -40,9 +40,9 @@ def cosine(i: Frame, a: int, j: Frame, b: int) -> Relation:
     return Relation(f"the axes of '{i.name}' and '{j.name}'", (i.axis(a),), (j.axis(b),))
 
 
-def offset(i: Frame, a: int, j: Frame, value: float = 0.0) -> Relation:
-    """a_{i,a}·(p_j − p_i) = value [m]: the place of j along an axis of i."""
-    return Relation(f"{j.name} along {'xyz'[a]} of {i.name}", (i.axis(a),), (j.point, -i.point), value)
+def offset(i: Frame, a: int, j: Frame) -> Relation:
+    """a_{i,a}·(p_j − p_i) [m]: the place of j along an axis of i."""
+    return Relation(f"{j.name} along {'xyz'[a]} of {i.name}", (i.axis(a),), (j.point, -i.point))
 
 
 def distance_squared(i: Frame, j: Frame, value: float = 0.0) -> Relation:

@@ -37,10 +37,10 @@ def position_sensor(name: str, frame: Frame, rate: bool = False) -> RelationSens
     return RelationSensor(name, tuple(place(frame, e) for e in np.eye(3)), rate)
 
 
-def axis_sensor(name: str, frame: Frame, k: int, rate: bool = False) -> RelationSensor:
-    """Axis k of a frame in global axes [-], or its rate [1/s]."""
+def axis_sensor(name: str, frame: Frame, k: int) -> RelationSensor:
+    """Axis k of a frame in global axes [-]."""
     along = (Relation(f"axis {k} of {frame.name}", (constant(e),), (frame.axis(k),)) for e in np.eye(3))
-    return RelationSensor(name, tuple(along), rate)
+    return RelationSensor(name, tuple(along))
 
 
 @dataclass(frozen=True)
@@ -64,7 +64,7 @@ Sensor = StrainSensor | RelationSensor | Accelerometer
 
 
 @dataclass(frozen=True, eq=False)
-class Readings:
+class CompiledSensors:
     """Sensors of one system, compiled by `readings`: call `read`. channels: the name of every row; accelerometers: of every one
     its origin, then its three axes, as relations."""
 
@@ -111,19 +111,19 @@ class Readings:
         by_q, by_v, by_a = np.empty((3, count, n))
         rho, G, G_rate, *_ = relation_rows(self.carried, q, v)
         bends = relation_bends(self.carried, q, v, felt.acceleration)
-        for i, own in enumerate(self.accelerometers):
+        for i, accelerometer in enumerate(self.accelerometers):
             at, p, axes = slice(3 * i, 3 * i + 3), slice(12 * i, 12 * i + 3), slice(12 * i + 3, 12 * i + 12)
-            A = rho[axes].reshape(3, 3) if own.own else np.eye(3)
+            A = rho[axes].reshape(3, 3) if accelerometer.own else np.eye(3)
             a = G[p] @ felt.acceleration + G_rate[p] @ v
-            if own.gravity:
+            if accelerometer.gravity:
                 a, by_g[at] = a - felt.gravity, -A
             y[at], by_q[at], by_v[at], by_a[at] = A @ a, A @ bends[p], 2 * A @ G_rate[p], A @ G[p]
-            if own.own:
+            if accelerometer.own:
                 by_q[at] += np.einsum("kjn,j->kn", G[axes].reshape(3, 3, n), a)
         return y, by_q, by_v, by_a, by_g
 
 
-def readings(system: System, sensors: Sequence[Sensor]) -> Readings:
+def readings(system: System, sensors: Sequence[Sensor]) -> CompiledSensors:
     """The sensors compiled for a system. Raises InfeasibleError for strain rows that do not fit their body."""
     strain: list[np.ndarray] = []
     relations: list[Relation] = []
@@ -148,14 +148,14 @@ def readings(system: System, sensors: Sequence[Sensor]) -> Readings:
             relations += sensor.relations
             rate += [sensor.rate] * len(sensor.relations)
             channels += [f"{sensor.name}: {relation.name}" for relation in sensor.relations]
-    accelerometers = tuple(own for own in sensors if isinstance(own, Accelerometer))
+    accelerometers = tuple(sensor for sensor in sensors if isinstance(sensor, Accelerometer))
     felt: list[Relation] = []
     for own in accelerometers:
         felt += position_sensor(own.name, own.frame).relations
         for k in range(3):
             felt += axis_sensor(own.name, own.frame, k).relations
         channels += [f"{own.name} {k + 1}" for k in range(3)]
-    return Readings(
+    return CompiledSensors(
         tuple(sensors),
         tuple(channels),
         compile_products(relations, system.bodies),

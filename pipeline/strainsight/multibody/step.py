@@ -12,7 +12,7 @@ import numpy as np
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.multibody.accelerations import balance, element_load
 from strainsight.multibody.compiled import newton as iteration
-from strainsight.multibody.compiled.arrays import NONE, Compiled, Point, Trial, compiled
+from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, TrialState, compiled
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
 from strainsight.multibody.compiled.stages import Past, Stages, nothing, solve_stages, step_slopes
 from strainsight.multibody.initial import check_regular
@@ -25,7 +25,7 @@ HALVINGS = 6
 
 
 @dataclass(frozen=True)
-class Step:
+class EulerStep:
     """(q, v)_{k+1} with μ, λ (m,) [h· and 1· the unit of a constraint force], iterations, and what it was the answer to.
 
     μ and λ are those of the joints; they are zero for the rigidity of bodies, which is not among the equations that are
@@ -54,8 +54,8 @@ def step(
     h: float,
     theta: np.ndarray,
     w: np.ndarray | None = None,
-    guess: Step | None = None,
-) -> Step:
+    guess: EulerStep | None = None,
+) -> EulerStep:
     """The state one step later, from
 
         D² ((q' − q)/h − v') + B(q')ᵀμ = 0,    M(q')(v' − v)/h + c(q', v') + f(q', v', u, θ) − B(q')ᵀλ = w
@@ -83,12 +83,12 @@ def step(
     return _newton(problem, h, first)
 
 
-class Problem(NamedTuple):
+class StepProblem(NamedTuple):
     """What stages start from, q, v (n,), and under what: u (k, nu), θ, w (n,) or (0,)."""
 
     system: System
     compiled: Compiled
-    point: Point
+    point: StepPoint
     q: np.ndarray
     v: np.ndarray
     u: np.ndarray
@@ -98,16 +98,16 @@ class Problem(NamedTuple):
 
 def problem_of(
     system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, w: np.ndarray | None
-) -> Problem:
+) -> StepProblem:
     """All as contiguous numbers."""
     own = compiled(system)
     q, v = np.ascontiguousarray(q, dtype=float), np.ascontiguousarray(v, dtype=float)
     u, theta = np.ascontiguousarray(u, dtype=float), np.ascontiguousarray(theta, dtype=float)
     w = NONE if w is None else np.ascontiguousarray(w, dtype=float)
-    return Problem(system, own, own.at(system, theta), q, v, u, theta, w)
+    return StepProblem(system, own, own.at(system, theta), q, v, u, theta, w)
 
 
-def left_by(problem: Problem, guess: Step | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def left_by(problem: StepProblem, guess: EulerStep | None) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """μ, λ (m,) and the memory of force laws that the stage before leaves."""
     if guess is not None:
         return guess.mu, guess.lam, guess.memory
@@ -116,7 +116,7 @@ def left_by(problem: Problem, guess: Step | None) -> tuple[np.ndarray, np.ndarra
 
 
 def stages(
-    problem: Problem,
+    problem: StepProblem,
     h: float,
     carried: float,
     left: tuple[np.ndarray, np.ndarray, np.ndarray],
@@ -136,10 +136,10 @@ def stages(
     return solution
 
 
-def solved(problem: Problem, h: float, found: Stages) -> tuple[Step, ...]:
+def solved(problem: StepProblem, h: float, found: Stages) -> tuple[EulerStep, ...]:
     """The stages one by one."""
     return tuple(
-        Step(
+        EulerStep(
             found.q[i], found.v[i], found.mu[i], found.lam[i], int(found.iterations[i]), found.motion[i], found.memory[i],
             (found.start_q[i], found.start_v[i]), problem.u[i], problem.theta, problem.w, h,
         )
@@ -157,7 +157,7 @@ class _Trial(NamedTuple):
     memory: np.ndarray
 
 
-def _lead(problem: Problem, h: float, first: _Trial, halvings: int) -> Step | None:
+def _lead(problem: StepProblem, h: float, first: _Trial, halvings: int) -> EulerStep | None:
     """Newton at h/2ᵏ, …, h/2, h, each started from the one before."""
     q, v = problem.q, problem.v
     start = first
@@ -171,7 +171,7 @@ def _lead(problem: Problem, h: float, first: _Trial, halvings: int) -> Step | No
     return found
 
 
-def _newton(problem: Problem, h: float, start: _Trial) -> Step:
+def _newton(problem: StepProblem, h: float, start: _Trial) -> EulerStep:
     found = stages(problem, h, 0.0, start[2:], start[:2], nothing(1, len(start.q)))
     if found.ended == SOLVED:
         return solved(problem, h, found)[0]
@@ -186,7 +186,7 @@ REASONS = {
 }
 
 
-def _refusal(problem: Problem, h: float, trial: tuple[np.ndarray, ...], ended: int, count: int) -> NumericalError:
+def _refusal(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...], ended: int, count: int) -> NumericalError:
     """The error that names a broken force, else the constraint farthest from zero, else the body off balance."""
     q = trial[0]
     try:
@@ -200,7 +200,7 @@ def _refusal(problem: Problem, h: float, trial: tuple[np.ndarray, ...], ended: i
     )
 
 
-def _farthest(problem: Problem, h: float, trial: tuple[np.ndarray, ...]) -> str:
+def _farthest(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...]) -> str:
     system, d, rigid = problem.system, problem.system.metric, problem.system.rigid
     q, v, mu, lam = trial
     rho, G, *_ = relation_rows(system.products, q, v)
@@ -251,7 +251,7 @@ INSTANTS: Mapping[Method, tuple[float, ...]] = MappingProxyType({"second_order":
 class Advance:
     """The state at the end, q, v (n,), the implicit steps that led there, and what the next ones are foreseen from."""
 
-    stages: tuple[Step, ...]
+    stages: tuple[EulerStep, ...]
     past: Past
 
     @property
@@ -304,7 +304,7 @@ def advance(
         return Advance(solved(problem, own, found), found.past)
     # each by itself, led there
     first = step(system, q, v, inside[0], own, theta, w, guess)
-    both: tuple[Step, ...] = (first,)
+    both: tuple[EulerStep, ...] = (first,)
     if len(inside) > 1:
         middle = q + carried * (first.q - q), v + carried * (first.v - v)
         both = first, step(system, *middle, inside[1], own, theta, w, first)
@@ -336,7 +336,7 @@ def linear_step(M: np.ndarray, C: np.ndarray, K: np.ndarray, h: float, method: M
 
 
 @dataclass(frozen=True)
-class Slopes:
+class AdvanceSlopes:
     """∂x_{k+1} with respect to x_k: A (2n, 2n); u(0), u(h): B_start, B_end (2n, nu); θ: B_theta (2n, nθ); w: B_w (2n, n)."""
 
     A: np.ndarray
@@ -346,7 +346,7 @@ class Slopes:
     B_w: np.ndarray
 
 
-def slopes(system: System, at: Advance, forced: bool = True) -> Slopes:
+def slopes(system: System, at: Advance, forced: bool = True) -> AdvanceSlopes:
     """By the chain rule through the stages, each exact: with c = (1 − γ)/γ and those of the stages Aᵢ, Bᵢ; B_w if `forced`,
 
     A = A₂ ((1 − c) 1 + c A₁),     ∂/∂p = B₂ + c A₂ B₁   of θ and w,     u(γh) = W₀ u(0) + W₁ u(h)  (`between`)
@@ -354,7 +354,7 @@ def slopes(system: System, at: Advance, forced: bool = True) -> Slopes:
     own = [sensitivities(system, stage) for stage in at.stages]
     if len(own) == 1:
         only: Sensitivities = own[0]
-        return Slopes(only.A, np.zeros_like(only.B_u), only.B_u, only.B_theta, only.B_w)
+        return AdvanceSlopes(only.A, np.zeros_like(only.B_u), only.B_u, only.B_theta, only.B_w)
     first, second = own
     through = CARRIED * second.A
     A = through @ first.A
@@ -366,7 +366,7 @@ def slopes(system: System, at: Advance, forced: bool = True) -> Slopes:
         start, end = inside @ W[0], inside @ W[1]
     else:
         start, end = (1 - GAMMA) * inside, GAMMA * inside
-    return Slopes(A, start, second.B_u + end, second.B_theta + through @ first.B_theta, B_w)
+    return AdvanceSlopes(A, start, second.B_u + end, second.B_theta + through @ first.B_theta, B_w)
 
 
 @dataclass(frozen=True)
@@ -380,7 +380,7 @@ class Sensitivities:
     B_w: np.ndarray
 
 
-def sensitivities(system: System, at: Step) -> Sensitivities:
+def sensitivities(system: System, at: EulerStep) -> Sensitivities:
     """Of the step r(z; x_k, u, θ, w) = 0, z = (q, v, μ, λ)_{k+1}:  ∂z/∂p = −(∂r/∂z)⁻¹ ∂r/∂p.
 
         ∂r₁/∂q_k = −D²/h,   ∂r₂/∂v_k = −M/h,   ∂r₂/∂u = ∂f/∂u,   ∂r₂/∂θ = ∂f/∂θ,   ∂r₂/∂w = −1
@@ -390,7 +390,7 @@ def sensitivities(system: System, at: Step) -> Sensitivities:
     state before its last correction. Valid off the constraints too: x_k may be any state, x_{k+1} is on them.
     Raises NumericalError where the matrix is singular.
     """
-    arrays, solution = compiled(system), Trial(at.q, at.motion, at.mu, at.lam)
+    arrays, solution = compiled(system), TrialState(at.q, at.motion, at.mu, at.lam)
     elastic = np.ascontiguousarray((system.stiffness_terms @ at.q + system.damping_terms @ at.v).T)
     point = arrays.at(system, at.theta)._replace(q=at.start[0], v=at.start[1], h=at.h, u=at.u, w=at.w)
     regular, A, B_u, B_theta, B_w = step_slopes(

@@ -44,7 +44,7 @@ class Element:
 
 
 @dataclass(frozen=True)
-class Moment:
+class TurningMoment:
     """A moment Σ u_k d_k on a body: R its first R coordinate or −1, eta the modal slice, shapes Ψ (3, n)."""
 
     R: int
@@ -84,7 +84,7 @@ class System:
     elements: tuple[Element, ...]
     input_rows: tuple[np.ndarray, np.ndarray]
     weights: np.ndarray
-    moments: tuple[Moment, ...]
+    moments: tuple[TurningMoment, ...]
     drives: Drives
 
     @cached_property
@@ -141,7 +141,9 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
     held: list[Relation | DrivenRelation] = [*relations]
     for joint in joints:
         held += joint.relations
-        relations += [own.relation if isinstance(own, DrivenRelation) else own for own in joint.relations]
+        relations += [
+            relation.relation if isinstance(relation, DrivenRelation) else relation for relation in joint.relations
+        ]
         constraints += [f"{joint.name}: {relation.name}" for relation in joint.relations]
     parameters = _parameter_names(bodies, forces)
     inputs = list(dict.fromkeys(name for f in forces if not isinstance(f, Gravity) for name in f.inputs))
@@ -213,14 +215,14 @@ def _weight(body: Body, gravity: Gravity) -> Relation:
     return Relation(f"{gravity.name} on {body.name}", (constant(gravity.acceleration),), (mass_moment(body),))
 
 
-def _moment(force: PointMoment, bodies: Sequence[Body], of: Mapping[str, slice], inputs: list[str]) -> Moment:
+def _moment(force: PointMoment, bodies: Sequence[Body], of: Mapping[str, slice], inputs: list[str]) -> TurningMoment:
     body = _body(force.frame, bodies)
     rotation = np.zeros((3, modes(body))) if force.frame.rotation is None else force.frame.rotation
     span = of[body.name]
     eta = slice(span.stop - modes(body), span.stop)
     R = span.start + 3 if moves(body) else -1
     which = np.array([inputs.index(name) for name in force.inputs], dtype=int)
-    return Moment(R, eta, np.asarray(rotation, dtype=float), _directions(force).T, which)
+    return TurningMoment(R, eta, np.asarray(rotation, dtype=float), _directions(force).T, which)
 
 
 def _directions(force: PointForce | PointMoment) -> np.ndarray:

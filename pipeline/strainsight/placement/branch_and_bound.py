@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from heapq import heapify, heappop, heappush
@@ -240,7 +240,6 @@ def branch_and_bound(
     keep: int | Limits,
     aggregate: Aggregate = "mean",
     *,
-    fixed: Collection[int] = (),
     start: Sequence[int] | np.ndarray | None = None,
     time_limit: float = 60.0,
     gap: float = TIE,
@@ -255,13 +254,13 @@ def branch_and_bound(
     reduced cost alone reaches the incumbent. Best bound first; the most fractional gauge is branched on, twins together.
     A node ends where its bound reaches incumbent·(1 − gap), where a gap below `TIE` counts as that: a set has to be better
     by so much to be taken. Sets that lose an unknown cost infinity.
-    fixed: gauges that stay; start: a first set, swapped until no swap helps; without it the elimination's. The clock is
+    start: a first set, swapped until no swap helps; without it the elimination's. The clock is
     looked at between nodes, after the first; what ends before its time does not depend on it.
     Raises ConfigError for an impossible `keep`, InfeasibleError where no such layout detects every unknown.
     Source: Quesada and Grossmann, Comput. Chem. Eng. 16 (1992).
     """
     began = monotonic()
-    limits = as_limits(len(pools[0].rows), keep, fixed)
+    limits = as_limits(len(pools[0].rows), keep)
     search = Search(pools, limits, aggregate, gap)
     first = _first_set(pools, limits, aggregate, start)
     if first is not None:

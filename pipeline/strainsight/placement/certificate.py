@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,9 +12,12 @@ from strainsight.errors import NumericalError
 from strainsight.loads.observability import undetectable_directions
 from strainsight.placement.exchange import costs_of, gradients_of
 from strainsight.placement.increment import gauge_gradients
-from strainsight.placement.limits import Limits, Region, as_limits, cheapest
+from strainsight.placement.limits import Limits, Polytope, as_limits, cheapest
 from strainsight.placement.riccati import Loop, close_loop, information
 from strainsight.placement.scenario import Aggregate, Pool, aggregated, refined
+
+CLOSE = 1e-4
+"""Share of the cost to which bound and relaxed cost have to agree."""
 
 
 @dataclass(frozen=True)
@@ -39,10 +42,8 @@ def certify(
     cost: float,
     aggregate: Aggregate = "mean",
     *,
-    fixed: Collection[int] = (),
     limits: Limits | None = None,
     start: np.ndarray | None = None,
-    tolerance: float = 1e-4,
     budget: int = 300,
 ) -> Certificate:
     """Lower bound of the aggregate of the metric over all sets with as many gauges as `gauges`, whose own cost is `cost`;
@@ -55,12 +56,12 @@ def certify(
     by projected gradient steps of Barzilai-Borwein length with a non-monotone line search; every point gives a bound
     and the best is kept. "mean": μ = 1/scenarios. "worst": max_s ≥ Σ μ_s f_s for any μ on the simplex; w descends on
     the soft maximum τ log Σ exp(f_s/τ), μ is its slope, and τ falls. A metric with kinks is softened by the same τ: with
-    its W_s, tr(W_s P_s) bounds the metric itself (`Criterion`). Ends when bound and relaxed cost agree to `tolerance` or
+    its W_s, tr(W_s P_s) bounds the metric itself (`Criterion`). Ends when bound and relaxed cost agree to CLOSE or
     after `budget` evaluations: the bound is valid at any time. start (pool,): weights to begin with.
     Source: Frank and Wolfe (1956); Birgin, Martínez and Raydan, SIAM J. Optim. 10 (2000).
     """
     count = len(pools[0].rows)
-    region = Region(as_limits(count, len(gauges) if limits is None else limits, fixed))
+    region = Polytope(as_limits(count, len(gauges) if limits is None else limits))
     relaxation = _Relaxation(pools, region, aggregate)
     # half the set itself, half the uniform weights: near the answer and still inside
     chosen = np.zeros(count)
@@ -71,7 +72,7 @@ def certify(
     relaxed, used = np.inf, 0
     for stage, temperature in enumerate(temperatures, start=1):
         share = budget * stage // len(temperatures)
-        w, relaxed, used = _descend(relaxation, w, temperature, relaxed, used, share, tolerance)
+        w, relaxed, used = _descend(relaxation, w, temperature, relaxed, used, share)
     # where the set is optimal the two agree to rounding: never claim more than the set attains
     lower = min(relaxation.lower, cost)
     relaxed = max(lower, relaxed)
@@ -85,7 +86,6 @@ def _descend(
     relaxed: float,
     used: int,
     budget: int,
-    tolerance: float,
 ) -> tuple[np.ndarray, float, int]:
     """Spectral projected gradient at one temperature, from w, until the bound closes: w, relaxed, used."""
     value, slope, costs, bound = relaxation.evaluate(w, temperature)
@@ -95,11 +95,7 @@ def _descend(
     steepest = max(float(np.abs(slope).max()), np.finfo(float).tiny)
     reach = float(np.abs(relaxation.region.project(w - slope / steepest) - w).max())
     length = 0.1 / max(reach, 1e-12) / steepest
-    while (
-        used < budget
-        and value - bound > 0.3 * tolerance * abs(value)
-        and relaxed - relaxation.lower > tolerance * relaxed
-    ):
+    while used < budget and value - bound > 0.3 * CLOSE * abs(value) and relaxed - relaxation.lower > CLOSE * relaxed:
         step = relaxation.region.project(w - length * slope) - w
         descent = float(slope @ step)
         if descent > -1e-15 * abs(value):
@@ -130,7 +126,7 @@ class _Relaxation:
     """f(w) and ∇f, each scenario started from its last covariance; the best bounds so far: lower, of all sets, including (pool,),
     of those with each gauge."""
 
-    def __init__(self, pools: Sequence[Pool], region: Region, aggregate: Aggregate):
+    def __init__(self, pools: Sequence[Pool], region: Polytope, aggregate: Aggregate):
         self.pools, self.region, self.aggregate = pools, region, aggregate
         self.last: list[np.ndarray | None] = [None] * len(pools)
         self.lower, self.including = -np.inf, np.full(len(pools[0].rows), -np.inf)
@@ -234,7 +230,7 @@ def lowest(
     aggregate, and its least over v is had by sorting: the bound does not depend on the tolerances of the program. It is
     infinite where the program has no point. inside, free (pool,) bool, at least one way to choose.
     """
-    limits = as_limits(len(free), keep, ())
+    limits = as_limits(len(free), keep)
     places = np.flatnonzero(free)
     used = limits.used(inside)
     size, left, floor = limits.size[places], limits.keep - int(used[0]), limits.least - int(used[0])

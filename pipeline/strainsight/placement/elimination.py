@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property, partial
 
@@ -39,7 +39,7 @@ class Choice:
 
 
 @dataclass(frozen=True)
-class Step:
+class RemovedGauge:
     """What all removals from one set share: its scenarios, loops, costs (scenarios,) and the gauges left."""
 
     pools: Sequence[Pool]
@@ -116,7 +116,7 @@ class Step:
         return self.rounded(parts), increments, len(self.pools)
 
 
-def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
+def least_missed(step: RemovedGauge, relief: np.ndarray | None = None) -> tuple[Choice | None, int, np.ndarray]:
     """The gauge of the smallest rise, None where every removal costs infinity; the number of exact solves; the bounds.
 
     relief (m,): the rise counts per relief, and gauges of none stay; 1 where not given.
@@ -161,7 +161,7 @@ def least_missed(step: Step, relief: np.ndarray | None = None) -> tuple[Choice |
     return Choice(gauge, place, exact[at][1], exact[at][0], tuple(g for g, _, _ in as_good[1:])), solves, worth
 
 
-def known_to_go(step: Step, gauge: int) -> Choice:
+def known_to_go(step: RemovedGauge, gauge: int) -> Choice:
     """The removal of a gauge without which every unknown is known to be observable, whatever the test of what is left says.
 
     The test compares with the strongest row there: beside one of 1e10 times the weight, all others are rounding.
@@ -208,7 +208,6 @@ def eliminate_from(
     keep: int | Limits,
     aggregate: Aggregate = "mean",
     *,
-    fixed: Collection[int] = (),
     names: Sequence[str] = (),
 ) -> Elimination:
     """Remove, again and again, the gauge that raises the aggregate of the metric least, until the limits are kept.
@@ -224,13 +223,13 @@ def eliminate_from(
     One product bounds every candidate from below (`slopes`). The candidate of the least bound is evaluated
     exactly; those whose bound does not exceed its value get a sharper one (`sharper_bound`), and are evaluated exactly
     in that order until the next bound exceeds the best value: the same answer as evaluating all of them. A removal
-    after which an unknown is undetectable costs infinity, by test. All scenarios have the same gauges; fixed: gauges
-    that stay; names: of the unknowns.
+    after which an unknown is undetectable costs infinity, by test. All scenarios have the same gauges; names:
+    of the unknowns.
     Raises InfeasibleError where no layout within the limits was found that detects the unknowns, ConfigError for an
     impossible `keep`.
     Source of the ratio: Senju and Toyoda, Management Science 15 (1968).
     """
-    limits = as_limits(len(pools[0].rows), keep, fixed)
+    limits = as_limits(len(pools[0].rows), keep)
     unknowns, least = fewest_gauges(pools)
     if limits.keep < least:
         raise InfeasibleError(
@@ -258,7 +257,7 @@ def _descend(
     spent = 0
     while left.count > limits.keep if guard is None else guard.broken:
         relief = None if guard is None else guard.relief[left.index]
-        step = Step(pools, loops, costs, left, aggregate)
+        step = RemovedGauge(pools, loops, costs, left, aggregate)
         found, number, worth = least_missed(step, relief)
         spent += number
         if found is None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -103,7 +103,6 @@ def exchange(
     gauges: Gauges,
     aggregate: Aggregate = "mean",
     *,
-    fixed: Collection[int] = (),
     limits: Limits | None = None,
     limit: int = 20_000,
 ) -> Exchange:
@@ -115,11 +114,11 @@ def exchange(
     Gauges j are tried in the order of that bound and left where it promises nothing; j is then added exactly, and only
     the i whose removal bound in the enlarged set allows a gain are removed exactly. The first swap that helps is made; of
     equal ones, that of the lower indices.
-    gauges: a set that detects every unknown; fixed: gauges that stay; limits: of which every set on the way breaks none;
+    gauges: a set that detects every unknown; limits: of which every set on the way breaks none;
     where they leave room for j beside all of them, j is added and none leaves. limit: of exact solves.
     """
     chosen = np.sort(np.asarray(gauges, dtype=int))
-    bounded = as_limits(len(pools[0].rows), len(chosen) if limits is None else limits, fixed)
+    bounded = as_limits(len(pools[0].rows), len(chosen) if limits is None else limits)
     if not bounded.allows(chosen):
         raise ValueError("an exchange starts from a layout within the limits, the fixed gauges among it")
     loops = loops_of(pools, chosen)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -172,7 +172,6 @@ def robust_set(
     keep: int | Limits,
     aggregate: Aggregate = "mean",
     *,
-    fixed: Collection[int] = (),
     start: Sequence[int] | np.ndarray | None = None,
     limit: int = 20_000,
 ) -> RobustSet:
@@ -187,12 +186,12 @@ def robust_set(
     are tried in the order of that bound, the first that helps is made, and the failures of a tried set are solved, the
     likely worst first, until one costs too much. Where a failure loses an unknown, fewer such gauges come first, the
     largest loss of the others second; so does one after which the covariance cannot be solved to accuracy. A bonded
-    gauge (fixed) stays but fails like any other, a pool row of several channels or gauges as a whole. Where the limits
+    gauge stays but fails like any other, a pool row of several channels or gauges as a whole. Where the limits
     leave room, a gauge that lowers L is added.
     Raises InfeasibleError where so few gauges are kept that each is needed to detect the unknowns; as `eliminate`.
     """
     unknowns, least = fewest_gauges(pools)
-    limits = as_limits(len(pools[0].rows), keep, fixed)
+    limits = as_limits(len(pools[0].rows), keep)
     if limits.keep <= least:
         raise InfeasibleError(
             f"{limits.keep} gauges for {unknowns} unknowns: whichever fails, an unknown is lost",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -183,24 +183,13 @@ class Swaps:
         return np.asarray(kept & np.all(self._parts[at] >= over[:, None], axis=0))
 
 
-def as_limits(pool: int, keep: int | Limits, fixed: Collection[int]) -> Limits:
-    """Limits of a plain count, or those given, with these gauges fixed, too."""
+def as_limits(pool: int, keep: int | Limits) -> Limits:
+    """Limits of a plain count, or those that there are."""
     if isinstance(keep, Limits):
         if len(keep.size) != pool:
             raise ValueError(f"limits of a pool of {len(keep.size)}, and the pool has {pool}")
-        return _bonded(keep, keep.fixed | {int(g) for g in fixed}) if fixed else keep
-    return limits_of(pool, keep, fixed=fixed)
-
-
-def _bonded(limits: Limits, fixed: frozenset[int]) -> Limits:
-    """With these gauges fixed: where several are too near to one another, that only closes their surroundings."""
-    rows, most = limits.rows.copy(), limits.most.copy()
-    held = np.isin(np.arange(len(limits.size)), list(fixed))
-    both = np.array([name == SPACING for name in limits.names]) & (most == 1) & (limits.used(held) > 1)
-    rows.data[np.repeat(both, np.diff(rows.indptr)) & held[rows.indices]] = 0.0
-    rows.eliminate_zeros()
-    most[both] = 0.0
-    return replace(limits, rows=rows, most=most, fixed=fixed)
+        return keep
+    return limits_of(pool, keep)
 
 
 def _groups(pairs: np.ndarray) -> list[np.ndarray]:
@@ -226,7 +215,7 @@ def _groups(pairs: np.ndarray) -> list[np.ndarray]:
     return groups
 
 
-class Region:
+class Polytope:
     """{0 ≤ w ≤ 1, rows·w ≤ most, least ≤ Σ size·w, w = 1 on fixed gauges}, which holds every layout."""
 
     def __init__(self, limits: Limits):

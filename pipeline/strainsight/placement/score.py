@@ -116,4 +116,4 @@ def alike(rows: np.ndarray) -> list[tuple[int, ...]]:
         near[np.ix_(same, same)] = cosines[..., -1] > ALIKE
     _, group = connected_components(near, directed=False)
     members = [tuple(np.flatnonzero(group == number).tolist()) for number in dict.fromkeys(group.tolist())]
-    return [found for found in members if len(found) > 1]
+    return [member for member in members if len(member) > 1]

@@ -211,7 +211,7 @@ class BearingCurve:
 
 
 @dataclass(frozen=True)
-class Displaced:
+class BearingDisplaced:
     """A bearing along one displacement, number `along` of the five."""
 
     bearing: str

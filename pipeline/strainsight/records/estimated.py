@@ -39,7 +39,7 @@ class Damaged:
 
 
 @record
-class Channels:
+class TestChannels:
     """The channels of the file."""
 
     time: np.ndarray = dataset("s", "/time", "sampling times of the channels, the first one starts the filter")
@@ -89,7 +89,7 @@ class ChannelsChecked:
 
 
 @record
-class Offsets:
+class ChannelOffsets:
     """Channels whose offset is unknown."""
 
     channel: np.ndarray = dataset("1", "channel", "channels with an unknown offset")
@@ -136,7 +136,7 @@ class Compared:
 
 
 @record
-class Moment:
+class SurfaceMoment:
     """The surface at the moment of the largest reading; facets as `exterior_facets` of the mesh of import.h5 has them."""
 
     time: float = dataset("s", "", "instant of the largest reading, on the clock of the file")
@@ -155,7 +155,7 @@ class Moment:
 
 
 @record
-class Source:
+class TestSource:
     """The file of the test, and what was done to every channel of it that was used."""
 
     file: str = dataset("1", "", "name of the file")
@@ -180,7 +180,7 @@ class Source:
 
 
 @record
-class Histories:
+class UnknownHistories:
     """Every unknown in time."""
 
     estimate: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "filtered estimate of <name>")
@@ -195,11 +195,11 @@ class Histories:
 
 
 @record
-class Estimated(Histories):
+class Estimated(UnknownHistories):
     """estimate.h5 of a placement."""
 
     time: np.ndarray = dataset("s", "/time", "time of the estimates, on the clock of the file")
-    gauge: Channels = group()
+    gauge: TestChannels = group()
     whitened: np.ndarray = dataset(
         "1",
         "/gauge/time × /gauge/label",
@@ -209,12 +209,12 @@ class Estimated(Histories):
     hold_out: HoldOut | None = group(default=None)
     trusted: bool = dataset("1", "", "whether the record agrees with the model; where not, no σ is to be trusted")
     check: ChannelsChecked = group(path="/channel_check")
-    bias: Offsets | None = group(default=None)
+    bias: ChannelOffsets | None = group(default=None)
     resultant: dict[str, Resultant] = group()
     virtual: VirtualStrain | None = group(default=None)
     known: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "known load <name> as measured")
-    moment: Moment | None = group(default=None)
-    source: Source = group()
+    moment: SurfaceMoment | None = group(default=None)
+    source: TestSource = group()
     damage: Damaged | None = group(default=None)
     notes: tuple[str, ...] = dataset("1", "sentence", "what was done to the measurements, and doubts")
 

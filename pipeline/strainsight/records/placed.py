@@ -84,7 +84,7 @@ class Selection:
 
 
 @record
-class Bound:
+class LayoutBound:
     """What any layout within the limits could reach."""
 
     lower_bound: float = dataset("1", "", "no layout within the limits has a smaller <what>")
@@ -121,7 +121,7 @@ class PlacedLayout:
         "<what> when each gauge of the final set fails; inf where an unknown is then lost, NaN where not solved",
         path="/failure/loss",
     )
-    certificate: Bound | None = group(what="<what>", default=None)
+    certificate: LayoutBound | None = group(what="<what>", default=None)
     baseline: dict[str, float] = dataset("1", "", "<what> of the set by <name>")
     criteria: Rules = group()
     advice: tuple[str, ...] = dataset("1", "sentence", "what to do with the layout")

@@ -31,7 +31,7 @@ NAME, UNIT_OF = "<name>", "unit of "
 
 
 @dataclass(frozen=True)
-class Place:
+class FieldPlace:
     """Where a field stands.
 
     path   below the group of its record, by default the name of the field; `<name>` stands for the keys of a mapping
@@ -68,7 +68,7 @@ class Source(Protocol):
 
 def dataset(unit: str, axes: str, what: str, *, path: str | None = None, default: EllipsisType | None = ...) -> Any:
     """A field that is one dataset, or one for every name; axes: "/time × channel", "" of a number; default=None: optional."""
-    return placed(Place("", unit, _split(axes), what), path, default)
+    return placed(FieldPlace("", unit, _split(axes), what), path, default)
 
 
 def _split(axes: str) -> tuple[str, ...]:
@@ -90,11 +90,11 @@ def group(
     `<what>` in the fields of that record, which several groups may share; "unit of <name>" is then that of the name of the group.
     by: the field of every one of a tuple of them that is the name of its group.
     """
-    return placed(Place("", unit, what=what), path, default, through, by)
+    return placed(FieldPlace("", unit, what=what), path, default, through, by)
 
 
 def placed(
-    place: Place, path: str | None = None, default: EllipsisType | None = ..., through: Any = None, by: str = ""
+    place: FieldPlace, path: str | None = None, default: EllipsisType | None = ..., through: Any = None, by: str = ""
 ) -> Any:
     """A field with its place, whose path is that of its name without another."""
     metadata = {"place": place, "path": path, "through": through, "by": by}
@@ -128,16 +128,16 @@ class _Kind:
     by: str = ""
 
 
-_KNOWN: dict[Any, dict[str, tuple[Place, _Kind]]] = {}
+_KNOWN: dict[Any, dict[str, tuple[FieldPlace, _Kind]]] = {}
 _LAZY: dict[Any, Any] = {}
 
 
-def _fields(kind: Any) -> dict[str, tuple[Place, _Kind]]:
+def _fields(kind: Any) -> dict[str, tuple[FieldPlace, _Kind]]:
     if kind not in _KNOWN:
         places = _places(kind)
         hints = get_type_hints(kind) if places else {}
         fields = {
-            name: (Place(f"/{column.name or name}", column.unit, _split(column.axes), column.meaning), _kind(hint))
+            name: (FieldPlace(f"/{column.name or name}", column.unit, _split(column.axes), column.meaning), _kind(hint))
             for name, (hint, column) in columns_of(kind).items()
             if column
         }
@@ -164,10 +164,10 @@ def _kind(hint: Any, through: Any = None, by: str = "") -> _Kind:
     return _Kind(leaf, through or (leaf if dataclasses.is_dataclass(leaf) else None), named, optional, by)
 
 
-ROOT = Place("")
+ROOT = FieldPlace("")
 
 
-def written(own: Any, units: Mapping[str, str] | None = None, at: Place = ROOT) -> dict[str, Dataset]:
+def written(own: Any, units: Mapping[str, str] | None = None, at: FieldPlace = ROOT) -> dict[str, Dataset]:
     """The datasets of a record, by path, their shapes checked against each other.
 
     units: for fields whose unit is that of something, by what it is of; at: the group that the record stands below. Raises
@@ -203,14 +203,14 @@ def below(group: str, datasets: Mapping[str, Dataset]) -> dict[str, Dataset]:
     }
 
 
-def _label(axis: str, place: Place, fields: Mapping[str, tuple[Place, _Kind]], below: str) -> str:
+def _label(axis: str, place: FieldPlace, fields: Mapping[str, tuple[FieldPlace, _Kind]], below: str) -> str:
     """The dataset that labels an axis: of the record itself or else of the root; "" where there is none."""
     if not axis.startswith("/") or axis == place.path:
         return ""
     return below + axis if any(axis == other.path for other, _ in fields.values()) else axis
 
 
-def _within(place: Place, at: Place) -> Place:
+def _within(place: FieldPlace, at: FieldPlace) -> FieldPlace:
     """A field's place in the words of the group that its record stands below."""
     return replace(
         place,
@@ -220,7 +220,7 @@ def _within(place: Place, at: Place) -> Place:
     )
 
 
-def _named_as(key: str, place: Place, units: Mapping[str, str] | None) -> Place:
+def _named_as(key: str, place: FieldPlace, units: Mapping[str, str] | None) -> FieldPlace:
     """A place of one name: its unit is that of the name where it says so."""
     unit = place.unit
     if unit.startswith(UNIT_OF):
@@ -228,7 +228,7 @@ def _named_as(key: str, place: Place, units: Mapping[str, str] | None) -> Place:
     return replace(place, unit=unit, axes=_axes(place, key), what=place.what.replace(NAME, key))
 
 
-def _axes(place: Place, key: str) -> tuple[str, ...]:
+def _axes(place: FieldPlace, key: str) -> tuple[str, ...]:
     return tuple(axis.replace(NAME, key) for axis in place.axes)
 
 
@@ -253,7 +253,7 @@ def _array(value: Any, kind: _Kind) -> np.ndarray:
     return np.asarray(value)
 
 
-def _contradiction(place: Place, array: np.ndarray, lengths: dict[str, tuple[int, str]], path: str) -> str:
+def _contradiction(place: FieldPlace, array: np.ndarray, lengths: dict[str, tuple[int, str]], path: str) -> str:
     """In words where the shape is not that of the axes; empty where it is."""
     if array.ndim != len(place.axes):
         return f"{path} has {array.ndim} axes, not {len(place.axes)} ({' × '.join(place.axes) or 'a number'})"
@@ -312,7 +312,7 @@ def _loaded(own: Mapping[str, Any], name: str) -> Any:
     return _named(own, place, kind) if kind.named else _single(own, place, kind, own["_below"] + place.path)
 
 
-def _single(own: Mapping[str, Any], place: Place, kind: _Kind, path: str) -> Any:
+def _single(own: Mapping[str, Any], place: FieldPlace, kind: _Kind, path: str) -> Any:
     if kind.optional and path not in own["_source"]:
         return None
     if kind.record is not None:
@@ -320,7 +320,7 @@ def _single(own: Mapping[str, Any], place: Place, kind: _Kind, path: str) -> Any
     return _value(own, place, kind, own["_source"][path], path)
 
 
-def _named(own: Mapping[str, Any], place: Place, kind: _Kind) -> dict[str, Any] | tuple[Any, ...]:
+def _named(own: Mapping[str, Any], place: FieldPlace, kind: _Kind) -> dict[str, Any] | tuple[Any, ...]:
     """By name, but for the names that have a field of their own."""
     source, parent = own["_source"], (own["_below"] + place.path).removesuffix(f"/{NAME}")
     if kind.record is not None:
@@ -348,7 +348,7 @@ def _record(own: Mapping[str, Any], kind: _Kind, path: str, key: str = "") -> An
     return kind.leaf(**values, **({kind.by: key} if kind.by else {}))
 
 
-def _value(own: Mapping[str, Any], place: Place, kind: _Kind, array: np.ndarray, path: str) -> Any:
+def _value(own: Mapping[str, Any], place: FieldPlace, kind: _Kind, array: np.ndarray, path: str) -> Any:
     if wrong := _contradiction(place, array, own["_lengths"], path):
         raise ArtefactError(f"shapes contradict each other: {wrong}", remedy="run the stage again with --force")
     if kind.leaf == FLAGS:
@@ -360,7 +360,7 @@ def _value(own: Mapping[str, Any], place: Place, kind: _Kind, array: np.ndarray,
     return kind.leaf(array[()])
 
 
-def listed(kind: type, at: Place = ROOT) -> list[tuple[str, str, str, str]]:
+def listed(kind: type, at: FieldPlace = ROOT) -> list[tuple[str, str, str, str]]:
     """Every dataset of a record for docs/artefacts.md: path, axes, unit, what."""
     rows = []
     for place, field in _fields(kind).values():

@@ -149,7 +149,7 @@ class ModelTerms:
 
 
 @record
-class HeldOut:
+class ReductionErrors:
     """Parameter values that the basis was not built from, and the errors there."""
 
     parameters: np.ndarray = dataset("SI", "point × parameter", "parameter values that the basis was not built from")
@@ -202,6 +202,6 @@ class Reduced:
     )
     static: np.ndarray = dataset("m/N", "free unknown × input", "static response to each input on the free unknowns")
     misaligned: Misaligned = group()
-    error: HeldOut = group()
+    error: ReductionErrors = group()
     matrices: ReadyBasis | None = group(default=None)
     results: FromResults | None = group(default=None)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.columns import Column, columns_of
-from strainsight.records.record import Place, placed
+from strainsight.records.record import FieldPlace, placed
 
 ALL = ", all lists one behind the other"
 OFFSET = "list i is [offset[i], offset[i + 1])"
@@ -43,7 +43,9 @@ def table(
     key: a field that the objects go by, or what they go by; empty: they are a tuple. bare: a value stands for the object whose
     only field it is. brief: columns of lists that do not say so. words: column → its meaning in this table, where it is another.
     """
-    places = {key.name: (key.kind, Place(f"/{key.name}", "1", (axis,), key.meaning))} if isinstance(key, Key) else {}
+    places = (
+        {key.name: (key.kind, FieldPlace(f"/{key.name}", "1", (axis,), key.meaning))} if isinstance(key, Key) else {}
+    )
     places |= _places(row, axis)
     for name, meaning in words.items():
         kind, place = places[name]
@@ -170,12 +172,12 @@ def _fields(row: Any) -> tuple[_Field, ...]:
     return tuple(fields)
 
 
-def _places(row: Any, axis: str, suffix: str = "") -> dict[str, tuple[type, Place]]:
+def _places(row: Any, axis: str, suffix: str = "") -> dict[str, tuple[type, FieldPlace]]:
     """Column of a file → its kind and place."""
-    places: dict[str, tuple[type, Place]] = {}
+    places: dict[str, tuple[type, FieldPlace]] = {}
     for field in _fields(row):
         if field.axis:
-            places.setdefault(field.offset, (int, Place(f"/{field.offset}", "1", (f"{axis} + 1",), OFFSET)))
+            places.setdefault(field.offset, (int, FieldPlace(f"/{field.offset}", "1", (f"{axis} + 1",), OFFSET)))
         along, more = (field.axis, ALL) if field.axis else (axis, suffix)
         if field.part:
             places |= _places(field.part, along, more)
@@ -183,7 +185,7 @@ def _places(row: Any, axis: str, suffix: str = "") -> dict[str, tuple[type, Plac
             axes = (along, *map(str, field.tail))
             places[field.name] = (
                 field.kind,
-                Place(f"/{field.name}", field.column.unit, axes, field.column.meaning + more),
+                FieldPlace(f"/{field.name}", field.column.unit, axes, field.column.meaning + more),
             )
     return places
 

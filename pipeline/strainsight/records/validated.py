@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.records.estimated import Histories
+from strainsight.records.estimated import UnknownHistories
 from strainsight.records.record import dataset, group, record
 
 
 @record
-class Channels:
+class SimulatedChannels:
     """The channels of the layout."""
 
     time: np.ndarray = dataset("s", "/time", "sampling times of the gauges")
@@ -63,7 +63,7 @@ class Starts(Errors):
 
 
 @record
-class RandomSets(Errors):
+class RandomSetErrors(Errors):
     candidate: np.ndarray = dataset("1", "run × channel", "rows of train.h5 of every <what>, −1 for none")
     estimate: dict[str, np.ndarray] = dataset("unit of <name>", "/time × run", "estimate of <name> by every <what>")
 
@@ -77,16 +77,16 @@ class SweepTable:
 
 
 @record
-class Validated(Histories):
+class Validated(UnknownHistories):
     """validate.h5."""
 
     time: np.ndarray = dataset("s", "/time", "time of the validation run")
     truth: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "true history of <name>")
-    gauge: Channels = group()
+    gauge: SimulatedChannels = group()
     consistency: Consistency = group()
     field: Field = group()
     noise: NoiseStudy = group(what="noise level")
     repeats: Starts = group(what="seed and start")
-    screened: RandomSets = group(path="/random_sets/screened", what="random set of the screened pool")
-    all: RandomSets = group(path="/random_sets/all", what="random set of all candidates")
+    screened: RandomSetErrors = group(path="/random_sets/screened", what="random set of the screened pool")
+    all: RandomSetErrors = group(path="/random_sets/all", what="random set of all candidates")
     sweep: SweepTable | None = group(default=None)

@@ -32,9 +32,7 @@ class InertiaInvariants:
     modal: Annotated[np.ndarray, Column("kg per unit^2", "coordinate × coordinate", "∫ρ ΦᵀΦ")]
 
 
-def inertia_invariants(
-    model: FiniteElementModel, basis: np.ndarray, origin: np.ndarray | tuple[float, float, float] = (0.0, 0.0, 0.0)
-) -> InertiaInvariants:
+def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaInvariants:
     """All of them are entries of one Gram matrix of scalar fields, with the consistent mass of the elements:
 
         G = ∫ρ f fᵀ dV = FᵀmF,     f = (1, x, Φ),   m_ab = Σ_elements ρ ∫ N_a N_b dV,   F the values of f on the nodes
@@ -42,14 +40,14 @@ def inertia_invariants(
     The shape functions hold 1, x and Φ, so nothing is lost beside the mass matrix of the model, and modal is ΦᵀMΦ. A
     point mass at c = x_i + d adds m_p f(c) f(c)ᵀ + ∇fᵀ(½ tr(J) I − J)∇f, with f(c) and ∇f of the rigid motion of its node.
 
-    model with the densities of its mesh; basis (n_free, n), columns k [m per unit of η_k]; origin (3,) [m] of the
-    floating frame, whose axes are the basic ones. Clamped nodes count in m and x. Raises DeckError of `element_masses`,
+    model with the densities of its mesh; basis (n_free, n), columns k [m per unit of η_k]; the floating
+    frame has origin and axes of the basic ones. Clamped nodes count in m and x. Raises DeckError of `element_masses`,
     for a body without mass, and for one with a mass matrix (CONM1).
     Source: Shabana, Dynamics of Multibody Systems, ch. 5; the fields are those of thesis (1.16).
     """
     mesh, n = model.mesh, basis.shape[1]
     z = model.constraint.transform @ basis
-    x = mesh.position - np.asarray(origin, dtype=float)
+    x = mesh.position
     Phi = z[: 3 * len(x)].reshape(len(x), 3 * n)
     F = np.hstack([np.ones((len(x), 1)), x, Phi])
     G = F.T @ (scalar_mass(mesh) @ F)

@@ -71,7 +71,7 @@ _INTACT: set[tuple[int, ...]] = set()
 
 
 @dataclass(frozen=True)
-class Header:
+class ArtefactHeader:
     """What an artefact was made from; `key` is the sha256 of all of it but the seed.
 
     stage     name of the stage
@@ -198,7 +198,7 @@ def plain_name(name: str) -> bool:
     return Path(name).name == name and not name.startswith(".") and not name.endswith(".h5")
 
 
-def header_of(path: Path) -> Header:
+def header_of(path: Path) -> ArtefactHeader:
     """What an artefact was made from, its bytes checked but not what they say. Raises ArtefactError."""
     with _checked(path) as file:
         return _header(file, path)[0]
@@ -269,7 +269,7 @@ def _opened(path: Path) -> h5py.File:
         raise damaged(path, "it is not a complete HDF5 file") from error
 
 
-def _header(file: h5py.File, path: Path) -> tuple[Header, str, str]:
+def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
     attributes = attributes_of(file)
     if attributes.get("format") != FORMAT:
         raise ArtefactError(
@@ -282,7 +282,7 @@ def _header(file: h5py.File, path: Path) -> tuple[Header, str, str]:
             where=str(path),
             remedy="run again with --force, or read it with the strainsight that wrote it",
         )
-    header = Header(
+    header = ArtefactHeader(
         stage=str(attributes["stage"]),
         version=int(attributes["stage_version"]),
         key=str(attributes["key"]),

@@ -19,7 +19,7 @@ from typing import Any
 from strainsight.errors import ArtefactError, StrainsightError, UserError
 from strainsight.file_lock import lock_byte, lock_file
 from strainsight.parallel import Sweep, serial
-from strainsight.runner.artefact import Artefact, Header, digest_or_none, file_digest, header_of
+from strainsight.runner.artefact import Artefact, ArtefactHeader, digest_or_none, file_digest, header_of
 from strainsight.runner.output import warnings_table
 from strainsight.runner.plan import UP_TO_DATE, Inputs, Job, code_of, inputs_of, judge, other_code
 from strainsight.runner.slices import Slice, declared
@@ -144,7 +144,7 @@ def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
     return None
 
 
-def _taken(source: Path, folder: Path, header: Header, records: tuple[str, ...]) -> Artefact:
+def _taken(source: Path, folder: Path, header: ArtefactHeader, records: tuple[str, ...]) -> Artefact:
     """The artefact of that header and what lies beside it, under their names only once all is here and was checked here. What
     records said before stays."""
     make_folder(folder)
@@ -321,7 +321,7 @@ def _execute(
         output = stage.run(context)
     output = replace(output, tables=(*output.tables, *warnings_table(tuple(texts))))
     seconds = time.perf_counter() - start
-    header = Header(
+    header = ArtefactHeader(
         stage=stage.name,
         version=stage.version,
         key=key,

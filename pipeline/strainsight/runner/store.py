@@ -29,7 +29,7 @@ from strainsight.runner.artefact import (
     FORMAT_VERSION,
     GRID,
     Artefact,
-    Header,
+    ArtefactHeader,
     digest_or_none,
     header_of,
     plain_name,
@@ -117,7 +117,7 @@ ROOM, ROOM_EACH = 1 << 14, 1 << 11
 RAW = "/VTKHDF"
 
 
-def write_artefact(path: Path, output: Output, header: Header, records: tuple[str, ...] = ()) -> Artefact:
+def write_artefact(path: Path, output: Output, header: ArtefactHeader, records: tuple[str, ...] = ()) -> Artefact:
     """Write `output` to `path`, read back and verified before it gets that name.
 
     A temporary file in the same folder, fsync, os.replace: `path` holds the old content or the new, never a part. Files
@@ -230,7 +230,7 @@ def kept_on_disk(path: Path) -> Iterator[None]:
         ) from error
 
 
-def _most_bytes(output: Output, header: Header) -> int:
+def _most_bytes(output: Output, header: ArtefactHeader) -> int:
     """More bytes than the file will have."""
     arrays = sum(_text(np.asarray(d.array)).nbytes for d in output.datasets.values())
     attributes = sum(len(repr(dict(entries))) for entries in output.attributes.values())
@@ -317,7 +317,7 @@ def _attach_scales(file: h5py.File, datasets: Mapping[str, Dataset]) -> None:
                 file[path].dims[axis].attach_scale(file[scale])
 
 
-def _write_header(file: h5py.File, header: Header, message: str) -> None:
+def _write_header(file: h5py.File, header: ArtefactHeader, message: str) -> None:
     attributes = file.attrs
     attributes["format"] = FORMAT
     attributes["format_version"] = FORMAT_VERSION

@@ -49,7 +49,7 @@ def concatenated(
 ) -> Arms | None:
     """Those of pools with so many channels each, one behind the other; concatenate: of their grids."""
     start = np.cumsum([0, *channels])
-    bridged = [(own, int(first)) for own, first in zip(parts, start[:-1], strict=True) if own is not None]
+    bridged = [(part, int(first)) for part, first in zip(parts, start[:-1], strict=True) if part is not None]
     if not bridged:
         return None
     return Arms(

@@ -174,7 +174,7 @@ def _patches(mesh: Mesh, facets: Facets, chosen: np.ndarray) -> np.ndarray:
 
 def crowded(points: np.ndarray, segments: Mapping[str, np.ndarray], distance: float) -> dict[str, np.ndarray]:
     """Which points (m, 3) [m] are nearer than the distance [m] to each of the obstacles, in a straight line: name → (m,)."""
-    return {name: near_segments(points, own, distance) for name, own in segments.items()}
+    return {name: near_segments(points, segment, distance) for name, segment in segments.items()}
 
 
 def spaced(points: np.ndarray, distance: float, most: int | None = None) -> np.ndarray:

@@ -17,6 +17,8 @@ SI, USER_DEFINED = 1, 9
 """Codes of systems of units."""
 NOTHING = "NONE"
 
+TITLE, PROGRAM, STAMP = "strain gauge layout", "strainsight", f"{'01-JAN-70':<10}{'00:00:00':<10}"
+
 
 def uff_text(
     position: np.ndarray,
@@ -24,10 +26,6 @@ def uff_text(
     normal: np.ndarray,
     labels: Sequence[str],
     *,
-    title: str = "strain gauge layout",
-    program: str = "strainsight",
-    date: str = "01-JAN-70",
-    time: str = "00:00:00",
     unit: str = "m",
     metres: float = 1.0,
 ) -> str:
@@ -39,15 +37,14 @@ def uff_text(
     the axes, row 4 the origin) and 2411 (nodes), as SDRC and the University of Cincinnati describe them.
     position (k, 3) in `unit`, of which one is so many metres; direction (k, 3), where it is along the normal x is any tangent;
     normal (k, 3), zero where unknown: then z is any vector across x; labels (k,), cut to 80
-    characters; date DD-MMM-YY and time HH:MM:SS of the file.
+    characters. The file has no date, so that the same layout is the same file.
     """
     axes = frames(np.asarray(direction, dtype=float), np.asarray(normal, dtype=float))
-    stamp = f"{date:<10.10}{time:<10.10}"
-    header = [title, title, program, f"{stamp}{0:10d}{0:10d}{0:10d}", stamp, program, stamp]
+    header = [TITLE, TITLE, PROGRAM, f"{STAMP}{0:10d}{0:10d}{0:10d}", STAMP, PROGRAM, STAMP]
     code, words = (SI, "SI: Meter (newton)") if unit == "m" else (USER_DEFINED, f"{unit} (newton)")
     # What a number of the file is divided by to give SI: length, force, temperature.
     units = [f"{code:10d}{words:<20}{2:10d}", _numbers([1.0 / metres, 1.0, 1.0]), _numbers([273.15])]
-    systems, nodes = [f"{1:10d}", title], []
+    systems, nodes = [f"{1:10d}", TITLE], []
     for number, (x, frame, label) in enumerate(zip(position, axes, labels, strict=True), start=1):
         systems += [f"{number:10d}{0:10d}{COLOUR:10d}", _name(label), *map(_numbers, [*frame, x])]
         nodes += [f"{number:10d}{0:10d}{number:10d}{COLOUR:10d}", _numbers(x)]

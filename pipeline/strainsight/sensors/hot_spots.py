@@ -19,7 +19,7 @@ from strainsight.mesh.kinds.kind import Kind, with_midsides
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.subdivision import Refined, refined
 from strainsight.sensors.candidates import STRAIN, Candidates
-from strainsight.sensors.rows import Points, matrix_of, points_within, surface_of
+from strainsight.sensors.rows import ChannelPoints, matrix_of, points_within, surface_of
 from strainsight.sensors.surface import by_kind
 
 
@@ -142,7 +142,6 @@ def hot_spots(
     moment: np.ndarray,
     loaded: np.ndarray,
     pressed: np.ndarray,
-    layers: int = LAYERS,
 ) -> HotSpots:
     """The submodel of every strain gauge as it is, refined, and with its forces spread, each moved at its cut as the model is:
 
@@ -172,7 +171,7 @@ def hot_spots(
         points = points_within(mesh.position, own, skin)
         try:
             readings, apart = _readings(
-                mesh, facets, incidence, held, forced, (under, otherwise), points, len(own), motion, layers
+                mesh, facets, incidence, held, forced, (under, otherwise), points, len(own), motion
             )
         except (NumericalError, DeckError):  # all of a body that nothing holds; parts of an element at its limits
             refined[g] = spread[g] = np.nan
@@ -190,15 +189,14 @@ def _readings(
     held: np.ndarray,
     forced: np.ndarray,
     pressed: tuple[np.ndarray, np.ndarray],
-    points: Points,
+    points: ChannelPoints,
     channels: int,
     z: np.ndarray,
-    layers: int,
 ) -> tuple[list[np.ndarray], np.ndarray | None]:
     """What the channels of one gauge read of a field (c, r): on the submodel, refined once, twice; with forces spread, None where
     there are none. pressed: nodes (n,) under a traction, and those on which other forces act."""
     nodes = np.unique(points.nodes[points.nodes >= 0])
-    patch, around = (patch_around(mesh, incidence, nodes, count) for count in (layers, layers + 1))
+    patch, around = (patch_around(mesh, incidence, nodes, count) for count in (LAYERS, LAYERS + 1))
     field, more = (
         z.reshape(len(mesh.position), 3, -1)[part.nodes].reshape(3 * len(part.nodes), -1) for part in (patch, around)
     )
@@ -211,7 +209,7 @@ def _readings(
         spread = rows @ with_spread_forces(own, _facets_of(patch, facets)).field
     for level in range(DEPTH):
         if level:
-            part = patch_around(own.mesh, Incidence.of(own.mesh), np.unique(at.nodes[at.nodes >= 0]), layers)
+            part = patch_around(own.mesh, Incidence.of(own.mesh), np.unique(at.nodes[at.nodes >= 0]), LAYERS)
             own, at = own.part(part), replace(at, nodes=part.local(at.nodes))
         own, fine = refined_submodel(own)
         at = _on_parts(fine, at)
@@ -244,9 +242,9 @@ def _facets_of(patch: Patch, facets: Facets) -> Facets:
     return Facets(found.element_id, found.facet, found.kind, patch.local(found.nodes), found.region)
 
 
-def _on_parts(fine: Refined, points: Points) -> Points:
+def _on_parts(fine: Refined, points: ChannelPoints) -> ChannelPoints:
     """The same points on the parts of their facets; where several parts meet, in equal shares on each."""
-    taken: list[Points] = []
+    taken: list[ChannelPoints] = []
     for kind, which, nodes in by_kind(points.kind, points.nodes):
         share, parts = np.zeros(len(which)), []
         for name, corners in kind.split:
@@ -259,7 +257,7 @@ def _on_parts(fine: Refined, points: Points) -> Points:
             code = np.full(len(on), FACETS.index(part))
             parts.append((on, replace(points.take(which[on]), kind=code, nodes=at, local=local[on])))
         taken += [replace(own, weight=own.weight / share[on]) for on, own in parts]
-    return Points.joined(taken)
+    return ChannelPoints.joined(taken)
 
 
 def _within(part: Kind, corners: np.ndarray, xi: np.ndarray) -> np.ndarray:

@@ -11,7 +11,7 @@ from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
 from strainsight.sensors.rows import (
-    Points,
+    ChannelPoints,
     channel_rows,
     installation_axes,
     matrix_of,
@@ -193,7 +193,7 @@ def _in_place(
     return (first[0], first[1]), (twice[0], twice[1], ends * over(2 * step**2, free))
 
 
-def normals_of(position: np.ndarray, points: Points) -> np.ndarray:
+def normals_of(position: np.ndarray, points: ChannelPoints) -> np.ndarray:
     """Outward unit normals (p, 3) of the facets at the points."""
     return facet_frames(position, points.kind, points.nodes, points.local)[1]
 

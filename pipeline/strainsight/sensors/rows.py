@@ -22,7 +22,7 @@ WEIGHT = np.array([0.5, 0.5])
 
 
 @dataclass(frozen=True)
-class Points:
+class ChannelPoints:
     """p points: channel (p,), element (p,) its id, kind (p,), nodes (p, 8), local (p, 2) ξ, direction (p, 3), quantity (p,),
     weight (p,), which adds up to 1 over a grid, of a bridge to the sign of the grid."""
 
@@ -35,12 +35,12 @@ class Points:
     quantity: np.ndarray
     weight: np.ndarray
 
-    def take(self, index: np.ndarray) -> Points:
+    def take(self, index: np.ndarray) -> ChannelPoints:
         """Those at `index`."""
-        return Points(*(getattr(self, entry.name)[index] for entry in fields(self)))
+        return ChannelPoints(*(getattr(self, entry.name)[index] for entry in fields(self)))
 
     @classmethod
-    def joined(cls, parts: Sequence[Points]) -> Points:
+    def joined(cls, parts: Sequence[ChannelPoints]) -> ChannelPoints:
         """All points of the parts."""
         return cls(*(np.concatenate([getattr(part, entry.name) for part in parts]) for entry in fields(cls)))
 
@@ -62,7 +62,9 @@ def surface_of(position: np.ndarray, candidates: Candidates, facets: Facets | Sk
     return skin_of(position, facets)
 
 
-def points_of(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None) -> tuple[Points, np.ndarray]:
+def points_of(
+    position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None
+) -> tuple[ChannelPoints, np.ndarray]:
     """The points of every channel of one grid, and which channels (m,) have a grid that stays on the surface.
 
     A channel without a grid has the point of its ξ. A grid is walked from its centre both ways, and every piece of it on one
@@ -70,7 +72,7 @@ def points_of(position: np.ndarray, candidates: Candidates, facets: Facets | Ski
     """
     spread = candidates.length > 0
     at = np.flatnonzero(~spread)
-    single = Points(
+    single = ChannelPoints(
         at,
         candidates.element[at],
         candidates.kind[at],
@@ -84,7 +86,7 @@ def points_of(position: np.ndarray, candidates: Candidates, facets: Facets | Ski
     if not spread.any():
         return single, well
     grid, well[spread] = _grids(surface_of(position, candidates, facets), candidates, np.flatnonzero(spread))
-    return Points.joined([single, grid]), well
+    return ChannelPoints.joined([single, grid]), well
 
 
 def stays(skin: Skin, candidates: Candidates) -> np.ndarray:
@@ -112,7 +114,7 @@ def _ways(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[Trail,
     ), ahead
 
 
-def _grids(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[Points, np.ndarray]:
+def _grids(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[ChannelPoints, np.ndarray]:
     """The points of the channels `which` (k,), and whether their grids stay on the surface (k,)."""
     k, both = len(which), np.tile(which, 2)
     origin, normal = candidates.position[both], candidates.normal[both]
@@ -124,7 +126,7 @@ def _grids(skin: Skin, candidates: Candidates, which: np.ndarray) -> tuple[Point
     plane = np.stack([ahead[walker], np.cross(normal[walker], ahead[walker])], axis=1)
     local, found = local_at(skin, facet, origin[walker], plane, np.column_stack([u, np.zeros(len(u))]))
     channel = both[walker]
-    points = Points(
+    points = ChannelPoints(
         channel,
         skin.facets.element_id[facet],
         skin.facets.kind[facet],
@@ -232,19 +234,13 @@ def channel_rows(
     field: np.ndarray,
     *,
     facets: Facets | Skin | None = None,
-    offset: np.ndarray | None = None,
-    rotation: np.ndarray | None = None,
     thickness: Thickness | None = None,
 ) -> np.ndarray:
     """What every channel reads in every displacement field: `channel_matrix` times the field.
 
-    field (3n, r) [m per unit], row 3·node + component; offset (gauges, 2) [m] and rotation (gauges,) [deg] misplace the
-    gauges of the `grids`, see `misplaced`. An accelerometer has the row of a displacement sensor, for accelerations.
+    field (3n, r) [m per unit], row 3·node + component. An accelerometer has the row of a displacement sensor, for accelerations.
     Returns (m, r) [strain or m per unit]. Raises InfeasibleError where the grid of a gauge runs over a sharp edge.
     """
-    if offset is not None or rotation is not None:
-        moved, _ = misplaced(position, candidates.grids, facets, offset, rotation)
-        return candidates.read(channel_rows(position, moved, field, facets=facets, thickness=thickness))
     return channel_matrix(position, candidates, facets, thickness) @ np.asarray(field).reshape(3 * len(position), -1)
 
 
@@ -279,7 +275,7 @@ def channel_matrix(
     return matrix_of(position, points_within(position, candidates, facets), len(candidates), thickness)
 
 
-def points_within(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> Points:
+def points_within(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> ChannelPoints:
     """The points that every channel sums or averages over. Raises InfeasibleError as `channel_matrix`."""
     grids = candidates.grids
     points, well = points_of(position, grids, facets)
@@ -299,7 +295,7 @@ def points_within(position: np.ndarray, candidates: Candidates, facets: Facets |
 
 
 def matrix_of(
-    position: np.ndarray, points: Points, channels: int, thickness: Thickness | None = None
+    position: np.ndarray, points: ChannelPoints, channels: int, thickness: Thickness | None = None
 ) -> sparse.csr_array:
     """The rows of `channel_matrix` (channels, 3n) from the points of the channels."""
     if thickness is not None:
@@ -317,7 +313,7 @@ def matrix_of(
     return sparse.csr_array(sparse.coo_array((value, (row.astype(int), column.astype(int))), shape=shape_))
 
 
-def _entries(position: np.ndarray, points: Points, kind: Kind) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _entries(position: np.ndarray, points: ChannelPoints, kind: Kind) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Value, row and column of every entry of the points (p) on facets of one kind."""
     N = kind.shape(points.local)
     nodes = points.nodes[:, : N.shape[1]]

@@ -10,25 +10,20 @@ from scipy.spatial import cKDTree
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.surface import unit_vector
 
+NEARLY = 1e-5
+"""Of the extent of the candidates, by which places may differ from mirror images."""
 ASKEW = 0.1
 """Degrees by which directions may differ from mirror images."""
 
 
-def mirror_partners(
-    candidates: Candidates,
-    point: Sequence[float],
-    normal: Sequence[float],
-    *,
-    tolerance: float = 1e-5,
-    size: float | None = None,
-) -> np.ndarray:
+def mirror_partners(candidates: Candidates, point: Sequence[float], normal: Sequence[float]) -> np.ndarray:
     """The mirror image of every gauge at the plane through a point (3,) [m] with a normal (3,): (gauges,), −1 where none:
 
         x′ = x − 2 ((x − p)·n) n,     d′ = ± (d − 2 (d·n) n)
 
-    Gauges mirror one another if their places do, to tolerance × size [m] (None: the extent of the candidates), the directions
-    of their channels do up to sign and 0.1°, in whatever order, and quantity, family, length of the grid and being bonded are
-    the same. A gauge on the plane can be its own. Raises UserError for a normal of no length.
+    Gauges mirror one another if their places do, to NEARLY of the extent of the candidates, the directions of their channels do
+    up to sign and 0.1°, in whatever order, and quantity, family, length of the grid and being bonded are the same. A gauge on
+    the plane can be its own. Raises UserError for a normal of no length.
     """
     n = unit_vector(normal, "the plane's normal")
     first = candidates.first
@@ -37,7 +32,7 @@ def mirror_partners(
         return partner
     x = candidates.position[first]
     image = x - 2 * ((x - np.asarray(point, dtype=float)) @ n)[:, None] * n
-    reach = tolerance * (float(np.linalg.norm(np.ptp(x, axis=0))) if size is None else size)
+    reach = NEARLY * float(np.linalg.norm(np.ptp(x, axis=0)))
     # Several gauges may share a place: all pairs there, then those of like directions.
     near = cKDTree(x).query_ball_point(image, max(reach, np.finfo(float).tiny))
     i = np.repeat(np.arange(len(first)), [len(found) for found in near])

@@ -32,12 +32,10 @@ def run(context: Context[PlacementConfig]) -> Output:
         context,
     )
     grid, attributes = ({}, {}) if campaign.surface is None else vtkhdf_datasets(campaign.surface)
-    if campaign.only is None:
-        datasets = written(campaign_record(campaign), campaign.first.units)
-        for name, own in campaign.records.items():
-            datasets |= below(record_group(name), written(own.estimated, own.units))
-    else:
-        datasets = written(campaign.only.estimated, campaign.only.units)
+    datasets = {} if campaign.only else written(campaign_record(campaign), campaign.units)
+    for name, record in campaign.records.items():
+        of_record = written(record.estimated, campaign.units)
+        datasets |= of_record if campaign.only else below(record_group(name), of_record)
     return Output(
         datasets=datasets | grid,
         attributes=attributes,

@@ -60,11 +60,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         attributes=grid_attributes,
         summary=summary,
         message=", ".join(part for part in parts if part),
-        tables=(
-            *tables,
-            *((faces_table(faces),) if faces else ()),
-            *((assumed,) if assumed else ()),
-        ),
+        tables=(*tables, *((faces_table(faces),) if faces else ()), *((assumed,) if assumed else ())),
         inputs=tuple(Path(name) for name in mesh.included),
     )
 

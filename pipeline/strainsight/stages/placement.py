@@ -6,14 +6,10 @@ from dataclasses import replace
 
 from strainsight.runner.stage import Stage
 from strainsight.stages.import_mesh import IMPORT
-from strainsight.stages.modes import MODES
-from strainsight.stages.observe import OBSERVE
 from strainsight.stages.place import PLACE
 from strainsight.stages.report import REPORT
-from strainsight.stages.rom import ROM
-from strainsight.stages.screen import SCREEN
-from strainsight.stages.spectrum import SPECTRUM
-from strainsight.stages.train import TRAIN
+from strainsight.stages.rom import MODES, ROM, SPECTRUM
+from strainsight.stages.train import OBSERVE, SCREEN, TRAIN
 from strainsight.stages.validate import VALIDATE
 
 PLACEMENT = (IMPORT, MODES, ROM, TRAIN, SCREEN, OBSERVE, PLACE, SPECTRUM, VALIDATE, REPORT)

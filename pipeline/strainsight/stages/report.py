@@ -37,7 +37,7 @@ from strainsight.pages.space.model import ShownState
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
-from strainsight.runner.output import Dataset, Output, Scalar, warnings_table
+from strainsight.runner.output import Dataset, Output, warnings_table
 from strainsight.runner.stage import Context, Stage
 from strainsight.sensors.export import edge_lines, seen_from
 from strainsight.stages import inputs
@@ -183,17 +183,14 @@ def run(context: Context[PlacementConfig]) -> Output:
         "/trend/metric": Dataset(trend.value, "1", f"{trend.metric.symbol} with that many gauges", ("/trend/count",)),
         "/noise/level": Dataset(noise.level, "1", "gauge noise over the strongest candidate's RMS"),
     }
-    for key, values in (("error", noise.error), ("std", noise.std)):
-        for name in values:
-            datasets[f"/noise/{key}/{name}"] = Dataset(
-                values[name], "1", f"{key} of {name} at that noise", ("/noise/level",)
-            )
-    message = f"report.html, {len(page) / 1024:.0f} KiB" + (f"; no 3D picture: {problem}" if problem else "")
-    summary: dict[str, Scalar] = {"picture": scene is not None, "warnings": len(report.warnings)}
+    for key, by_name in (("error", noise.error), ("std", noise.std)):
+        for name, values in by_name.items():
+            what, axis = f"{key} of {name} at that noise", ("/noise/level",)
+            datasets[f"/noise/{key}/{name}"] = Dataset(values, "1", what, axis)
     return Output(
         datasets=datasets,
-        summary=summary,
-        message=message,
+        summary={"picture": scene is not None, "warnings": len(report.warnings)},
+        message=f"report.html, {len(page) / 1024:.0f} KiB" + (f"; no 3D picture: {problem}" if problem else ""),
         tables=warnings_table(report.warnings),
         files={"report.html": page, **workshop_files(shop), **sheets, **exported(context, shop)},
     )

@@ -1,23 +1,24 @@
-"""rom: the finite-element model reduced to a few coordinates, affine in the parameters (5.1-5.10)."""
+"""rom, modes and spectrum: the finite-element model reduced to a few coordinates, affine in the parameters (5.1-5.10), and the
+modes of the whole model at the reference and in the middle of the ranges."""
 
 from __future__ import annotations
 
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.experiment.structure.reduction import FILES, READS, reduced_of
-from strainsight.experiment.structure.references import WHAT_IS_FREE, WHERE_LOADS_ACT
+from strainsight.experiment.structure.reduction import FILES, READS, modes_of, reduced_of, spectrum_of
+from strainsight.experiment.structure.references import WHAT_IS_FREE, WHERE_LOADS_ACT, reference_value
 from strainsight.experiment.structure.training import hertz
 from strainsight.mesh.vtkhdf import unstructured_grid
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import read, written
 from strainsight.records.reduced import Modes
-from strainsight.runner.output import Output, warnings_table
+from strainsight.runner.output import Output, Table, warnings_table
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
 
 
-def run(context: Context[PlacementConfig]) -> Output:
+def run_rom(context: Context[PlacementConfig]) -> Output:
     """The reduced model, with the modes of the full one as steps of a grid."""
     mesh, modes = inputs.mesh(context), context.config.rom.modes
     reduced = reduced_of(context.config, mesh, read(Modes, context.upstream["modes"]), context)
@@ -51,5 +52,62 @@ ROM = Stage(
     reads=(*WHAT_IS_FREE, "parameters.*.guess", *WHERE_LOADS_ACT, "damping", "rom", "train.model", *READS),
     upstream=("import", "modes"),
     files=("parameters.*.guess.from", *FILES),
-    run=run,
+    run=run_rom,
+)
+
+
+def run_modes(context: Context[PlacementConfig]) -> Output:
+    """The lowest modes; runs that differ in their loads alone share the result."""
+    config = context.config
+    modes = modes_of(config, inputs.mesh(context), context)
+    frequency, size = modes.frequency, len(modes.shape)
+    guesses = {name: reference_value(name, entry.guess, context.files) for name, entry in config.parameters.items()}
+    values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the deck"
+    return Output(
+        datasets=written(modes),
+        summary={
+            "unknowns": size,
+            "modes": len(frequency),
+            "first": float(frequency[0]),
+            "last": float(frequency[-1]),
+        },
+        message=f"{len(frequency)} modes of {size} unknowns, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
+        tables=(
+            Table(
+                f"natural frequencies at {values}",
+                ("mode", "Hz"),
+                tuple((str(i), hertz(f, 3)) for i, f in enumerate(frequency, start=1)),
+            ),
+        ),
+    )
+
+
+MODES = Stage(
+    "modes",
+    version=6,
+    reads=(*WHAT_IS_FREE, "parameters.*.guess", "rom.modes", *READS),
+    upstream=("import",),
+    files=("parameters.*.guess.from", *FILES),
+    run=run_modes,
+)
+
+
+def run_spectrum(context: Context[PlacementConfig]) -> Output:
+    """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
+    found = spectrum_of(context.config, inputs.mesh(context), context)
+    frequency, size = found.frequency, len(found.shape)
+    message = "shapes change with the parameters: the modes of the truth are found with it"
+    if len(frequency):
+        band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
+        message = f"{len(frequency)} modes of {size} unknowns, {band} in the middle of the ranges"
+    return Output(written(found), {"unknowns": size, "modes": len(frequency)}, message)
+
+
+SPECTRUM = Stage(
+    "spectrum",
+    version=6,
+    reads=(*WHAT_IS_FREE, "validate.truth.modes", *READS),
+    upstream=("import",),
+    files=FILES,
+    run=run_spectrum,
 )

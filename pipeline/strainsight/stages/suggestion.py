@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.config.answers import Lacking, Place, Suggestion
+from strainsight.config.answers import DeckPlace, Lacking, Suggestion
 from strainsight.config.gauges import fitting_type
 from strainsight.decks.faults import MISSING_END, short
 from strainsight.decks.reader import format_of, read_mesh
@@ -115,10 +115,10 @@ def _shells(path: Path, mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
 def _face_at(mesh: Mesh, facets: Facets, faces: Faces) -> Callable[[str], str]:
     def at(point: str) -> str:
         try:
-            found = picked(Pick(near=(json.loads(point),)), faces, mesh.position, facets)
+            facet = picked(Pick(near=(json.loads(point),)), faces, mesh.position, facets)[0]
         except UserError:  # `import` names what is wrong with it
             return point
-        return faces.near(int(faces.of[found[0]]))
+        return faces.near(int(faces.of[facet]))
 
     return at
 
@@ -140,20 +140,19 @@ def _modulus_and_density(mesh: Mesh, region: int) -> tuple[float, float] | None:
 
 def _lacking(mesh: Mesh) -> Iterator[Lacking]:
     """Regions without a material, and in a deck without mass those of each material."""
-    of = {number: own.material for number, own in mesh.regions.items()}
+    of = {number: region.material for number, region in mesh.regions.items()}
     plies = {number for number in of if mesh.laminate(number) is not None or mesh.general_shell(number) is not None}
     plies |= {*mesh.composites}
     known = {*mesh.materials, *mesh.anisotropic}
     if without := tuple(i for i, material in of.items() if material not in known and i not in plies):
         yield Lacking(without)
-    heavy = [own.density for own in mesh.materials.values()] + [own.density for own in mesh.laminae.values()]
-    heavy += [own.density for own in mesh.anisotropic.values()]
-    heavy += [own.density for own in mesh.sections.values() if isinstance(own, GeneralShell)]
-    massless = not mesh.point_masses and not any(heavy)
+    shells = [section for section in mesh.sections.values() if isinstance(section, GeneralShell)]
+    materials = (*mesh.materials.values(), *mesh.laminae.values(), *mesh.anisotropic.values(), *shells)
+    massless = not mesh.point_masses and not any(getattr(material, "density", None) for material in materials)
     for material in dict.fromkeys(of.values()):
-        if massless and (own := mesh.materials.get(material)):
+        if massless and (elastic := mesh.materials.get(material)):
             regions = tuple(number for number, its in of.items() if its == material and number not in plies)
-            yield Lacking(regions, own.youngs_modulus, own.poisson_ratio)
+            yield Lacking(regions, elastic.youngs_modulus, elastic.poisson_ratio)
 
 
 def _by_size(mesh: Mesh) -> tuple[str, str] | None:
@@ -164,11 +163,11 @@ def _by_size(mesh: Mesh) -> tuple[str, str] | None:
 def _of_mass(pulls: Sequence[BodyForce]) -> str:
     """What pulls at all mass, in words."""
     words = []
-    for own in pulls:
-        if g := float(np.linalg.norm(own.factor * own.acceleration)):
-            words.append(f"gravity of {g:.4g} m/s² along {_unit(own.factor * own.acceleration)}")
-        if speed := float(np.linalg.norm(own.rotation)):
-            words.append(f"rotation at {speed:.4g} rad/s about {_unit(own.rotation)}")
+    for pull in pulls:
+        if g := float(np.linalg.norm(pull.factor * pull.acceleration)):
+            words.append(f"gravity of {g:.4g} m/s² along {_unit(pull.factor * pull.acceleration)}")
+        if speed := float(np.linalg.norm(pull.rotation)):
+            words.append(f"rotation at {speed:.4g} rad/s about {_unit(pull.rotation)}")
     return f"{', '.join(words) or 'a pull of nothing'} on all mass"
 
 
@@ -176,7 +175,7 @@ def _unit(v: np.ndarray) -> str:
     return "(" + ", ".join(f"{round(float(x), 3) + 0.0:g}" for x in v / np.linalg.norm(v)) + ")"
 
 
-def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: str) -> Iterator[Place]:
+def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: str) -> Iterator[DeckPlace]:
     """Loads that have a resultant or pull at all mass, reference nodes of ties, sets of nodes, faces.
 
     by_which: of several sets of supports, to say of a face what holds it.
@@ -187,9 +186,9 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
         force = float(np.linalg.norm(load.force.sum(axis=0)))
         if force > 1e-9 * np.abs(load.force).sum():
             loaded = load.nodes[load.force.any(axis=1)]
-            yield Place("deck_load", name, f"a load of the deck, {force:.4g} N", bool(held[loaded].all()), force)
+            yield DeckPlace("deck_load", name, f"a load of the deck, {force:.4g} N", bool(held[loaded].all()), force)
         elif load.body:
-            yield Place("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
+            yield DeckPlace("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
     # an average of rotations alone ties a shell to a solid: no load is put there
     ties: list[RigidElement | AveragingElement] = [
         *mesh.rigid,
@@ -198,11 +197,11 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
     for reference in dict.fromkeys(tie.reference for tie in ties):
         led = [tie for tie in ties if tie.reference == reference]
         what = f"reference of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
-        yield Place("node", str(mesh.node_ids[reference]), what, bool(held[reference]))
+        yield DeckPlace("node", str(mesh.node_ids[reference]), what, bool(held[reference]))
     for name, ids in mesh.node_sets.items():
-        own = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
-        if own.size:
-            yield Place("set", name, f"{own.size} nodes", bool(held[own].all()))
+        nodes = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
+        if nodes.size:
+            yield DeckPlace("set", name, f"{nodes.size} nodes", bool(held[nodes].all()))
     if facets is not None and faces is not None:
         supported = np.asarray((held[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         contact = contact_faces(mesh, facets, faces)
@@ -212,7 +211,7 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
         for face in range(len(faces.area)):
             on_support = bool(supported[faces.of == face].all())
             what = f"{faces.area[face]:.3g} m², {faces.in_words(face)}"
-            yield Place(
+            yield DeckPlace(
                 "face",
                 faces.near(face),
                 what,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -72,8 +71,14 @@ def suite_of(context: Context[Slice]) -> Suite:
     provenance = {"strainsight": __version__}
     for i, entry in enumerate(context.config.runs):
         context.progress(f"reading {entry.name}", 0.5 * i / len(context.config.runs))
-        up = _artefacts(context.files, i)
-        runs.append(_placement(entry, up) if "loads" in entry else _bench(entry, up))
+        start = f"runs.{i}.artefacts."
+        files = {key.removeprefix(start): path for key, path in context.files.items() if key.startswith(start)}
+        up = {stage: Artefact(path) for stage, path in files.items()}
+        if "loads" in entry:
+            runs.append(_placement(entry, up))
+        else:
+            seeds = read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {}
+            runs.append(BenchPageRun(**_stated(entry, up), **run_of(up), seeds=seeds))
         # The digest and not the key, which changes with inputs that made no difference.
         provenance |= {f"{entry.name}, {stage}": up[stage].digest[:16] for stage in (*up,)[-1:]}
     studies = _studies(context.config.studies, runs)
@@ -83,20 +88,10 @@ def suite_of(context: Context[Slice]) -> Suite:
     return Suite(name, title, tuple(runs), studies, statements, comparisons, provenance)
 
 
-def _artefacts(files: Mapping[str, Path], i: int) -> dict[str, Artefact]:
-    start = f"runs.{i}.artefacts."
-    return {key.removeprefix(start): Artefact(path) for key, path in files.items() if key.startswith(start)}
-
-
 def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
     """What the page shows of any run beside its artefacts."""
     page = f"../{entry.name}/report.html" if PAGE in up else None
     return {key: entry[key] for key in ("name", "label", "note", "study", "group", "at", "reached")} | {"page": page}
-
-
-def _bench(entry: Any, up: Mapping[str, Artefact]) -> BenchPageRun:
-    seeds = read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {}
-    return BenchPageRun(**_stated(entry, up), **run_of(up), seeds=seeds)
 
 
 def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:

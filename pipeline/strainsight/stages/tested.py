@@ -12,7 +12,7 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.decision import record_verdict
 from strainsight.experiment.filters_compared import disagreements_in_words
-from strainsight.experiment.structure.campaign_text import channel_table, damage_tables
+from strainsight.experiment.structure.campaign_text import channel_table, damage_tables, innovations_inside
 from strainsight.experiment.structure.filtering import posterior_doubts
 from strainsight.experiment.structure.surface import virtual_labels
 from strainsight.loads.histories import density, noise_density
@@ -142,10 +142,9 @@ def _campaign_findings(
     config, summary = context.config, context.upstream["estimate"].summary
     rows, apart = [], str(summary.get("apart", ""))
     for name, record in records.items():
-        report, white = findings[name], record.whitened[np.isfinite(record.whitened)]
-        inside = float(np.mean(np.abs(white) < 2)) if len(white) else np.nan
+        report = findings[name]
         judged = record_verdict(record.trusted, bool(apart), report.consistent)
-        rows.append(RecordRow(report, pages[name], inside, judged))
+        rows.append(RecordRow(report, pages[name], innovations_inside(record), judged))
     texts = [str(summary.get("withheld", "")), apart]
     texts += [
         f"record {name}: {report.verdict}" for name, report in findings.items() if not (report.consistent or apart)

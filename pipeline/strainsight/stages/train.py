@@ -1,31 +1,45 @@
-"""train: the reduced model under its loads, and what every candidate on the surface reads of it (5.2)."""
+"""train, screen and observe: what every candidate reads under the loads, which of them go on, and what the pool could tell."""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from strainsight.config.placement import PlacementConfig
+from strainsight.config.placement import PlacementConfig, Screen
 from strainsight.experiment.structure.candidates import OnSurface, training_units
-from strainsight.experiment.structure.expectation import unresolved_candidates
+from strainsight.experiment.structure.clearance import (
+    bent_gauges,
+    bent_warning,
+    clearance_in_words,
+    clearance_warning,
+    type_in_words,
+    type_table,
+)
+from strainsight.experiment.structure.expectation import loud_noise, quiet_noise, unresolved_candidates
+from strainsight.experiment.structure.observation import observed_of
 from strainsight.experiment.structure.reduction import inertia_problems
 from strainsight.experiment.structure.references import KINDS_OF_LOAD, load_units
+from strainsight.experiment.structure.screening import screened_of
 from strainsight.experiment.structure.training import trained
 from strainsight.measurements.calibration import LARGE_STRAIN
+from strainsight.ordering import first_of_largest
+from strainsight.records.placed import Observed
 from strainsight.records.record import written
+from strainsight.records.training import Screened
 from strainsight.runner.output import Output, Table
 from strainsight.runner.stage import Context, Stage
 from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.screening import BEND, BEYOND, CLEARANCE, NEAR
 from strainsight.stages import inputs
 
 
-def run(context: Context[PlacementConfig]) -> Output:
+def run_train(context: Context[PlacementConfig]) -> Output:
     """The training run, and where bonded gauges were moved to."""
     reduced = inputs.reduced(context)
-    result = trained(context.config, inputs.mesh(context), reduced, context)
-    training, surface = result.training, result.surface
+    training, surface = trained(context.config, inputs.mesh(context), reduced, context)
     pool, moved = training.candidates, training.moved
     rms = training.rms
     if warning := unresolved_candidates(training):
@@ -76,10 +90,6 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     return ", ".join(parts)
 
 
-def _spaced(words: Iterable[str]) -> str:
-    return " ".join(words)
-
-
 def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> Table:
     """Where the bonded gauges are, of bridges all arms; they are the first candidates."""
     rows = tuple(
@@ -87,8 +97,8 @@ def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> 
             names[i] or f"fixed {i + 1}",
             "/".join(str(element) for element in grids.element),
             "/".join(str(facet) for facet in grids.facet),
-            ", ".join(_spaced(f"{x:.4f}" for x in position) for position in grids.position),
-            ", ".join(_spaced(f"{round(d, 3) + 0.0:g}" for d in direction) for direction in grids.direction),
+            ", ".join(" ".join(f"{x:.4f}" for x in position) for position in grids.position),
+            ", ".join(" ".join(f"{round(d, 3) + 0.0:g}" for d in direction) for direction in grids.direction),
             f"{1e3 * moved[i]:.3g} mm",
         )
         for i, c in enumerate(pool.first[: len(moved)])
@@ -139,5 +149,141 @@ TRAIN = Stage(
         "gauges.given.table",
         "mesh.matrices.numbering",
     ),
-    run=run,
+    run=run_train,
+)
+
+
+def run_screen(context: Context[PlacementConfig]) -> Output:
+    """Which candidates go on, and why the others do not."""
+    config, mesh, training = context.config, inputs.mesh(context), inputs.training(context)
+    screened, pool = screened_of(config, context.files, mesh, inputs.reduced(context), training), training.candidates
+    dropped = Counter(str(code) for code in screened.reason if code)
+    noise, strain = float(screened.noise_std[0]), pool.quantity[0] == 0
+    shown = f"{1e6 * noise:.3g} µm/m" if strain else f"{noise:.3g}"
+    parts = [f"{pool.gauges} → {len(screened.kept)}", f"noise {shown}"]
+    for warning in _fewer_than_asked(context.config.screen, screened, pool):
+        warnings.warn(warning, stacklevel=2)
+    clearance, numbers = screened.clearance, {}
+    if clearance is not None:
+        parts.append(clearance_in_words(clearance, dropped[CLEARANCE]))
+        numbers = {"clearance": clearance.distance}
+        if warning := clearance_warning(clearance):
+            warnings.warn(warning, stacklevel=2)
+    if dropped[BEND]:
+        parts.append(f"{dropped[BEND]} where the surface bends too tightly")
+    bent = bent_gauges(config, mesh, training)
+    if warning := bent_warning(config, training, bent):
+        warnings.warn(warning, stacklevel=2)
+        parts.append(f"{int((bent & pool.bonded[pool.first]).sum())} bonded where the surface bends too tightly")
+    for warning in filter(None, (quiet_noise(training, screened), loud_noise(training, screened))):
+        warnings.warn(warning, stacklevel=2)
+    if kind := type_in_words(config):
+        parts.append(kind)
+    return Output(
+        datasets=written(screened, training_units(pool.quantity)),
+        summary={"candidates": pool.gauges, "kept": len(screened.kept), "noise_std": noise}
+        | {f"dropped.{code}": count for code, count in dropped.items()}
+        | numbers,
+        message=", ".join(parts),
+        tables=type_table(config),
+    )
+
+
+def _fewer_than_asked(settings: Screen, found: Screened, pool: Candidates) -> Iterator[str]:
+    """Of every kind of sensor of which spacing and range leave fewer than `screen.keep`."""
+    kind = pool.array[pool.first]
+    for i in np.unique(kind):
+        own = found.reason[kind == i]
+        clear = int(np.count_nonzero(~np.isin(own, (CLEARANCE, BEND))))
+        kept = int(np.count_nonzero(kind[found.kept] == i))
+        if settings.keep != "all" and kept < min(settings.keep, clear):
+            name = str(found.family[int(i)])
+            spacing = f"{1e3 * settings.minimum_spacing:g} mm apart", "lower screen.minimum_spacing"
+            beyond = "within their range", "choose sensors of a larger one"
+            said, remedy = zip(
+                *[words for code, words in ((NEAR, spacing), (BEYOND, beyond)) if code in own], strict=True
+            )
+            yield (
+                f"screen.keep asks for {settings.keep} candidates of {name}: of {clear} only {kept} are {' and '.join(said)}. "
+                f"{' or '.join(remedy).capitalize()}, for a larger choice."
+            )
+
+
+SCREEN = Stage(
+    "screen",
+    version=13,
+    reads=(
+        "screen",
+        "train",
+        "tolerances",
+        "process_noise.rule",
+        "place.installation",
+        "place.load_cases",
+        "place.estimate",
+        "loads.*.signal",
+        "loads.*.node",
+        "loads.*.moment",
+        "loads.*.set",
+        "loads.*.deck_load",
+        "gauges.type",
+        "gauges.types",
+        "gauges.clearance",
+        "gauges.exclude",
+        "gauges.grid_length",
+        "gauges.noise_std",
+        "gauges.range",
+        "motion_sensors.*.noise_std",
+        "motion_sensors.*.range",
+        "parameters.*.property",
+        "parameters.*.region",
+        "parameters.*.range",
+    ),
+    upstream=("import", "rom", "train"),
+    files=("loads.*.signal.file", "place.load_cases.*.loads.*.signal.file"),
+    run=run_screen,
+)
+
+
+def run_observe(context: Context[PlacementConfig]) -> Output:
+    """The cases, and which is the worst at the training motion, of load cases in the one where it is worst."""
+    reduced, training, screened = inputs.reduced(context), inputs.training(context), inputs.screened(context)
+    observed = observed_of(context.config, reduced, training, screened, context)
+    trained = observed.condition[: len(training.motions)]
+    condition = trained.max(axis=0)
+    worst = first_of_largest(condition)
+    where = f" in {observed.excitation[first_of_largest(trained[:, worst])]}" * bool(training.cases)
+    return Output(
+        datasets=written(observed),
+        summary={f"condition.{case}": float(value) for case, value in zip(observed.case, condition, strict=True)},
+        message=f"{len(condition)} cases, the worst {_unknowns(observed, worst)}{where}: {condition[worst]:.2g}",
+        tables=(_table(observed),),
+    )
+
+
+def _unknowns(observed: Observed, case: int) -> str:
+    return observed.unknowns[case].replace(", ", " + ")
+
+
+def _table(observed: Observed) -> Table:
+    rows = tuple(
+        (
+            _unknowns(observed, j),
+            *(f"{value:.3g}" for value in observed.condition[:, j]),
+            *(f"{value:.1e}" for value in observed.condition_raw[:, j]),
+            "; ".join(dict.fromkeys(filter(None, observed.lost[:, j].tolist()))),
+        )
+        for j in range(len(observed.case))
+    )
+    columns = (*(f"condition, {e}" for e in observed.excitation), *(f"raw, {e}" for e in observed.excitation))
+    title = "observability: condition of the scaled PBH matrix, and the thesis's raw number"
+    return Table(title, ("unknown", *columns, "weakly observable"), rows)
+
+
+OBSERVE = Stage(
+    "observe",
+    version=2,
+    reads=("seed", "loads", "parameters.*.property", "train", "observe", "place.instants"),
+    upstream=("rom", "train", "screen"),
+    files=("loads.*.signal.file",),
+    run=run_observe,
 )

@@ -102,8 +102,7 @@ ELASTIC = {
         for i in (1, 2, 3)
     },
     "z rectangular": (
-        deck(ENGINEERING, orientation(", SYSTEM=Z RECTANGULAR", TURN[:, 2], TURN[:, 0] + 0.3 * TURN[:, 2])),
-        turned(C, TURN),
+        deck(ENGINEERING, orientation(", SYSTEM=Z RECTANGULAR", TURN[:, 2], TURN[:, 0] + 0.3 * TURN[:, 2])), turned(C, TURN),
     ),
     "cylindrical": (deck(ENGINEERING, AROUND), turned(C, TURN)),
     "cylindrical, turned": (deck(ENGINEERING, AROUND, turn="\n1, 30."), turned(C, TURN @ about(1, 30))),
@@ -131,20 +130,12 @@ def test_an_instance_that_is_turned_takes_its_orientation_with_it(read):
 
 
 TRUSS = "ELEMENT, TYPE=T3D2, ELSET=ALL\n1, 1, 2\n*MATERIAL"
-test_what_is_wrong_is_named_with_its_remedy = refusal_table(
-    deck(ENGINEERING, SKEW).replace,
-    [
-        (SKEW, "*ORIENTATION, NAME=O\nDIST", "'DIST' is a distribution"),
-        (SKEW, SKEW + "\n4, 30.", "axis 4"),
-        ("3.0000000000e-01", "4.", "least eigenvalue is -"),
-        (
-            "ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*MATERIAL",
-            TRUSS,
-            "a truss, and its material is anisotropic",
-        ),
-    ],
-    placed=False,
-)
+test_what_is_wrong_is_named_with_its_remedy = refusal_table(deck(ENGINEERING, SKEW).replace, [
+    (SKEW, "*ORIENTATION, NAME=O\nDIST", "'DIST' is a distribution"),
+    (SKEW, SKEW + "\n4, 30.", "axis 4"),
+    ("3.0000000000e-01", "4.", "least eigenvalue is -"),
+    ("ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*MATERIAL", TRUSS, "a truss, and its material is anisotropic"),
+], placed=False)
 
 
 def arc(orientation):
@@ -264,23 +255,15 @@ def test_the_first_layer_is_where_the_direction_begins(read, named, along):
     assert mesh.composites[1].direction == along
 
 
-test_what_is_wrong_is_named_with_file_line_and_remedy = refusal_table(
-    lambda lines, more: layered_deck(lines, **more),
-    [
-        ("1., , STEEL\n0., , STEEL", {}, "the thickness of layer 2 is 0, not positive", 43),
-        ("1., 3", {}, "layer 1 has no material", 42),
-        ("1., , PLY", {}, "TYPE=LAMINA, which does not say what solids resist across", 42),
-        ("1., , CARBON, 5.", {"section": ""}, "turned by 5°, and its section has no ORIENTATION", 42),
-        ("1., , CARBON, 5.", {"axis": ""}, "does not say about which of its axes", 41),
-        ("1., , STEEL", {"kind": "C3D4", "cells": "1, 1, 2, 4, 5"}, "C3D4 1 can have no layers", 41),
-        (
-            "1., , STEEL",
-            {"kind": "C3D6", "cells": "1, 1, 2, 3, 5, 6, 7", "section": ", STACK DIRECTION=1"},
-            "no direction 1",
-            41,
-        ),
-    ],
-)
+test_what_is_wrong_is_named_with_file_line_and_remedy = refusal_table(lambda lines, more: layered_deck(lines, **more), [
+    ("1., , STEEL\n0., , STEEL", {}, "the thickness of layer 2 is 0, not positive", 43),
+    ("1., 3", {}, "layer 1 has no material", 42),
+    ("1., , PLY", {}, "TYPE=LAMINA, which does not say what solids resist across", 42),
+    ("1., , CARBON, 5.", {"section": ""}, "turned by 5°, and its section has no ORIENTATION", 42),
+    ("1., , CARBON, 5.", {"axis": ""}, "does not say about which of its axes", 41),
+    ("1., , STEEL", {"kind": "C3D4", "cells": "1, 1, 2, 4, 5"}, "C3D4 1 can have no layers", 41),
+    ("1., , STEEL", {"kind": "C3D6", "cells": "1, 1, 2, 3, 5, 6, 7", "section": ", STACK DIRECTION=1"}, "no direction 1", 41),
+])
 
 
 def test_layers_of_an_instance_turn_with_it(read):

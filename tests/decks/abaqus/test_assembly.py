@@ -46,17 +46,7 @@ def test_one_instance_at_its_origin_is_the_flat_deck(read):
     support = "*BOUNDARY\n{}Foot, 1, 3\n"
     flat = read(MESH + MATERIAL + support.format(""))
     placed = read(assembly("", after=support.format("W-1.")))
-    for name in (
-        "node_ids",
-        "position",
-        "blocks",
-        "fixed",
-        "regions",
-        "materials",
-        "node_sets",
-        "element_sets",
-        "notes",
-    ):
+    for name in ("node_ids", "position", "blocks", "fixed", "regions", "materials", "node_sets", "element_sets", "notes"):
         assert same(getattr(placed, name), getattr(flat, name)), name
     assert flat.notes == ()
 
@@ -145,19 +135,16 @@ def test_axes_of_a_part_turn_with_its_instance(read, turned):
     np.testing.assert_allclose(axes[1], turn @ expected, atol=1e-15)
 
 
-test_what_is_wrong_is_named_with_its_line = refusal_table(
-    assembly("").replace,
-    [
-        ("PART=w", "PART=v", "part 'v' is not in the deck", 16),
-        ("*END PART\n", "", "stands inside \\*PART at .*deck.inp:1", 14),
-        ("*END INSTANCE\n", "", "there is no \\*ASSEMBLY to end", 18),
-        ("*END INSTANCE\n", "*END INSTANCE\n*INSTANCE, NAME=w-1, PART=W\n*END INSTANCE\n", "stands twice", 19),
-        ("PART=w\n\n", "PART=w\n0.,0.,0.\n1.,1.,1.,1.,1.,1.,30.\n", "points of the axis coincide", 18),
-        ("*END ASSEMBLY\n", "*NSET, NSET=A, INSTANCE=X\n1\n*END ASSEMBLY\n", "instance 'X' is not in the deck", 19),
-        ("*END ASSEMBLY\n", "*NSET, NSET=A\nW-1.Head\n*END ASSEMBLY\n", "set 'W-1.Head' is not in the deck", 20),
-        ("MATERIAL=Steel", "MATERIAL=Iron", "material 'Iron' is not", 13),
-    ],
-)
+test_what_is_wrong_is_named_with_its_line = refusal_table(assembly("").replace, [
+    ("PART=w", "PART=v", "part 'v' is not in the deck", 16),
+    ("*END PART\n", "", "stands inside \\*PART at .*deck.inp:1", 14),
+    ("*END INSTANCE\n", "", "there is no \\*ASSEMBLY to end", 18),
+    ("*END INSTANCE\n", "*END INSTANCE\n*INSTANCE, NAME=w-1, PART=W\n*END INSTANCE\n", "stands twice", 19),
+    ("PART=w\n\n", "PART=w\n0.,0.,0.\n1.,1.,1.,1.,1.,1.,30.\n", "points of the axis coincide", 18),
+    ("*END ASSEMBLY\n", "*NSET, NSET=A, INSTANCE=X\n1\n*END ASSEMBLY\n", "instance 'X' is not in the deck", 19),
+    ("*END ASSEMBLY\n", "*NSET, NSET=A\nW-1.Head\n*END ASSEMBLY\n", "set 'W-1.Head' is not in the deck", 20),
+    ("MATERIAL=Steel", "MATERIAL=Iron", "material 'Iron' is not", 13),
+])
 
 
 def instances(count: int) -> str:
@@ -194,42 +181,39 @@ def test_the_effort_of_a_deck_grows_with_its_length(read):
 ELEMENT = "*ELEMENT, TYPE=C3D4, ELSET=EALL\n10, 1, 2, 3, 4"
 
 
-test_what_is_wrong_is_named_with_file_and_line = refusal_table(
-    TETRAHEDRON.replace,
-    [
-        ("4, 0., 0., 1.", "3, 0., 0., 1.", "node id 3 stands twice .*deck.inp:7", 8),
-        ("4, 0., 0., 1.", "4, 0., 0., one", "'one', not a number", 8),
-        ("4, 0., 0., 1.", "99999999999999999999, 0., 0., 1.", "99999999999999999999, too large", 8),
-        ("4, 0., 0., 1.", "*NGEN\n1, 3, 1", "NGEN: generated meshes", 8),
-        (ELEMENT, ELEMENT + "\n*ELGEN\n10, 2", "ELGEN: generated", 11),
-        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 5", "C3D4 10: node 5 is not in the deck", 10),
-        ("10, 1, 2, 3, 4", "10, 1, 2, 3", "C3D4 10: 3 nodes, where a C3D4 has 4", 10),
-        ("10, 1, 2, 3, 4", '10, "1, 2, 3, 4', "not an integer", 10),
-        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n10, 2, 1, 3, 4", "element id 10 stands twice .*deck.inp:10", 11),
-        ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n11, 2, 3, 1, 4", "C3D4 11: the same nodes as C3D4 10 at .*:10", 11),
-        ("10, 1, 2, 3, 4\n", "", "no data line", 9),
-        ("C3D4", "C3D27", "C3D27 solids are not supported", 9),
-        ("C3D4", "M3D4R", "no solid element, and no shell or beam", "deck.inp"),
-        ("C3D4", "S4R", "S4R 10 is a shell", 16),
-        (ELEMENT, ELEMENT + "\n*ELEMENT, TYPE=C3D4\n11, 4, 1, 2, 3", "C3D4 11 has no section", 12),
-        ("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", "", "C3D4 10 has no section", 10),
-        ("MATERIAL=STEEL", "MATERIAL=IRON", "material 'IRON' is not in the deck", 16),
-        ("MATERIAL=STEEL", "MATERIAL=STEEL, COMPOSITE", "it is COMPOSITE and has a MATERIAL", 16),
-        ("*BOUNDARY", "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n*BOUNDARY", "in the section of EALL already", 17),
-        ("*ELASTIC\n2.1e11, .3\n", "", "'Steel' of a section has no \\*ELASTIC", 11),
-        ("*ELASTIC", "*ELASTIC, TYPE=TRACTION", "TYPE=TRACTION", 12),
-        ("2.1e11, .3", "-2.1e11, .3", "Young's modulus is -2.1e\\+11", 13),
-        ("2.1e11, .3", "2.1e11, .5", "Poisson's ratio is 0.5", 13),
-        ("7850.", "-7850.", "density is -7850", 15),
-        ("** a comment", "*INCLUDE, INPUT=deck.inp", "includes itself", 3),
-        ("** a comment", "*PARAMETER\na=1", "parameters are not supported", 3),
-        ("** a comment", "*PART, NAME=P", "no \\*END PART follows", 3),
-        ("** a comment", "*STEP\n*NODE\n1,2,3,4", "inside a \\*STEP", 4),
-        ("*BOUNDARY", "*NSET, NSET=A\n1, 77\n*BOUNDARY", "node 77 is not in the deck", 18),
-        ("*BOUNDARY", "*NSET, NSET=A\n1, B\n*NSET, NSET=B\nA\n*BOUNDARY", "contains itself", 20),
-        ("*BOUNDARY", "*NSET, NSET=A, GENERATE\n4, 2\n*BOUNDARY", "runs backwards", 18),
-    ],
-)
+test_what_is_wrong_is_named_with_file_and_line = refusal_table(TETRAHEDRON.replace, [
+    ("4, 0., 0., 1.", "3, 0., 0., 1.", "node id 3 stands twice .*deck.inp:7", 8),
+    ("4, 0., 0., 1.", "4, 0., 0., one", "'one', not a number", 8),
+    ("4, 0., 0., 1.", "99999999999999999999, 0., 0., 1.", "99999999999999999999, too large", 8),
+    ("4, 0., 0., 1.", "*NGEN\n1, 3, 1", "NGEN: generated meshes", 8),
+    (ELEMENT, ELEMENT + "\n*ELGEN\n10, 2", "ELGEN: generated", 11),
+    ("10, 1, 2, 3, 4", "10, 1, 2, 3, 5", "C3D4 10: node 5 is not in the deck", 10),
+    ("10, 1, 2, 3, 4", "10, 1, 2, 3", "C3D4 10: 3 nodes, where a C3D4 has 4", 10),
+    ("10, 1, 2, 3, 4", '10, "1, 2, 3, 4', "not an integer", 10),
+    ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n10, 2, 1, 3, 4", "element id 10 stands twice .*deck.inp:10", 11),
+    ("10, 1, 2, 3, 4", "10, 1, 2, 3, 4\n11, 2, 3, 1, 4", "C3D4 11: the same nodes as C3D4 10 at .*:10", 11),
+    ("10, 1, 2, 3, 4\n", "", "no data line", 9),
+    ("C3D4", "C3D27", "C3D27 solids are not supported", 9),
+    ("C3D4", "M3D4R", "no solid element, and no shell or beam", "deck.inp"),
+    ("C3D4", "S4R", "S4R 10 is a shell", 16),
+    (ELEMENT, ELEMENT + "\n*ELEMENT, TYPE=C3D4\n11, 4, 1, 2, 3", "C3D4 11 has no section", 12),
+    ("*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n", "", "C3D4 10 has no section", 10),
+    ("MATERIAL=STEEL", "MATERIAL=IRON", "material 'IRON' is not in the deck", 16),
+    ("MATERIAL=STEEL", "MATERIAL=STEEL, COMPOSITE", "it is COMPOSITE and has a MATERIAL", 16),
+    ("*BOUNDARY", "*SOLID SECTION, ELSET=EALL, MATERIAL=STEEL\n*BOUNDARY", "in the section of EALL already", 17),
+    ("*ELASTIC\n2.1e11, .3\n", "", "'Steel' of a section has no \\*ELASTIC", 11),
+    ("*ELASTIC", "*ELASTIC, TYPE=TRACTION", "TYPE=TRACTION", 12),
+    ("2.1e11, .3", "-2.1e11, .3", "Young's modulus is -2.1e\\+11", 13),
+    ("2.1e11, .3", "2.1e11, .5", "Poisson's ratio is 0.5", 13),
+    ("7850.", "-7850.", "density is -7850", 15),
+    ("** a comment", "*INCLUDE, INPUT=deck.inp", "includes itself", 3),
+    ("** a comment", "*PARAMETER\na=1", "parameters are not supported", 3),
+    ("** a comment", "*PART, NAME=P", "no \\*END PART follows", 3),
+    ("** a comment", "*STEP\n*NODE\n1,2,3,4", "inside a \\*STEP", 4),
+    ("*BOUNDARY", "*NSET, NSET=A\n1, 77\n*BOUNDARY", "node 77 is not in the deck", 18),
+    ("*BOUNDARY", "*NSET, NSET=A\n1, B\n*NSET, NSET=B\nA\n*BOUNDARY", "contains itself", 20),
+    ("*BOUNDARY", "*NSET, NSET=A, GENERATE\n4, 2\n*BOUNDARY", "runs backwards", 18),
+])
 
 
 @pytest.mark.parametrize(

@@ -152,9 +152,7 @@ def test_offsets_of_calculix_are_thicknesses_along_n1_and_n2(read, given, expect
     np.testing.assert_allclose(bar.offset[0], [bar.axes[0, :, 1:] @ expected] * 2, atol=1e-15)
 
 
-GENERAL = (
-    "*BEAM GENERAL SECTION, ELSET=BAR, SECTION=GENERAL, DENSITY=7000.\n.02, 3.e-5, 1.e-5, 7.e-5, 9.e-5\n0., 0., 2.\n"
-)
+GENERAL = "*BEAM GENERAL SECTION, ELSET=BAR, SECTION=GENERAL, DENSITY=7000.\n.02, 3.e-5, 1.e-5, 7.e-5, 9.e-5\n0., 0., 2.\n"
 
 
 def general(lines):
@@ -205,37 +203,26 @@ def test_b33_does_not_shear(read):
 RECT = "SECTION=RECT\n.2, .1\n"
 
 
-test_what_is_wrong_is_named_with_file_and_line = refusal_table(
-    changed,
-    [
-        ("10, 1, 2", "10, 1, 9", r"B31 10 has a node that is not in the deck \(its 2.\)", 6),
-        ("3, 3., 4., 2.", "3, 3., 4., 0.", "T3D2 11 has no length", 8),
-        ("0., 0., 2.", "3., 4., 0.", r"B31 10 lies along the first axis n1 \(3, 4, 0\)", 6),
-        (RECT, "SECTION=RECT\n.2, -.1\n", "b of SECTION=RECT is -0.1", 15),
-        (RECT, "SECTION=CIRC\n.2, .1\n", "an ellipse", 15),
-        (RECT, "SECTION=BOX\n.2, .1, .1, .1, .1, .1\n", "SECTION=BOX do not fit", 15),
-        (RECT, "SECTION=I\n.1, .2, 0., 0., 0., 0., .01\n", "an I without flanges", 15),
-        ("SECTION=RECT", "SECTION=RECT, NODAL THICKNESS", "a section that varies", 14),
-        ("*BEAM SECTION, ELSET=BAR", "*SOLID SECTION, ELSET=BAR", "B31 10 is a beam", 14),
-        ("\n.03\n", "\n-.03\n", "the area is -0.03", 18),
-        (
-            "B31, ELSET=BAR\n10, 1, 2",
-            "B33, ELSET=BAR\n10, 1, 2\n*ELEMENT, TYPE=B31, ELSET=BAR\n12, 1, 3",
-            "B31 and B33",
-            16,
-        ),
-    ],
-)
+test_what_is_wrong_is_named_with_file_and_line = refusal_table(changed, [
+    ("10, 1, 2", "10, 1, 9", r"B31 10 has a node that is not in the deck \(its 2.\)", 6),
+    ("3, 3., 4., 2.", "3, 3., 4., 0.", "T3D2 11 has no length", 8),
+    ("0., 0., 2.", "3., 4., 0.", r"B31 10 lies along the first axis n1 \(3, 4, 0\)", 6),
+    (RECT, "SECTION=RECT\n.2, -.1\n", "b of SECTION=RECT is -0.1", 15),
+    (RECT, "SECTION=CIRC\n.2, .1\n", "an ellipse", 15),
+    (RECT, "SECTION=BOX\n.2, .1, .1, .1, .1, .1\n", "SECTION=BOX do not fit", 15),
+    (RECT, "SECTION=I\n.1, .2, 0., 0., 0., 0., .01\n", "an I without flanges", 15),
+    ("SECTION=RECT", "SECTION=RECT, NODAL THICKNESS", "a section that varies", 14),
+    ("*BEAM SECTION, ELSET=BAR", "*SOLID SECTION, ELSET=BAR", "B31 10 is a beam", 14),
+    ("\n.03\n", "\n-.03\n", "the area is -0.03", 18),
+    ("B31, ELSET=BAR\n10, 1, 2", "B33, ELSET=BAR\n10, 1, 2\n*ELEMENT, TYPE=B31, ELSET=BAR\n12, 1, 3", "B31 and B33", 16),
+])
 
 
 test_general_sections_that_cannot_be_are_named = refusal_table(
-    lambda lines: general(f"*BEAM GENERAL SECTION, ELSET=BAR, SECTION=GENERAL\n{lines}"),
-    [
-        (".02, 3.e-5, 1.e-5, 7.e-5, 9.e-5\n", "has no line of Young's modulus"),
-        (".02, 3.e-5, 1.e-4, 7.e-5, 9.e-5\n2.e11, 8.e10\n", "I12 = 0.0001 is beyond"),
-    ],
-    placed=False,
-)
+    lambda lines: general(f"*BEAM GENERAL SECTION, ELSET=BAR, SECTION=GENERAL\n{lines}"), [
+    (".02, 3.e-5, 1.e-5, 7.e-5, 9.e-5\n", "has no line of Young's modulus"),
+    (".02, 3.e-5, 1.e-4, 7.e-5, 9.e-5\n2.e11, 8.e10\n", "I12 = 0.0001 is beyond"),
+], placed=False)
 
 
 @pytest.mark.slow

@@ -124,19 +124,13 @@ def quadratic(more: str) -> str:
         mesh = replace(mesh, node_ids=1000 * upper + mesh.node_ids)
         (block,) = mesh.blocks
         elements = 1000 * upper + block.ids
-        text += "*NODE\n" + "".join(
-            f"{n}, {x}, {y}, {z}\n" for n, (x, y, z) in zip(mesh.node_ids, mesh.position, strict=True)
-        )
+        text += "*NODE\n" + "".join(f"{n}, {x}, {y}, {z}\n" for n, (x, y, z) in zip(mesh.node_ids, mesh.position, strict=True))
         text += "*ELEMENT, TYPE=C3D20, ELSET=ALL\n"
         for e, nodes in zip(elements, mesh.node_ids[block.nodes].tolist(), strict=True):
             text += f"{e}, {', '.join(map(str, nodes[:10]))},\n{', '.join(map(str, nodes[10:]))}\n"
         text += "*BOUNDARY\n" + "".join(f"{n}, 1, 3\n" for n in mesh.node_ids[mesh.position[:, 2] == 2 * upper])
-        text += f"*SURFACE, NAME={'BOTTOM' if upper else 'TOP'}\n" + "".join(
-            f"{e}, S{1 if upper else 2}\n" for e in elements
-        )
-    return (
-        f"{text}*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7800.\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n{more}"
-    )
+        text += f"*SURFACE, NAME={'BOTTOM' if upper else 'TOP'}\n" + "".join(f"{e}, S{1 if upper else 2}\n" for e in elements)
+    return f"{text}*MATERIAL, NAME=M\n*ELASTIC\n2.1e11, .3\n*DENSITY\n7800.\n*SOLID SECTION, ELSET=ALL, MATERIAL=M\n{more}"
 
 
 def test_contact_without_a_choice_is_an_error_that_names_pairs_and_remedy(read):
@@ -187,9 +181,7 @@ def test_both_ways_round_a_pair_is_bonded_once(read):
 def test_surfaces_of_other_names_that_follow_each_other_are_no_circle(read, first):
     again = "*SURFACE, NAME=BELOW\nTOPS, S2\n*SURFACE, NAME=ABOVE\nBOTTOMS, S1\n"
     mesh = read(deck(2, again + first + contact()), contact="bonded")
-    assert mesh.contacts[-1].startswith(
-        "contact of BOTTOM on TOP: 5 of 9 nodes bonded (mesh.contact), 4 are followed by the"
-    )
+    assert mesh.contacts[-1].startswith("contact of BOTTOM on TOP: 5 of 9 nodes bonded (mesh.contact), 4 are followed by the")
     assert frequencies(mesh, 10) == pytest.approx(frequencies(read(deck(2)), 10), rel=1e-12)
 
 

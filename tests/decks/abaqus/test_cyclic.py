@@ -79,10 +79,7 @@ def test_the_model_names_the_line_of_an_equation(read):
     text = bar() + "*EQUATION\n2\n23, 1, 1., 6, 1, -1.\n2\n23, 1, 1., 9, 1, -1.\n"
     lines = text.count("\n")
     mesh = read(text)
-    with (
-        pytest.raises(DeckError, match=r"node 23 is dependent in \*EQUATION \(.*\) and in \*EQUATION") as caught,
-        mesh.located(),
-    ):
+    with pytest.raises(DeckError, match=r"node 23 is dependent in \*EQUATION \(.*\) and in \*EQUATION") as caught, mesh.located():
         constraint_transform(mesh)
     assert caught.value.where.endswith(f"deck.inp:{lines - 1}")
     assert f"deck.inp:{lines - 3}" in str(caught.value)
@@ -96,23 +93,15 @@ def test_equations_that_a_later_step_adds_or_removes_are_left_out_with_a_note(re
     assert "the equations of step 2" in mesh.notes[-1]
 
 
-test_equations_that_cannot_be_taken_are_named = refusal_table(
-    lambda cards: bar() + cards,
-    [
-        ("*EQUATION, REMOVE\n2\n5, 1, 1., 6, 1, -1.\n", "REMOVE is not supported", 1),
-        ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are stated, 2 follow", 2),
-        ("*EQUATION\n2\n5, 1, 0., 6, 1, 1.\n", "the coefficient of the first term is 0", 3),
-        ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 of node 6, which has no such rotation", 3),
-        (
-            "*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n",
-            "a set of 2 nodes where the first one has",
-            3,
-        ),
-        ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
-        ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", "stands inside the first \\*STEP", 2),
-    ],
-    before=bar().count("\n"),
-)
+test_equations_that_cannot_be_taken_are_named = refusal_table(lambda cards: bar() + cards, [
+    ("*EQUATION, REMOVE\n2\n5, 1, 1., 6, 1, -1.\n", "REMOVE is not supported", 1),
+    ("*EQUATION\n3\n5, 1, 1., 6, 1, -1.\n", "3 terms are stated, 2 follow", 2),
+    ("*EQUATION\n2\n5, 1, 0., 6, 1, 1.\n", "the coefficient of the first term is 0", 3),
+    ("*EQUATION\n2\n5, 1, 1., 6, 4, 1.\n", "degree of freedom 4 of node 6, which has no such rotation", 3),
+    ("*EQUATION\n2\nNALL, 1, 1., ONE, 1, 1.\n*NSET, NSET=ONE\n5, 6\n", "a set of 2 nodes where the first one has", 3),
+    ("*EQUATION\n1\nONE, 1, 1.\n*NSET, NSET=ONE, UNSORTED\n6, 5\n", "'ONE' is UNSORTED", 3),
+    ("*STEP\n*EQUATION\n1\n5, 1, 1.\n*END STEP\n", "stands inside the first \\*STEP", 2),
+], before=bar().count("\n"))
 
 
 # *CYCLIC SYMMETRY MODEL: a sector of a wheel made whole, beside the wheel written whole, and CalculiX.
@@ -194,9 +183,7 @@ def test_axes_of_the_material_turn_with_their_sector(read, sector, of_all):
     whole = read(wheel(N, PLY, ", ORIENTATION=O{}" if len(of_all) > 1 else sector, more))
     assert frequencies(ring, 12) == pytest.approx(frequencies(whole, 12), rel=1e-8)
     assert len(ring.regions) == (N if len(of_all) > 1 else 1)
-    assert any("S1, whose axes turn: a region in each, as 'S1 (sector 2)'" in note for note in ring.notes) == (
-        len(of_all) > 1
-    )
+    assert any("S1, whose axes turn: a region in each, as 'S1 (sector 2)'" in note for note in ring.notes) == (len(of_all) > 1)
 
 
 def test_sets_and_loads_are_on_every_copy_and_each_copy_has_a_set(read):
@@ -259,14 +246,10 @@ def test_nodes_of_the_axis_are_one_in_all_copies_as_a_deck_has_them_rounded(read
     assert frequencies(ring, 6) == pytest.approx(frequencies(read(wedge(0.0)), 6), rel=1e-4)
 
 
-test_sectors_that_are_no_ring_are_refused = refusal_table(
-    lambda more: wheel(1, more=more),
-    [
-        (SECTOR.replace("N=5", "N=7"), "do not meet where one is turned by 360°/7"),
-        (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "sectors of another number or axis"),
-        (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "sectors of another number or axis"),
-        # nodes 2 and 6 of the first cut face
-        (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* is one with a node of the opposite cut face"),
-    ],
-    placed=False,
-)
+test_sectors_that_are_no_ring_are_refused = refusal_table(lambda more: wheel(1, more=more), [
+    (SECTOR.replace("N=5", "N=7"), "do not meet where one is turned by 360°/7"),
+    (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=6\n0., 0., 1., 0., 0., 3.\n", "sectors of another number or axis"),
+    (f"{SECTOR}*CYCLIC SYMMETRY MODEL, N=5\n0., 0., 1., 0., 1., 3.\n", "sectors of another number or axis"),
+    # nodes 2 and 6 of the first cut face
+    (f"{SECTOR}*EQUATION\n2\n2, 1, 1., 6, 1, -1.\n", r"\*EQUATION.* is one with a node of the opposite cut face"),
+], placed=False)

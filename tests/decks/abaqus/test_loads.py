@@ -66,10 +66,7 @@ def test_a_moment_of_a_cload_stays_one(read):
     text = bar() + "*CLOAD\n5, 4, 3.\n5, 6, -1.\n*CLOAD\n5, 1, 2.\n"
     mesh = read(text)
     loads = mesh.loads
-    assert (
-        "*CLOAD of a moment on node 5 without rotations: a couple of forces on the nodes of the elements there"
-        in mesh.notes
-    )
+    assert "*CLOAD of a moment on node 5 without rotations: a couple of forces on the nodes of the elements there" in mesh.notes
     led = read(bar() + "*NODE\n99, 0., 0., 9.\n*MPC\nBEAM, 5, 99\n*CLOAD\n99, 4, 3.\n5, 1, 2.\n")
     assert not any("without rotations" in note for note in led.notes)
     np.testing.assert_array_equal(loads["CLOAD-1"].moment, [[3, 0, -1]])
@@ -86,15 +83,11 @@ def test_gravity_without_a_set_pulls_at_point_masses_too(read):
     np.testing.assert_allclose(lost, [0, 0, -10], atol=1e-9)
 
 
-test_loads_that_cannot_be_taken_are_named = refusal_table(
-    lambda cards: bar() + cards,
-    [
-        ("*DLOAD\nALL, P7, 1.\n", "'P7' is no facet of a hex20"),
-        ("*DLOAD\nALL, GRAV, 9.81\n", "GRAV has no direction"),
-        ("*DSLOAD\nTOP, P, 1.\n", "surface 'TOP' is not in the deck"),
-    ],
-    placed=False,
-)
+test_loads_that_cannot_be_taken_are_named = refusal_table(lambda cards: bar() + cards, [
+    ("*DLOAD\nALL, P7, 1.\n", "'P7' is no facet of a hex20"),
+    ("*DLOAD\nALL, GRAV, 9.81\n", "GRAV has no direction"),
+    ("*DSLOAD\nTOP, P, 1.\n", "surface 'TOP' is not in the deck"),
+], placed=False)
 
 
 # Supports and elements as the steps of a deck leave them: frequencies of CalculiX, and the choices where steps differ.
@@ -172,21 +165,14 @@ def test_steps_that_differ_are_a_choice(read, steps, what):
         read(ROW + steps)
     assert (caught.value.key, caught.value.sets) == ("step", (1, 2))
     first, second = (read(ROW + steps, step=number) for number in (1, 2))
-    assert (first.fixed.tolist(), first.blocks[0].ids.tolist()) != (
-        second.fixed.tolist(),
-        second.blocks[0].ids.tolist(),
-    )
+    assert (first.fixed.tolist(), first.blocks[0].ids.tolist()) != (second.fixed.tolist(), second.blocks[0].ids.tolist())
 
 
-test_changes_that_cannot_be_taken_are_named = refusal_table(
-    lambda steps: ROW + HELD + steps,
-    [
-        (step(removed("NONE")), "element set 'NONE' is not in the deck"),
-        (step(removed("E1", how="*MODEL CHANGE, TYPE=TIE, REMOVE")), "neither ELEMENT nor CONTACT PAIR"),
-        (step("*BOUNDARY, SUBMODEL\nROOT, 1\n"), "motions of another model"),
-    ],
-    placed=False,
-)
+test_changes_that_cannot_be_taken_are_named = refusal_table(lambda steps: ROW + HELD + steps, [
+    (step(removed("NONE")), "element set 'NONE' is not in the deck"),
+    (step(removed("E1", how="*MODEL CHANGE, TYPE=TIE, REMOVE")), "neither ELEMENT nor CONTACT PAIR"),
+    (step("*BOUNDARY, SUBMODEL\nROOT, 1\n"), "motions of another model"),
+], placed=False)
 
 
 def test_a_step_that_is_not_there_and_one_that_programs_read_differently_are_named(read):
@@ -252,13 +238,9 @@ def test_frequencies_on_springs_are_those_of_calculix(tmp_path):
     np.testing.assert_allclose(frequencies(mesh, 8), printed_frequencies(path, 8), rtol=2e-6)
 
 
-test_springs_that_cannot_be_taken_are_named = refusal_table(
-    (free(bar()) + SPRINGS).replace,
-    [
-        ("*SPRING, ELSET=SA\n\n2.E7", "*SPRING, ELSET=SA, NONLINEAR\n0., 0.\n2., 3.", "NONLINEAR is not supported"),
-        ("*SPRING, ELSET=SA\n\n2.E7\n", "", "SPRINGA 85: no \\*SPRING gives it a stiffness"),
-        ("1, 1\n1.E7", "1, 5\n1.E7", "one end is a translation, the other a rotation"),
-        ("2\n3.E7", "2\n-3.E7", "negative"),
-    ],
-    placed=False,
-)
+test_springs_that_cannot_be_taken_are_named = refusal_table((free(bar()) + SPRINGS).replace, [
+    ("*SPRING, ELSET=SA\n\n2.E7", "*SPRING, ELSET=SA, NONLINEAR\n0., 0.\n2., 3.", "NONLINEAR is not supported"),
+    ("*SPRING, ELSET=SA\n\n2.E7\n", "", "SPRINGA 85: no \\*SPRING gives it a stiffness"),
+    ("1, 1\n1.E7", "1, 5\n1.E7", "one end is a translation, the other a rotation"),
+    ("2\n3.E7", "2\n-3.E7", "negative"),
+], placed=False)

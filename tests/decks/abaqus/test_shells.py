@@ -51,12 +51,7 @@ def changed(old, new):
 def test_elements_arrive_in_blocks_of_a_kind_with_regions_sections_and_lines(read):
     mesh = read(FLAT)
     quad, triangle = mesh.shells
-    assert (quad.kind, quad.ids.tolist(), quad.nodes.tolist(), quad.region.tolist()) == (
-        "quad4",
-        [10],
-        [[0, 1, 2, 3]],
-        [1],
-    )
+    assert (quad.kind, quad.ids.tolist(), quad.nodes.tolist(), quad.region.tolist()) == ("quad4", [10], [[0, 1, 2, 3]], [1])
     assert (triangle.kind, triangle.ids.tolist(), triangle.nodes.tolist()) == ("tri3", [11], [[1, 4, 2]])
     assert {i: (region.name, region.material) for i, region in mesh.regions.items()} == {1: ("QUAD", 1), 2: ("TRI", 1)}
     assert {i: section.thickness for i, section in mesh.sections.items()} == {1: 0.1, 2: 0.2}
@@ -88,9 +83,7 @@ def test_plies_of_composites_and_of_one_lamina(read):
     quad, triangle = mesh.shells
     np.testing.assert_allclose([*quad.offset, *triangle.offset], [-0.25 * 0.014, 0], atol=1e-18)
     np.testing.assert_allclose(triangle.axis, [[np.sqrt(0.2), np.sqrt(0.8), 0]])
-    one = read(
-        text.replace("COMPOSITE, ORIENTATION=SKEW\n.001, , CARBON\n.002, , CARBON, -60.", "MATERIAL=CARBON\n.003")
-    )
+    one = read(text.replace("COMPOSITE, ORIENTATION=SKEW\n.001, , CARBON\n.002, , CARBON, -60.", "MATERIAL=CARBON\n.003"))
     assert one.sections[2] == Laminate((Ply(carbon, 0.003),))
 
 
@@ -169,9 +162,7 @@ def test_rotations_of_supports_ties_and_moments_on_shells_count(read):
     text = FLAT + "*NODE\n99, 4., 0., 1.\n*BOUNDARY\n1, ENCASTRE\n4, 4, 5\n2, XSYMM\n*CLOAD\n3, 5, 7.\n"
     text += "*SURFACE, TYPE=NODE, NAME=END\n5\n*COUPLING, CONSTRAINT NAME=C, REF NODE=99, SURFACE=END\n*KINEMATIC\n1, 3\n4, 6\n"
     mesh = read(text)
-    assert {(0, c) for c in range(6)} | {(3, 3), (3, 4), (1, 0), (1, 4), (1, 5)} == {
-        tuple(p) for p in mesh.fixed.tolist()
-    }
+    assert {(0, c) for c in range(6)} | {(3, 3), (3, 4), (1, 0), (1, 4), (1, 5)} == {tuple(p) for p in mesh.fixed.tolist()}
     assert mesh.rigid[0].components == (0, 1, 2, 3, 4, 5)
     assert mesh.loads["CLOAD-1"].moment.tolist() == [[0, 7, 0]]
     assert mesh.notes == ()
@@ -189,30 +180,17 @@ def test_what_shells_are_not_the_same_without_is_listed(read):
     assert set(quadratic.unsupported) == {"*ELEMENT, TYPE=S9R5"}
 
 
-test_what_is_wrong_is_named_with_file_and_line = refusal_table(
-    changed,
-    [
-        ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
-        ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
-        ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 elements\)", 8),
-        (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has an orientation of its own, 'SKEW'", 17),
-        (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),
-        (
-            QUAD,
-            PLIES.replace("MAT", "STEEL").replace("COMPOSITE", "COMPOSITE, ORIENTATION=O"),
-            "O at .* not supported for",
-            16,
-        ),
-        ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=LAMINA\n2.1e11, 1.e10, .3, 5.e9, 4.e9", "G23 .* is ''", 13),
-        (
-            "*ELASTIC\n2.1e11, .3",
-            "*ELASTIC, TYPE=ANISO\n2.1e11, .3",
-            "TYPE=ANISO: of shells and beams only isotropic",
-            12,
-        ),
-        ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "a thickness that varies", 16),
-        ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "GENERAL SECTION: is not supported", 16),
-        ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "S4 10 is a shell", 16),
-        (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is no side or edge of S4 10", 21),
-    ],
-)
+test_what_is_wrong_is_named_with_file_and_line = refusal_table(changed, [
+    ("10, 1, 2, 3, 4", "10, 1, 3, 2, 4", "S4 10 (has no area|is folded)", 8),
+    ("11, 2, 5, 3", "11, 2, 1, 5", "S3 11 has no area", 10),
+    ("*SHELL SECTION, ELSET=QUAD, MATERIAL=STEEL\n.1\n", "", r"S4 10 has no section \(1 elements\)", 8),
+    (QUAD, PLIES.replace("MAT, 30.", "STEEL, SKEW"), "ply 1 has an orientation of its own, 'SKEW'", 17),
+    (QUAD, PLIES.replace("MAT", "STEEL").replace(".1,", "0.,"), "thickness of ply 1 is 0, not positive", 17),
+    (QUAD, PLIES.replace("MAT", "STEEL").replace("COMPOSITE", "COMPOSITE, ORIENTATION=O"), "O at .* not supported for", 16),
+    ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=LAMINA\n2.1e11, 1.e10, .3, 5.e9, 4.e9", "G23 .* is ''", 13),
+    ("*ELASTIC\n2.1e11, .3", "*ELASTIC, TYPE=ANISO\n2.1e11, .3", "TYPE=ANISO: of shells and beams only isotropic", 12),
+    ("ELSET=QUAD, MATERIAL=STEEL", "ELSET=QUAD, MATERIAL=STEEL, NODAL THICKNESS", "a thickness that varies", 16),
+    ("*SHELL SECTION, ELSET=QUAD", "*SHELL GENERAL SECTION, ELSET=QUAD", "GENERAL SECTION: is not supported", 16),
+    ("*SHELL SECTION, ELSET=QUAD", "*SOLID SECTION, ELSET=QUAD", "S4 10 is a shell", 16),
+    (".2, 5\n", ".2\n*SURFACE, NAME=S\nQUAD, S7\n", "'S7' is no side or edge of S4 10", 21),
+])

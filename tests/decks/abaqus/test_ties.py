@@ -232,28 +232,20 @@ def test_other_constraints_are_counted(read):
     assert mesh.rigid == ()
 
 
-test_what_is_wrong_is_named_with_its_line = refusal_table(
-    lambda lines: f"{BRICK}{lines}\n",
-    [
-        ("*BOUNDARY\n77, 1", "node 77 is not in the deck", 2),
-        ("*BOUNDARY\n1, 3, 2", "degrees of freedom 3 to 2", 2),
-        ("*TRANSFORM, NSET=TOP\n1., 0., 0., 2., 0., 0.", "on one line", 2),
-        ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 lies on the axis", 2),
-        ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5", "MASS 50 has no value", 2),
-        ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
-        (INERTIA.format(5).replace("3.,", "-3.,"), "least principal inertia is -3", 4),
-        ("*RIGID BODY", "has no REF NODE", 1),
-        ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),
-        ("*SURFACE, NAME=S\nE, S7", "'S7' is no facet of a hex8", 2),
-        ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is no facet", 2),
-        (
-            "*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2",
-            "single components of node 5",
-            4,
-        ),
-    ],
-    before=BRICK.count("\n"),
-)
+test_what_is_wrong_is_named_with_its_line = refusal_table(lambda lines: f"{BRICK}{lines}\n", [
+    ("*BOUNDARY\n77, 1", "node 77 is not in the deck", 2),
+    ("*BOUNDARY\n1, 3, 2", "degrees of freedom 3 to 2", 2),
+    ("*TRANSFORM, NSET=TOP\n1., 0., 0., 2., 0., 0.", "on one line", 2),
+    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 lies on the axis", 2),
+    ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5", "MASS 50 has no value", 2),
+    ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
+    (INERTIA.format(5).replace("3.,", "-3.,"), "least principal inertia is -3", 4),
+    ("*RIGID BODY", "has no REF NODE", 1),
+    ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),
+    ("*SURFACE, NAME=S\nE, S7", "'S7' is no facet of a hex8", 2),
+    ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is no facet", 2),
+    ("*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2", "single components of node 5", 4),
+], before=BRICK.count("\n"))
 
 
 ROT = "*NODE\n101, 1., 1., 9.\n*RIGID BODY, NSET=TOP, REF NODE=100, ROT NODE=101\n"
@@ -272,3 +264,5 @@ def test_a_mass_on_a_rotation_node_is_refused(read, element):
     read(BRICK + ROT + element.format(100))
     with expect_refusal(DeckError, "stands on node 101, the ROT NODE", remedy="reference node 100"):
         read(BRICK + ROT + element.format(101))
+
+

@@ -94,13 +94,7 @@ def test_parameters_of_nodes_on_their_entities_are_left(read):
         parametric = parametric.replace("\n" + row, "\n" + row[:-1] + " 0.5 0.25\n", 1)
     check_same(read(parametric), read(NEW))
     old = OLD.replace("Nodes", "ParametricNodes")
-    parameters = {
-        "10 0 0 0": "0 1",
-        "7 1 0 0": "1 5 0.5",
-        "30 0 1 0": "2 5 0.5 0.25",
-        "4 0 0 1": "3 1",
-        "5 1 1 1": "3 1",
-    }
+    parameters = {"10 0 0 0": "0 1", "7 1 0 0": "1 5 0.5", "30 0 1 0": "2 5 0.5 0.25", "4 0 0 1": "3 1", "5 1 1 1": "3 1"}
     for node, more in parameters.items():
         old = old.replace(f"\n{node}\n", f"\n{node} {more}\n")
     check_same(read(old), read(OLD))
@@ -142,26 +136,23 @@ def test_sections_that_are_not_imported_are_counted(read):
     check_same(read(extra), read(OLD))
 
 
-test_what_is_wrong_is_named_with_its_line = refusal_table(
-    str.replace,
-    [
-        (OLD, "7 30 4 5\n", "7 30 4 6\n", r"element 8 \(4-node tetrahedron\) refers to node 6", 21),
-        (OLD, "\n4 0 0 1", "\n7 0 0 1", "node number 7 stands twice", 14),
-        (OLD, "2 7 30 4 5", "2 10 30 4 7", r"element 8 \(tet4\): the same nodes as element 6 \(tet4\) at ", 21),
-        (OLD, "2 7 30 4 5", "2 7 30 4 4", r"element 8 \(tet4\): a node stands twice", 21),
-        (OLD, "5 1 1 1", "5 1 nan 1", "node 5 has a coordinate that is not a finite", 15),
-        (OLD, "7 1 0 0", "7 1 O 0", "'O' is no number", 12),
-        (OLD, "$Nodes\n5", "$Nodes\n900000000000", "more numbers are claimed", 11),
-        (OLD, "$Elements\n3", "$Elements\n4", "4 elements are claimed, 3 are there", 21),
-        (NEW, "2 5 4 30", "2 6 4 30", "6 nodes are claimed, the blocks hold 5", ""),
-        (OLD, "8 4 2 9", "8 77 2 9", "element type 77 is unknown", 21),
-        (OLD, "Nodes", "Knots", r"there is no section \$Nodes", 1),
-        (OLD, OLD, "$NOD\n0\n$ENDNOD\n", "format 1 of gmsh", 1),
-        (NEW, "$Nodes", "$PartitionedEntities\n2\n$EndPartitionedEntities\n$Nodes", "is partitioned", ""),
-        (OLD, '3 9 "', "9" * 5000 + ' 9 "', "should read like", ""),
-        (OLD, '"foot"', "foot", "should read like", 6),
-    ],
-)
+test_what_is_wrong_is_named_with_its_line = refusal_table(str.replace, [
+    (OLD, "7 30 4 5\n", "7 30 4 6\n", r"element 8 \(4-node tetrahedron\) refers to node 6", 21),
+    (OLD, "\n4 0 0 1", "\n7 0 0 1", "node number 7 stands twice", 14),
+    (OLD, "2 7 30 4 5", "2 10 30 4 7", r"element 8 \(tet4\): the same nodes as element 6 \(tet4\) at ", 21),
+    (OLD, "2 7 30 4 5", "2 7 30 4 4", r"element 8 \(tet4\): a node stands twice", 21),
+    (OLD, "5 1 1 1", "5 1 nan 1", "node 5 has a coordinate that is not a finite", 15),
+    (OLD, "7 1 0 0", "7 1 O 0", "'O' is no number", 12),
+    (OLD, "$Nodes\n5", "$Nodes\n900000000000", "more numbers are claimed", 11),
+    (OLD, "$Elements\n3", "$Elements\n4", "4 elements are claimed, 3 are there", 21),
+    (NEW, "2 5 4 30", "2 6 4 30", "6 nodes are claimed, the blocks hold 5", ""),
+    (OLD, "8 4 2 9", "8 77 2 9", "element type 77 is unknown", 21),
+    (OLD, "Nodes", "Knots", r"there is no section \$Nodes", 1),
+    (OLD, OLD, "$NOD\n0\n$ENDNOD\n", "format 1 of gmsh", 1),
+    (NEW, "$Nodes", "$PartitionedEntities\n2\n$EndPartitionedEntities\n$Nodes", "is partitioned", ""),
+    (OLD, '3 9 "', "9" * 5000 + ' 9 "', "should read like", ""),
+    (OLD, '"foot"', "foot", "should read like", 6),
+])
 
 
 @pytest.mark.parametrize(

@@ -79,17 +79,13 @@ def test_axes_of_a_curved_system_are_those_at_each_point(read, system):
     np.testing.assert_allclose(found, [volume * work(C, own) for own in strains()], rtol=1e-3)
 
 
-test_what_is_wrong_is_named_with_its_remedy = refusal_table(
-    deck,
-    [
-        (mat9(np.diag([1.0, 1, 1, 1, 0, 1])), "", "the 5th of the diagonal of its stiffness is 0"),
-        (mat9(np.eye(6) + 1.5 * np.eye(6)[[1, 0, 2, 3, 4, 5]]), "", "least eigenvalue is -0.5"),
-        (mat9(triclinic()), "6", "coordinate system 6"),
-        (MAT11.replace("3.0000000000e-01", "4."), "", "least eigenvalue is -"),
-        (MAT11 + "\nMAT1,3,2.1+11,,.3", "", "a MAT1 has it too"),
-    ],
-    placed=False,
-)
+test_what_is_wrong_is_named_with_its_remedy = refusal_table(deck, [
+    (mat9(np.diag([1.0, 1, 1, 1, 0, 1])), "", "the 5th of the diagonal of its stiffness is 0"),
+    (mat9(np.eye(6) + 1.5 * np.eye(6)[[1, 0, 2, 3, 4, 5]]), "", "least eigenvalue is -0.5"),
+    (mat9(triclinic()), "6", "coordinate system 6"),
+    (MAT11.replace("3.0000000000e-01", "4."), "", "least eigenvalue is -"),
+    (MAT11 + "\nMAT1,3,2.1+11,,.3", "", "a MAT1 has it too"),
+], placed=False)
 
 
 # PCOMPS along CORDM, against tensors with four indices; errors with file, line and remedy.
@@ -169,10 +165,7 @@ def test_axes_off_the_normal_are_noted_and_another_axis_is_refused(read):
 
 
 def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
-    one, three = (
-        [(1, 3, 1.0, 20.0)],
-        [(1, 3, 0.25, 30.0, "", "", "", ""), (2, 1, 0.5, "", "", "", "", ""), (3, 3, 0.25, 30.0)],
-    )
+    one, three = [(1, 3, 1.0, 20.0)], [(1, 3, 0.25, 30.0, "", "", "", ""), (2, 1, 0.5, "", "", "", "", ""), (3, 3, 0.25, 30.0)]
     for plies in (one, three):
         upright, turned_over = (
             assemble_stiffness(read(layered_deck(plies=plies, nodes=nodes))).toarray()
@@ -181,14 +174,11 @@ def test_layers_that_are_alike_from_both_sides_may_be_counted_from_either(read):
         np.testing.assert_allclose(turned_over, upright, rtol=1e-9, atol=1e-9 * abs(upright).max())
 
 
-test_what_is_wrong_is_named_with_file_line_and_remedy = refusal_table(
-    lambda options: layered_deck(**options),
-    [
-        ({"plies": [(1, 3, 0.0, 0.0)]}, "the thickness of ply 1 is 0, not positive", 25),
-        ({"plies": [(1, 9, 1.0)]}, "material 9 is not in the deck", 25),
-        ({"head": (5, 33, "", "", "", "", "")}, "PSDIR is 33", 25),
-        ({"head": ("", 13, "", "", "", "", "")}, "CORDM is blank", 25),
-        ({"head": (77, 13, "", "", "", "", "")}, "coordinate system 77", 25),
-        ({"name": "CTETRA", "nodes": (1, 2, 4, 5)}, "tet4 element 10 can have no layers", 23),
-    ],
-)
+test_what_is_wrong_is_named_with_file_line_and_remedy = refusal_table(lambda options: layered_deck(**options), [
+    ({"plies": [(1, 3, 0.0, 0.0)]}, "the thickness of ply 1 is 0, not positive", 25),
+    ({"plies": [(1, 9, 1.0)]}, "material 9 is not in the deck", 25),
+    ({"head": (5, 33, "", "", "", "", "")}, "PSDIR is 33", 25),
+    ({"head": ("", 13, "", "", "", "", "")}, "CORDM is blank", 25),
+    ({"head": (77, 13, "", "", "", "", "")}, "coordinate system 77", 25),
+    ({"name": "CTETRA", "nodes": (1, 2, 4, 5)}, "tet4 element 10 can have no layers", 23),
+])

@@ -35,12 +35,7 @@ def deck(card=CARD, pbar=PBAR, more=""):
 def test_a_bar_arrives_with_its_section_ids_and_lines(read):
     mesh = read(deck(more="SET3,5,ELEM,10\n"))
     (block,) = mesh.beams
-    assert (block.kind, block.ids.tolist(), block.nodes.tolist(), block.region.tolist()) == (
-        "beam",
-        [10],
-        [[0, 1]],
-        [1],
-    )
+    assert (block.kind, block.ids.tolist(), block.nodes.tolist(), block.region.tolist()) == ("beam", [10], [[0, 1]], [1])
     np.testing.assert_allclose(block.axes[0], np.transpose([[1, 0, 0], [0, 0, 1], [0, -1, 0]]))
     assert not block.offset.any()
     assert not block.released.any()
@@ -107,18 +102,9 @@ ENDS = "PBEAM,1,1,.01,2.-5,1.-5,1.-6,3.-5,7.\n,.1,.2,-.1,.2\n"
 LBEAM = "PBEAML,1,1,,TUBE\n,.03,.02,5."
 LARGE = "PBARL*  {:>16}{:>16}{:>16}{:>16}\n*\n*       {:>16}{:>16}".format(1, 1, "MSCBML0", "BAR", ".03", ".05")
 POINTS = [[0.1, 0.2], [-0.1, 0.2]]
-OTHER_END = {
-    "area": 0.02,
-    "second": [[4e-5, 1e-6], [1e-6, 1e-5]],
-    "torsion": 3e-5,
-    "nonstructural": 9,
-    "points": [[0.3, 0.4]],
-}
+OTHER_END = {"area": 0.02, "second": [[4e-5, 1e-6], [1e-6, 1e-5]], "torsion": 3e-5, "nonstructural": 9, "points": [[0.3, 0.4]]}
 OTHER_END["shear"] = (0.8, 0.9)
-BOX_AREA, BOX = (
-    0.06 * 0.08 - 0.052 * 0.074,
-    np.diag([0.06 * 0.08**3 - 0.052 * 0.074**3, 0.08 * 0.06**3 - 0.074 * 0.052**3]) / 12,
-)
+BOX_AREA, BOX = 0.06 * 0.08 - 0.052 * 0.074, np.diag([0.06 * 0.08**3 - 0.052 * 0.074**3, 0.08 * 0.06**3 - 0.074 * 0.052**3]) / 12
 
 
 def tube(R, r, mass):
@@ -212,28 +198,25 @@ def test_a_beam_twists_and_shears_with_the_g_of_its_material(read, mat1, E, G, n
         assert "G = 6e+10 is 0.78 times E/2(1 + NU)" in mesh.doubts[-1]
 
 
-test_what_is_wrong_is_named_with_file_and_line = refusal_table(
-    lambda card, pbar: deck(card, pbar.replace("\n\n", "\n,,\n")),
-    [
-        ("CBAR,10,1,1,1,0.,0.,1.", PBAR, "both ends are on one node", 5),
-        ("CBAR,10,1,1,2", PBAR, "neither G0 nor X1 to X3 .* BAROR", 5),
-        ("CBAR,10,1,1,2,1.,0.,0.", PBAR, "X1 to X3 lie on its axis", 5),
-        ("CBAR,10,1,1,2,0.,0.,1.\n,,,2.", PBAR, "its ends coincide", 5),
-        ("CBAR,10,1,1,2,0.,0.,1.\n,,123456", PBAR, "end B is released altogether", 5),
-        ("CBEAM,10,1,1,2,0.,0.,1.", PBAR, "property 1 is a PBAR, not a PBEAM", 5),
-        ("CROD,10,7,1,2", PBAR, r"property 7 is not in the deck \(PROD\)", 5),
-        (CARD, "PBAR,1,1,0.,1.,1.", "area is 0", 6),
-        (CARD, "PBAR,1,1,1.,-1.,1.", "I1 is -1", 6),
-        (CARD, "PBAR,1,1,1.,1.,1.\n\n,,,2.", "I12 2", 6),
-        ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.03", "the wall is 0.03, of a tube 0.04 thick", 6),
-        ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.01,,.05", "OD2 makes it conical", 6),
-        (BEAM, ENDS + ",NO,.5,.02\n,NO,1.,.02", "A is 0.02 at X/XB = 0.5, on the line between its ends 0.015", 6),
-        (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section BOXES is not known", 6),
-        (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "cannot have the dimensions 1, -1", 6),
-        (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "the shear centre of this T is not its centroid", 6),
-        (BEAM, LBEAM + ",NO,.5,.03,.02\n,NO,1.,.05,.02", "A is 0.00157.* at X/XB = 0.5", 6),
-    ],
-)
+test_what_is_wrong_is_named_with_file_and_line = refusal_table(lambda card, pbar: deck(card, pbar.replace("\n\n", "\n,,\n")), [
+    ("CBAR,10,1,1,1,0.,0.,1.", PBAR, "both ends are on one node", 5),
+    ("CBAR,10,1,1,2", PBAR, "neither G0 nor X1 to X3 .* BAROR", 5),
+    ("CBAR,10,1,1,2,1.,0.,0.", PBAR, "X1 to X3 lie on its axis", 5),
+    ("CBAR,10,1,1,2,0.,0.,1.\n,,,2.", PBAR, "its ends coincide", 5),
+    ("CBAR,10,1,1,2,0.,0.,1.\n,,123456", PBAR, "end B is released altogether", 5),
+    ("CBEAM,10,1,1,2,0.,0.,1.", PBAR, "property 1 is a PBAR, not a PBEAM", 5),
+    ("CROD,10,7,1,2", PBAR, r"property 7 is not in the deck \(PROD\)", 5),
+    (CARD, "PBAR,1,1,0.,1.,1.", "area is 0", 6),
+    (CARD, "PBAR,1,1,1.,-1.,1.", "I1 is -1", 6),
+    (CARD, "PBAR,1,1,1.,1.,1.\n\n,,,2.", "I12 2", 6),
+    ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.03", "the wall is 0.03, of a tube 0.04 thick", 6),
+    ("CTUBE,10,1,1,2", "PTUBE,1,1,.04,.01,,.05", "OD2 makes it conical", 6),
+    (BEAM, ENDS + ",NO,.5,.02\n,NO,1.,.02", "A is 0.02 at X/XB = 0.5, on the line between its ends 0.015", 6),
+    (CARD, "PBARL,1,1,,BOXES\n,1.,1.", "the section BOXES is not known", 6),
+    (CARD, "PBARL,1,1,,BAR\n,1.,-1.", "cannot have the dimensions 1, -1", 6),
+    (BEAM, "PBEAML,1,1,,T\n,.1,.1,.01,.01", "the shear centre of this T is not its centroid", 6),
+    (BEAM, LBEAM + ",NO,.5,.03,.02\n,NO,1.,.05,.02", "A is 0.00157.* at X/XB = 0.5", 6),
+])
 
 
 def test_rods_whose_rotations_are_held_are_as_without(read):
@@ -321,9 +304,7 @@ def test_a_neutral_axis_that_runs_apart_is_that_of_many_short_beams(read):
     many = build_model(read(text + "MAT1,1,2.1+11,,.3,7850.\nSPC1,1,123456,1\nENDDATA\n"))
     flexible = [np.linalg.inv(own.stiffness.constant.toarray()) for own in (one, many)]
     rows = many.constraint.transform[[3 * count, 3 * count + 1, 3 * count + 2, *range(-3, 0)]].toarray()
-    np.testing.assert_allclose(
-        flexible[0], rows @ flexible[1] @ rows.T, rtol=2e-4, atol=2e-4 * np.abs(flexible[0]).max()
-    )
+    np.testing.assert_allclose(flexible[0], rows @ flexible[1] @ rows.T, rtol=2e-4, atol=2e-4 * np.abs(flexible[0]).max())
 
 
 def test_places_beside_the_shear_centre_are_lengths_and_are_kept(read):

@@ -80,12 +80,7 @@ def test_every_format_gives_the_same_fields(cards, name, text, fields):
 @pytest.mark.parametrize(
     ("token", "value"),
     [
-        ("1.7-4", 1.7e-4),
-        ("1.7+4", 1.7e4),
-        ("-1.7-4", -1.7e-4),
-        ("1.7D4", 1.7e4),
-        ("1.7e-4", 1.7e-4),
-        (".5", 0.5),
+        ("1.7-4", 1.7e-4), ("1.7+4", 1.7e4), ("-1.7-4", -1.7e-4), ("1.7D4", 1.7e4), ("1.7e-4", 1.7e-4), (".5", 0.5),
         ("+3.", 3.0),
     ],
 )
@@ -133,9 +128,7 @@ def test_the_name_of_an_included_file_may_go_on_in_the_next_line(tmp_path, read,
 
 @pytest.mark.parametrize(("mark", "head"), [("CORD1", "+ORD1"), ("+A1", "+A1"), ("A1", "+A1"), ("", "+A1")])
 def test_column_1_of_a_mark_does_not_count(cards, mark, head):
-    deck = cards(
-        "BEGIN BULK\n" + "CORD2C  1".ljust(64) + "      1." + mark.ljust(8) + f"\n{head.ljust(8)}      1.\nENDDATA\n"
-    )
+    deck = cards("BEGIN BULK\n" + "CORD2C  1".ljust(64) + "      1." + mark.ljust(8) + f"\n{head.ljust(8)}      1.\nENDDATA\n")
     (card,) = deck.cards["CORD2C"]
     assert card.fields[7:9] == ["1.", "1."]
 
@@ -166,24 +159,19 @@ def test_continuations_belong_to_the_line_with_their_mark_wherever_they_stand(ca
     assert deck["SPC1"][1].fields == ["2", "1", "703", *[""] * 5]
 
 
-test_marks_without_their_other_end_or_with_two_are_named = refusal_table(
-    str,
-    [
-        (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in its mark", 3),
-        (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), "no continuation has the mark", 1),
-        (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "its mark also stands at", 4),
-        (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second continuation of line", 3),
-        ("GRID,1\n=,*1,==\n,2\n", "continuation with no card", 3),
-    ],
-)
+test_marks_without_their_other_end_or_with_two_are_named = refusal_table(str, [
+    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in its mark", 3),
+    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), "no continuation has the mark", 1),
+    (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "its mark also stands at", 4),
+    (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second continuation of line", 3),
+    ("GRID,1\n=,*1,==\n,2\n", "continuation with no card", 3),
+])
 
 
 def test_equal_marks_of_lines_in_order_and_numbers_of_lines_are_no_fault(cards):
     pair = line("CONM2", *MASS, mark="+1") + line("+1", ".02")
     assert [card.text(8) for card in cards(pair * 3).cards["CONM2"]] == [".02"] * 3
-    numbered = (
-        line("CONM2", *MASS, mark="00000010") + line("", ".02", mark="00000020") + line("SPC1", *HELD, mark="00000030")
-    )
+    numbered = line("CONM2", *MASS, mark="00000010") + line("", ".02", mark="00000020") + line("SPC1", *HELD, mark="00000030")
     assert cards(numbered).cards["CONM2"][0].text(8) == ".02"
 
 
@@ -206,9 +194,7 @@ def test_cards_that_repeat_the_one_before_are_written_out(cards, lines):
     deck = cards(f"GRID,101,17,1.0,10.5,,17,3456\n{lines}GRID,9,,3.\n").cards["GRID"]
     assert [card.fields[0] for card in deck] == ["101", "102", "103", "104", "105", "9"]
     np.testing.assert_allclose([card.real(2, "X") for card in deck[:5]], 1 + 0.2 * np.arange(5), rtol=1e-15)
-    assert {tuple(card.fields[i] for i in (1, 3, 4, 5, 6, 7)) for card in deck[:5]} == {
-        ("17", "10.5", "", "17", "3456", "")
-    }
+    assert {tuple(card.fields[i] for i in (1, 3, 4, 5, 6, 7)) for card in deck[:5]} == {("17", "10.5", "", "17", "3456", "")}
     assert deck[-1].fields[:3] == ["9", "", "3."]
     assert cards("GRID,1\n=,*1,*1\n=(2)\n").cards["GRID"][3].fields[:2] == ["4", "3"]  # a blank field counts from zero
     assert deck[0].line == 1
@@ -222,22 +208,19 @@ def test_case_control_is_not_bulk_data_and_enddata_ends(cards):
     assert deck.after_end == 2
 
 
-test_a_line_that_cannot_be_taken_is_named = refusal_table(
-    str,
-    [
-        ("+,1,2\n", "continuation with no card", 1),
-        ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
-        ("=,*1,=\n", "repeats no card", 1),
-        ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
-        ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 cards", 4),
-        ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
-        ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
-        ("BEGIN BULK\nENDDATA\n", "no bulk data", "deck.bdf"),
-        ("INCLUDE 'there_is_none.bdf'\n", "no such file\n", 1),
-        ("INCLUDE '$HOME/grids.bdf'\n", "not replaced", 1),
-        ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
-    ],
-)
+test_a_line_that_cannot_be_taken_is_named = refusal_table(str, [
+    ("+,1,2\n", "continuation with no card", 1),
+    ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
+    ("=,*1,=\n", "repeats no card", 1),
+    ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
+    ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 cards", 4),
+    ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
+    ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
+    ("BEGIN BULK\nENDDATA\n", "no bulk data", "deck.bdf"),
+    ("INCLUDE 'there_is_none.bdf'\n", "no such file\n", 1),
+    ("INCLUDE '$HOME/grids.bdf'\n", "not replaced", 1),
+    ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
+])
 
 
 @pytest.mark.parametrize(
@@ -255,9 +238,7 @@ def test_a_deck_without_enddata_is_taken_where_that_is_named_and_the_first_note_
     assert list(mesh.node_ids) == [1, 2, 3, 4]
     (note,) = mesh.notes
     assert "selects no supports" in mesh.doubts[0]
-    assert note.startswith(
-        "the deck has no ENDDATA: that it is whole cannot be seen; its last line is 'SPC1,1,123,1,2,3' ("
-    )
+    assert note.startswith("the deck has no ENDDATA: that it is whole cannot be seen; its last line is 'SPC1,1,123,1,2,3' (")
     assert mesh.unsupported["MISSING ENDDATA"].endswith("deck.bdf:11")
     assert read(f"BEGIN BULK\n{tetrahedron}ENDDATA\n", ignore=["MISSING ENDDATA"]).notes == ()
 

@@ -89,31 +89,28 @@ def test_wtmass_of_the_case_control_counts(read, tetrahedron, form):
         read(deck + "PARAM,WTMASS,.2\nENDDATA\n")
 
 
-test_what_is_wrong_is_named_with_file_and_line = refusal_table(
-    TETRAHEDRON.replace,
-    [
-        ("GRID,4,,0.,0.,1.", "GRID,3,,0.,0.,1.", "node id 3 stands twice .*deck.bdf:3", 4),
-        ("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,one", "'one', not a number", 4),
-        ("GRID,4,,0.,0.,1.", "GRDSET,,5\nGRID,4,,0.,0.,1.", "coordinate system 5 is no CORD1 or CORD2", 1),
-        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,5", "node 5 is not in the deck", 5),
-        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,3", "a node stands twice", 5),
-        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3", "3 nodes, where a CTETRA has 4 or 10", 5),
-        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,2,1,2,3,4", "property 2 is no PSOLID", 5),
-        ("CTETRA,10,1,1,2,3,4", "CPYRA,10,1,1,2,3,4,1", "CPYRA solids are not supported", 5),
-        ("CTETRA,10,1,1,2,3,4", "CPYRAM,10,1,1,2,3,4,1,2\n,3,4,1,2,3,4,1", "13 nodes, where a CPYRAM has 5", 5),
-        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,10,1,2,1,3,4", "element id 10 stands twice", 6),
-        ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,11,1,2,3,1,4", "the same nodes as CTETRA 10", 6),
-        ("CTETRA,10,1,1,2,3,4", "CBEND,10,1,1,2", "no solid element", "deck.bdf"),
-        ("PSOLID,1,1", "PSOLID,1,2", "material 2 is not in the deck", 6),
-        ("PSOLID,1,1", "PSOLID,1,1\nPSOLID,1,1", "property id 1 stands twice", 7),
-        ("PSOLID,1,1", "PSOLID,1,1,,,,,PFLUID", "PFLUID", 6),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,-2.1+11,,.3,7850.", "Young's modulus is -2.1e\\+11", 7),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.5,7850.", "Poisson's ratio is 0.5", 7),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,1.+11,,7850.", "states G alone, and E is 0 then", 7),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,,7850.", "needs E, and G or NU", 7),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,7850.\nPARAM,WTMASS,0.", "not positive", 8),
-    ],
-)
+test_what_is_wrong_is_named_with_file_and_line = refusal_table(TETRAHEDRON.replace, [
+    ("GRID,4,,0.,0.,1.", "GRID,3,,0.,0.,1.", "node id 3 stands twice .*deck.bdf:3", 4),
+    ("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,one", "'one', not a number", 4),
+    ("GRID,4,,0.,0.,1.", "GRDSET,,5\nGRID,4,,0.,0.,1.", "coordinate system 5 is no CORD1 or CORD2", 1),
+    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,5", "node 5 is not in the deck", 5),
+    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,3", "a node stands twice", 5),
+    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3", "3 nodes, where a CTETRA has 4 or 10", 5),
+    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,2,1,2,3,4", "property 2 is no PSOLID", 5),
+    ("CTETRA,10,1,1,2,3,4", "CPYRA,10,1,1,2,3,4,1", "CPYRA solids are not supported", 5),
+    ("CTETRA,10,1,1,2,3,4", "CPYRAM,10,1,1,2,3,4,1,2\n,3,4,1,2,3,4,1", "13 nodes, where a CPYRAM has 5", 5),
+    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,10,1,2,1,3,4", "element id 10 stands twice", 6),
+    ("CTETRA,10,1,1,2,3,4", "CTETRA,10,1,1,2,3,4\nCTETRA,11,1,2,3,1,4", "the same nodes as CTETRA 10", 6),
+    ("CTETRA,10,1,1,2,3,4", "CBEND,10,1,1,2", "no solid element", "deck.bdf"),
+    ("PSOLID,1,1", "PSOLID,1,2", "material 2 is not in the deck", 6),
+    ("PSOLID,1,1", "PSOLID,1,1\nPSOLID,1,1", "property id 1 stands twice", 7),
+    ("PSOLID,1,1", "PSOLID,1,1,,,,,PFLUID", "PFLUID", 6),
+    ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,-2.1+11,,.3,7850.", "Young's modulus is -2.1e\\+11", 7),
+    ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.5,7850.", "Poisson's ratio is 0.5", 7),
+    ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,1.+11,,7850.", "states G alone, and E is 0 then", 7),
+    ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,,,,7850.", "needs E, and G or NU", 7),
+    ("MAT1,1,2.1+11,,.3,7850.", "MAT1,1,2.1+11,,.3,7850.\nPARAM,WTMASS,0.", "not positive", 8),
+])
 
 
 def test_every_node_element_and_tie_knows_its_line(read, tetrahedron, tmp_path):

@@ -75,9 +75,7 @@ def test_mat2_written_from_a_mat1_is_the_same(read, plain, own):
         rows = facet_strain(mesh, exterior_facets(mesh))
         states.append(surface_state(surface_model(mesh, rows, z), {}, np.ones(1)))
     near([states[1].strain, states[1].stress], [states[0].strain, states[0].stress], 1e-11)
-    assert b.ignored == {"MAT1 that no property refers to": 1} | (
-        {} if ",3," in own else {"MAT2 that no property refers to": 1}
-    )
+    assert b.ignored == {"MAT1 that no property refers to": 1} | ({} if ",3," in own else {"MAT2 that no property refers to": 1})
 
 
 def test_several_mat1_have_their_place_each(read):
@@ -117,9 +115,7 @@ def test_stress_on_the_faces_is_that_of_the_turned_tensor(read):
     expected = np.zeros(6)
     expected[[0, 1, 3]] = along @ strain
     wide = np.abs(facets.nodes[:, :4]).min(axis=1) >= 0
-    np.testing.assert_allclose(
-        state.stress[wide], np.tile(expected, (wide.sum(), 1)), atol=1e-9 * np.abs(expected).max()
-    )
+    np.testing.assert_allclose(state.stress[wide], np.tile(expected, (wide.sum(), 1)), atol=1e-9 * np.abs(expected).max())
 
 
 def test_strain_on_the_faces_of_several_materials_makes_no_stress(read):
@@ -132,9 +128,7 @@ def test_strain_on_the_faces_of_several_materials_makes_no_stress(read):
 
 def test_a_factor_is_free_and_a_modulus_is_not(read):
     mesh = read(SKEW + "PSHELL,1,1,.1,2,,1\nMAT1,1,2.+11,,.3,1000.\nMAT1,2,1.+11,,.3\n")
-    K, M = thin_operators(
-        mesh, [Parameter("s", "stiffness_factor", (1,), 1.0), Parameter("r", "density", (1,), 1000.0)]
-    )
+    K, M = thin_operators(mesh, [Parameter("s", "stiffness_factor", (1,), 1.0), Parameter("r", "density", (1,), 1000.0)])
     other = operators(with_properties(mesh, [1], stiffness_factor=1.3, density=800.0))
     near([own.toarray() for own in (K.at({"s": 1.3}), M.at({"r": 800.0}))], other)
     with expect_refusal(UserError, "a shell of several or anisotropic materials", remedy="stiffness_factor"):
@@ -152,24 +146,13 @@ def test_units_size_weight_and_records_keep_it(read):
     scale = np.tile(np.repeat([1.0, 0.0254], 3), len(mesh.thin_nodes))
     near(operators(inches), [1e-3 * scale[:, None] * X * scale for X in operators_of], 1e-9)
     size = np.tile(np.repeat([1.0, 2.0], 3), len(mesh.thin_nodes))
-    near(
-        operators(scaled(mesh, 2.0)),
-        [f * size[:, None] * X * size for f, X in zip((2, 8), operators_of, strict=True)],
-        1e-9,
-    )
+    near(operators(scaled(mesh, 2.0)), [f * size[:, None] * X * size for f, X in zip((2, 8), operators_of, strict=True)], 1e-9)
     assert read("PARAM,WTMASS,.5\n" + text).density_of(1) == 500.0
 
 
-test_what_is_wrong_is_named_with_its_remedy = refusal_table(
-    lambda cards: SKEW + cards,
-    [
-        ("PSHELL,1,1,.1,,,2\n" + mat2(1, Q) + mat2(2, np.eye(2)), "MID3 stands without MID2"),
-        (
-            "PSHELL,1,1,.1,1,,2\n,,,3\n" + mat2(1, Q) + mat2(2, np.eye(2)) + mat2(3, Q),
-            "together: its stiffness is not positive",
-        ),
-        ("PSHELL,1,1,.1\n" + mat2(1, np.diag([1.0, 1, 0])), "membrane: it resists no strain: the 3th of the diagonal"),
-        ("PSHELL,1,1,.1,1,,2\n" + mat2(1, Q) + mat2(2, [[1.0, 2.0], [2.0, 1.0]]), "shear across: .* eigenvalue is -1"),
-    ],
-    placed=False,
-)
+test_what_is_wrong_is_named_with_its_remedy = refusal_table(lambda cards: SKEW + cards, [
+    ("PSHELL,1,1,.1,,,2\n" + mat2(1, Q) + mat2(2, np.eye(2)), "MID3 stands without MID2"),
+    ("PSHELL,1,1,.1,1,,2\n,,,3\n" + mat2(1, Q) + mat2(2, np.eye(2)) + mat2(3, Q), "together: its stiffness is not positive"),
+    ("PSHELL,1,1,.1\n" + mat2(1, np.diag([1.0, 1, 0])), "membrane: it resists no strain: the 3th of the diagonal"),
+    ("PSHELL,1,1,.1,1,,2\n" + mat2(1, Q) + mat2(2, [[1.0, 2.0], [2.0, 1.0]]), "shear across: .* eigenvalue is -1"),
+], placed=False)

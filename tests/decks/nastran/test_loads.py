@@ -62,14 +62,11 @@ def test_wtmass_scales_inertia_and_not_the_offset(read, tetrahedron):
     np.testing.assert_array_equal(point.offset, [0.1, 0, 0])
 
 
-test_masses_and_forces_that_cannot_be_taken_are_named = refusal_table(
-    lambda card: f"{TETRAHEDRON}{card}\n{RIGID}",
-    [
-        ("CONM2,90,50,8,3.", "coordinate system 8 is no CORD1 or CORD2", 9),
-        ("CONM2,90,50,,3.\n+,1.,2.,1.,,,1.", "principal moments -1, 1, 3", 9),
-        ("FORCE,1,77,,1.,1.", "node 77 is not in the deck", 9),
-    ],
-)
+test_masses_and_forces_that_cannot_be_taken_are_named = refusal_table(lambda card: f"{TETRAHEDRON}{card}\n{RIGID}", [
+    ("CONM2,90,50,8,3.", "coordinate system 8 is no CORD1 or CORD2", 9),
+    ("CONM2,90,50,,3.\n+,1.,2.,1.,,,1.", "principal moments -1, 1, 3", 9),
+    ("FORCE,1,77,,1.,1.", "node 77 is not in the deck", 9),
+])
 
 
 def test_forces_of_a_set_add_up_in_the_basic_system(read, tetrahedron):
@@ -149,11 +146,8 @@ def test_a_body_under_water_is_lifted_by_the_water_it_displaces(read, kind, turn
 
 def test_a_pressure_with_a_vector_acts_along_it(read):
     """In a cylinder about z through the middle of the face: e_θ by the right-hand rule, ∫ e_θ dA turns and does not push."""
-    base = deck(
-        "hex8",
-        "CORD2C,6,,.5,.625,0.,.5,.625,1.\n+,2.,.625,0.\nPLOAD4,1,7,3.,,,,5,7\n+,,0.,-2.,0.\n"
-        "PLOAD4,2,7,3.,,,,5,7\n+,6,0.,1.,0.\n",
-    )
+    base = deck("hex8", "CORD2C,6,,.5,.625,0.,.5,.625,1.\n+,2.,.625,0.\nPLOAD4,1,7,3.,,,,5,7\n+,,0.,-2.,0.\n"
+                "PLOAD4,2,7,3.,,,,5,7\n+,6,0.,1.,0.\n")
     mesh = read(base)
     force, _ = totals(mesh, "LOAD-1")
     np.testing.assert_allclose(force, [0, -3 * 1.25, 0], atol=1e-12)
@@ -218,19 +212,15 @@ def test_weight_and_rotation_are_read_in_their_systems(read):
     np.testing.assert_allclose(spin.centre, [1, 1.25, 0])
 
 
-test_loads_that_cannot_be_taken_are_named = refusal_table(
-    lambda cards: deck("hex8", cards),
-    [
-        ("PLOAD4,1,9,2.,,,,5,7\n", "element 9 is no solid or plate of the deck"),
-        ("PLOAD4,1,7,2.,,,,5,6\n", "name no face of the hex8 element 7"),
-        ("PLOAD,1,2.,1,2,7\n", "no solid or shell has a face with the corners 1, 2, 7"),
-        ("PLOAD2,1,2.,7\n", "element 7 is no plate"),
-        ("RFORCE,1,,,1.,0.,0.,1.\n+,2.\n", "RACC states an angular acceleration"),
-        ("LOAD,9,1.,1.,4\n", "set 4 holds no load"),
-        ("CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nGRAV,1,6,1.,1.\n", "its system is not rectangular"),
-    ],
-    placed=False,
-)
+test_loads_that_cannot_be_taken_are_named = refusal_table(lambda cards: deck("hex8", cards), [
+    ("PLOAD4,1,9,2.,,,,5,7\n", "element 9 is no solid or plate of the deck"),
+    ("PLOAD4,1,7,2.,,,,5,6\n", "name no face of the hex8 element 7"),
+    ("PLOAD,1,2.,1,2,7\n", "no solid or shell has a face with the corners 1, 2, 7"),
+    ("PLOAD2,1,2.,7\n", "element 7 is no plate"),
+    ("RFORCE,1,,,1.,0.,0.,1.\n+,2.\n", "RACC states an angular acceleration"),
+    ("LOAD,9,1.,1.,4\n", "set 4 holds no load"),
+    ("CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nGRAV,1,6,1.,1.\n", "its system is not rectangular"),
+], placed=False)
 
 
 # Points and directions in the systems of a deck are what other programs make of them.
@@ -301,15 +291,11 @@ def test_grdset_fills_blank_fields_only(read, tetrahedron):
     assert permanent.tolist() == [[0, 0], [0, 1], [1, 0], [1, 1], [2, 0], [2, 1]]
 
 
-test_coordinate_systems_that_define_nothing_are_refused = refusal_table(
-    lambda card: f"{card}\n{TETRAHEDRON}",
-    [
-        ("CORD2R,1,,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.", "one line"),
-        ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "system 2, which is not in the deck"),
-        ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "refers to itself"),
-        ("CORD1R,1,1,2,9", "node 9 is not in the deck"),
-        ("CORD1R,1,1,2,60\nGRID,60,1,0.,1.,0.", "refers to itself"),
-        ("CORD1R,1,1,2,60\nGRID,60,7,0.,1.,0.", "system 7, which is not in the deck"),
-    ],
-    placed=False,
-)
+test_coordinate_systems_that_define_nothing_are_refused = refusal_table(lambda card: f"{card}\n{TETRAHEDRON}", [
+    ("CORD2R,1,,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.", "one line"),
+    ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "system 2, which is not in the deck"),
+    ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "refers to itself"),
+    ("CORD1R,1,1,2,9", "node 9 is not in the deck"),
+    ("CORD1R,1,1,2,60\nGRID,60,1,0.,1.,0.", "refers to itself"),
+    ("CORD1R,1,1,2,60\nGRID,60,7,0.,1.,0.", "system 7, which is not in the deck"),
+], placed=False)

@@ -81,13 +81,7 @@ def test_wtmass_scales_it(read, tetrahedron):
 
 
 @pytest.mark.parametrize(
-    "card",
-    [
-        "CMASS2,91,2.5,4,2",
-        "CMASS2,91,2.5,,,4,2",
-        "CMASS1,91,8,4,2,0,0\nPMASS,7,9.,8,2.5",
-        "CMASS1,91,,4,2\nPMASS,91,2.5",
-    ],
+    "card", ["CMASS2,91,2.5,4,2", "CMASS2,91,2.5,,,4,2", "CMASS1,91,8,4,2,0,0\nPMASS,7,9.,8,2.5", "CMASS1,91,,4,2\nPMASS,91,2.5"]
 )
 @pytest.mark.parametrize("cd", ["", ",7"])
 def test_a_scalar_mass_moves_with_one_component(read, tetrahedron, card, cd):
@@ -110,20 +104,18 @@ def test_a_moment_of_inertia_along_a_rotation(read, tetrahedron):
     np.testing.assert_allclose((model.mass.constant - plain.mass.constant).toarray(), 2.5 * np.outer(z, z), atol=1e-12)
 
 
-test_masses_that_cannot_be_taken_are_named = refusal_table(
-    lambda card: f"{TETRAHEDRON}{card}\n",
-    [
-        ("CMASS2,91,2.5,4,2,3,1", "2 ends on nodes: only a mass between a motion and the ground"),
-        ("CMASS2,91,2.5,4,7", "component 7"),
-        ("CMASS2,91,-2.5,4,1", "the mass along some motion is negative"),
-        ("CMASS1,91,5,4,1", "property 5 is no PMASS"),
-        ("CONM1,91,4,,1.,2.,1.", "the mass along some motion is negative"),
-    ],
-    placed=False,
-)
+test_masses_that_cannot_be_taken_are_named = refusal_table(lambda card: f"{TETRAHEDRON}{card}\n", [
+    ("CMASS2,91,2.5,4,2,3,1", "2 ends on nodes: only a mass between a motion and the ground"),
+    ("CMASS2,91,2.5,4,7", "component 7"),
+    ("CMASS2,91,-2.5,4,1", "the mass along some motion is negative"),
+    ("CMASS1,91,5,4,1", "property 5 is no PMASS"),
+    ("CONM1,91,4,,1.,2.,1.", "the mass along some motion is negative"),
+], placed=False)
 
 
 def test_a_mass_matrix_in_a_body_that_moves_freely_is_refused(read, tetrahedron):
     model = build_model(read(f"{tetrahedron}CMASS2,91,2.5,4,2\n"))
     with pytest.raises(DeckError, match="point mass 91 on node 4 is another mass along another axis"):
         inertia_invariants(model, np.eye(model.size))
+
+

@@ -169,6 +169,4 @@ def test_the_script_writes_the_committed_deck(tmp_path, part):
 
 @pytest.mark.slow
 def test_the_first_modes_of_the_wing_are_those_that_its_readme_states():
-    np.testing.assert_allclose(
-        frequencies(read_mesh(MESHES / "wing.bdf.gz", "mm", "t"), 3), [8.16, 23.5, 38.4], rtol=2e-3
-    )
+    np.testing.assert_allclose(frequencies(read_mesh(MESHES / "wing.bdf.gz", "mm", "t"), 3), [8.16, 23.5, 38.4], rtol=2e-3)

@@ -32,20 +32,12 @@ def changed(old, new):
 def test_elements_arrive_in_blocks_of_a_kind_with_their_ids_and_lines(read):
     mesh = read(FLAT + "SET3,5,ELEM,10,11\n")
     quad, triangle = mesh.shells
-    assert (quad.kind, quad.ids.tolist(), quad.nodes.tolist(), quad.region.tolist()) == (
-        "quad4",
-        [10],
-        [[0, 1, 2, 3]],
-        [1],
-    )
+    assert (quad.kind, quad.ids.tolist(), quad.nodes.tolist(), quad.region.tolist()) == ("quad4", [10], [[0, 1, 2, 3]], [1])
     assert (triangle.kind, triangle.ids.tolist(), triangle.nodes.tolist()) == ("tri3", [11], [[1, 4, 2]])
     assert np.isnan(quad.axis).all()
     assert not quad.offset.any()
     assert mesh.blocks == mesh.beams == ()
-    assert {i: (region.name, region.material) for i, region in mesh.regions.items()} == {
-        1: ("PSHELL 1", 1),
-        2: ("PSHELL 2", 1),
-    }
+    assert {i: (region.name, region.material) for i, region in mesh.regions.items()} == {1: ("PSHELL 1", 1), 2: ("PSHELL 2", 1)}
     assert mesh.where("element", 11).endswith("deck.bdf:7")
     assert mesh.element_sets["SET3-5"].tolist() == [10, 11]
     assert mesh.ignored == {}
@@ -116,21 +108,18 @@ def test_a_warped_quadrangle_is_noted_and_one_that_is_no_plane_refused(read):
         read(FLAT.replace("GRID,3,,2.,1.,0.", "GRID,3,,2.,1.,3.").replace("GRID,1,,0.,0.,0.", "GRID,1,,0.,0.,3."))
 
 
-test_what_is_wrong_is_named_with_file_and_line = refusal_table(
-    changed,
-    [
-        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,3", "a node stands twice", 6),
-        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,3,2,4", "has no area|folded", 6),
-        ("GRID,3,,2.,1.,0.", "GRID,3,,1.,.5,0.", "corner of 180° or more", 6),
-        ("PSHELL,1,1,.1,1,,1", "PSHEAR,1", "property 1 is a PSHEAR, not a PSHELL", 6),
-        ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4\n,,,.1,.1,.2,.1", "T3 makes it 0.2 thick .* property 0.1", 6),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,0.,1,,1", "thickness is 0", 8),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,,.1,1,,1", "MID1 is blank", 8),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,2,,1", r"material 2 of MID2 \(bending\) is no MAT1, MAT2 or MAT8", 8),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,-1,,1", "MID2 is -1, plane strain", 8),
-        ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1,0.", "TS/T is 0", 8),
-    ],
-)
+test_what_is_wrong_is_named_with_file_and_line = refusal_table(changed, [
+    ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,3", "a node stands twice", 6),
+    ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,3,2,4", "has no area|folded", 6),
+    ("GRID,3,,2.,1.,0.", "GRID,3,,1.,.5,0.", "corner of 180° or more", 6),
+    ("PSHELL,1,1,.1,1,,1", "PSHEAR,1", "property 1 is a PSHEAR, not a PSHELL", 6),
+    ("CQUAD4,10,1,1,2,3,4", "CQUAD4,10,1,1,2,3,4\n,,,.1,.1,.2,.1", "T3 makes it 0.2 thick .* property 0.1", 6),
+    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,0.,1,,1", "thickness is 0", 8),
+    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,,.1,1,,1", "MID1 is blank", 8),
+    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,2,,1", r"material 2 of MID2 \(bending\) is no MAT1, MAT2 or MAT8", 8),
+    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,-1,,1", "MID2 is -1, plane strain", 8),
+    ("PSHELL,1,1,.1,1,,1", "PSHELL,1,1,.1,1,,1,0.", "TS/T is 0", 8),
+])
 
 
 def totals(mesh, name):
@@ -200,14 +189,7 @@ def test_middle_is_in_the_plane_without_z0(read):
 
 def test_symmetric_laminate_is_written_half(read):
     (section,) = read(changed_plies("PCOMP,1,-.1,2.5,,,,,", "PCOMP,1,,,,,,,SYM")).sections.values()
-    assert [(ply.material, ply.angle) for ply in section.plies] == [
-        (8, 45),
-        (8, -45),
-        (1, 0),
-        (1, 0),
-        (8, -45),
-        (8, 45),
-    ]
+    assert [(ply.material, ply.angle) for ply in section.plies] == [(8, 45), (8, -45), (1, 0), (1, 0), (8, -45), (8, 45)]
     assert section.thickness == pytest.approx(0.8)
 
 
@@ -231,14 +213,11 @@ def test_weight_in_a_deck_of_weights(read):
     assert mesh.density_of(1) == pytest.approx((0.2 * 800 + 0.2 * 3925) / 0.4)
 
 
-test_what_is_wrong_is_named_with_file_and_line_of_composites = refusal_table(
-    changed_plies,
-    [
-        ("2.5,,,,,\n", "2.5,,,,,MEM\n", "LAM is MEM", 6),
-        (",8,.1,45.", ",8,0.,45.", "thickness of ply 1 is 0", 6),
-        (",8,.1,45.,YES,,,-45.,\n,1,.2,,YES\n", "", "no plies", 6),
-        ("MAT1,1,2.1+11,,.3,7850.", "MAT9,1,2.1+11", "material 1 of its plies is a MAT9", 6),
-        ("1.4+11,1.+10", "0.,1.+10", "E1 is 0, not positive", 9),
-        (".3,5.+9", "4.,5.+9", "NU12 is 4, its square not below E1/E2 = 14", 9),
-    ],
-)
+test_what_is_wrong_is_named_with_file_and_line_of_composites = refusal_table(changed_plies, [
+    ("2.5,,,,,\n", "2.5,,,,,MEM\n", "LAM is MEM", 6),
+    (",8,.1,45.", ",8,0.,45.", "thickness of ply 1 is 0", 6),
+    (",8,.1,45.,YES,,,-45.,\n,1,.2,,YES\n", "", "no plies", 6),
+    ("MAT1,1,2.1+11,,.3,7850.", "MAT9,1,2.1+11", "material 1 of its plies is a MAT9", 6),
+    ("1.4+11,1.+10", "0.,1.+10", "E1 is 0, not positive", 9),
+    (".3,5.+9", "4.,5.+9", "NU12 is 4, its square not below E1/E2 = 14", 9),
+])

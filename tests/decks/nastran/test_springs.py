@@ -150,19 +150,15 @@ def test_a_spring_acts_along_the_system_of_its_node(read, tetrahedron):
     assert own.component.tolist() == [0, 1, 2]
 
 
-test_springs_that_cannot_be_taken_are_named = refusal_table(
-    lambda cards: f"{TETRAHEDRON}{cards}ENDDATA\n",
-    [
-        ("CELAS1,60,7,4,3\n", "property 7 is no PELAS"),
-        ("CELAS2,60,9.,4,1,3,5\n", "one end is a translation, the other a rotation"),
-        ("CELAS2,60,-9.,4,1\n", "negative"),
-        ("CBUSH,60,7,4\nPBUSH,7,K,1.\n", "it has no axes of its own"),
-        ("CBUSH,60,7,4,3,,,,0\n+,1.2\nPBUSH,7,K,1.\n", "S is 1.2"),
-        ("CBUSH,60,7,4,3,,,,0\n+,,5,1.\nPBUSH,7,K,1.\n", "OCID puts the spring"),
-        ("CBUSH,60,7,4,3,,,,0\nPBUSH,7,K,1.\n+,,M,2.\n", "has a mass M"),
-    ],
-    placed=False,
-)
+test_springs_that_cannot_be_taken_are_named = refusal_table(lambda cards: f"{TETRAHEDRON}{cards}ENDDATA\n", [
+    ("CELAS1,60,7,4,3\n", "property 7 is no PELAS"),
+    ("CELAS2,60,9.,4,1,3,5\n", "one end is a translation, the other a rotation"),
+    ("CELAS2,60,-9.,4,1\n", "negative"),
+    ("CBUSH,60,7,4\nPBUSH,7,K,1.\n", "it has no axes of its own"),
+    ("CBUSH,60,7,4,3,,,,0\n+,1.2\nPBUSH,7,K,1.\n", "S is 1.2"),
+    ("CBUSH,60,7,4,3,,,,0\n+,,5,1.\nPBUSH,7,K,1.\n", "OCID puts the spring"),
+    ("CBUSH,60,7,4,3,,,,0\nPBUSH,7,K,1.\n+,,M,2.\n", "has a mass M"),
+], placed=False)
 
 
 # MPC cards as relations, and which of them count.
@@ -192,17 +188,15 @@ def test_components_are_along_the_axes_of_the_node(read, tetrahedron):
 
 
 test_relations_that_cannot_be_taken_are_named = refusal_table(
-    lambda head, cards: f"{head}BEGIN BULK\n{TETRAHEDRON}{cards}\nENDDATA\n",
-    [
-        ("", "MPC,3,4,1,0.,2,3,-1.", "the coefficient of the first term is 0", 10),
-        ("", "MPC,3,4,7,1.", "component 7", 10),
-        ("", "MPC,3,4,1,1.,2,3,-1.,3\n,,2,1,.1", "'3' stands in field 9", 10),
-        ("", "MPC,3,4,1,1.\nMPC,5,4,2,1.", "2 sets of relations .3, 5. and no case control", 11),
-        ("", "MPC,3,4,1,1.\nMPCADD,5,3,6", "set 6 has no MPC", 11),
-        ("MPC = 4\n", "MPC,3,4,1,1.", "MPC = 4 selects a set that is not in the deck", 1),
-        ("SUBCASE 1\nMPC = 3\nSUBCASE 2\nMPC = 5\n", "MPC,3,4,1,1.\nMPC,5,4,2,1.", "different relations .3, 5.", 4),
-    ],
-)
+    lambda head, cards: f"{head}BEGIN BULK\n{TETRAHEDRON}{cards}\nENDDATA\n", [
+    ("", "MPC,3,4,1,0.,2,3,-1.", "the coefficient of the first term is 0", 10),
+    ("", "MPC,3,4,7,1.", "component 7", 10),
+    ("", "MPC,3,4,1,1.,2,3,-1.,3\n,,2,1,.1", "'3' stands in field 9", 10),
+    ("", "MPC,3,4,1,1.\nMPC,5,4,2,1.", "2 sets of relations .3, 5. and no case control", 11),
+    ("", "MPC,3,4,1,1.\nMPCADD,5,3,6", "set 6 has no MPC", 11),
+    ("MPC = 4\n", "MPC,3,4,1,1.", "MPC = 4 selects a set that is not in the deck", 1),
+    ("SUBCASE 1\nMPC = 3\nSUBCASE 2\nMPC = 5\n", "MPC,3,4,1,1.\nMPC,5,4,2,1.", "different relations .3, 5.", 4),
+])
 
 
 def test_a_moment_on_a_node_that_a_relation_turns_acts_there(read, tetrahedron):
@@ -243,3 +237,5 @@ def test_mass_of_solids_is_lumped_where_a_deck_says_so(read, tetrahedron, value,
     mesh = read(f"{tetrahedron}PARAM,COUPMASS,{value}\nENDDATA\n")
     assert mesh.lumped == lumped
     assert not any("lumped" in text for text in sanity_warnings(mesh))
+
+

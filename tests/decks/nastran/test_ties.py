@@ -68,19 +68,15 @@ def test_the_config_may_say_which_set_holds(read, tetrahedron):
     assert caught.value.remedy == "select one of 1, 2, 3, 9"
 
 
-test_supports_that_cannot_be_taken_are_named = refusal_table(
-    lambda head, cards: f"{head}{TETRAHEDRON}{cards}\nENDDATA\n",
-    [
-        ("", "SPC1,2,3,4", "2 sets of supports \\(1, 2\\) and no selection"),
-        ("SPC = 5\nBEGIN BULK\n", "", "SPC = 5 selects a set that is not in the deck"),
-        ("SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 2\nBEGIN BULK\n", "SPC1,2,3,4", "different supports"),
-        ("", "SPCADD,9,1,2", "set 2 has no SPC"),
-        ("", "SPC1,1,123,9", "node 9 is not in the deck"),
-        ("", "SPC1,1,127,4", "components '127'"),
-        ("", "SPC1,1,123,4,THRU,2", "runs backwards"),
-    ],
-    placed=False,
-)
+test_supports_that_cannot_be_taken_are_named = refusal_table(lambda head, cards: f"{head}{TETRAHEDRON}{cards}\nENDDATA\n", [
+    ("", "SPC1,2,3,4", "2 sets of supports \\(1, 2\\) and no selection"),
+    ("SPC = 5\nBEGIN BULK\n", "", "SPC = 5 selects a set that is not in the deck"),
+    ("SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 2\nBEGIN BULK\n", "SPC1,2,3,4", "different supports"),
+    ("", "SPCADD,9,1,2", "set 2 has no SPC"),
+    ("", "SPC1,1,123,9", "node 9 is not in the deck"),
+    ("", "SPC1,1,127,4", "components '127'"),
+    ("", "SPC1,1,123,4,THRU,2", "runs backwards"),
+], placed=False)
 
 
 CYLINDER = "CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\n"
@@ -120,22 +116,19 @@ def test_rbe3_groups_of_single_directions_and_a_um_set(read, tetrahedron):
 
 
 test_ties_masses_and_sets_that_cannot_be_taken_are_named = refusal_table(
-    lambda cards: f"{TETRAHEDRON}GRID,50,,5.,5.,5.\n{cards}\n",
-    [
-        ("RBE2,99,50,123,4,77", "node 77 is not in the deck"),
-        ("RBE2,99,50,123,4,1000000000000", "is 1000000000000, too large"),
-        ("RBE2,99,50,123", "no dependent node"),
-        ("RBE2,99,50,123,4,50", "also dependent"),
-        ("RBE2,99,50,123,4\nRBE2,99,50,123,3", "rigid element id 99 stands twice"),
-        ("RBE3,98,,50,123,1.,123456,1,2", "rotations of node 1 are averaged, which has none"),
-        ("RBE3,98,,50,123,-1.,123,1,2", "positive weight"),
-        ("RBE3,98,,50,123,1.,123,1,1", "stands twice"),
-        ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", "UM set holds 1 motions, the reference components are 3"),
-        ("CONM2,90,4,,-3.", "mass is -3"),
-        ("SET1,5,1,2,77", "node 77 is not in the deck"),
-    ],
-    placed=False,
-)
+    lambda cards: f"{TETRAHEDRON}GRID,50,,5.,5.,5.\n{cards}\n", [
+    ("RBE2,99,50,123,4,77", "node 77 is not in the deck"),
+    ("RBE2,99,50,123,4,1000000000000", "is 1000000000000, too large"),
+    ("RBE2,99,50,123", "no dependent node"),
+    ("RBE2,99,50,123,4,50", "also dependent"),
+    ("RBE2,99,50,123,4\nRBE2,99,50,123,3", "rigid element id 99 stands twice"),
+    ("RBE3,98,,50,123,1.,123456,1,2", "rotations of node 1 are averaged, which has none"),
+    ("RBE3,98,,50,123,-1.,123,1,2", "positive weight"),
+    ("RBE3,98,,50,123,1.,123,1,1", "stands twice"),
+    ("RBE3,98,,50,123,1.,123,1,2\n+,UM,1,1", "UM set holds 1 motions, the reference components are 3"),
+    ("CONM2,90,4,,-3.", "mass is -3"),
+    ("SET1,5,1,2,77", "node 77 is not in the deck"),
+], placed=False)
 
 
 def test_sets_of_bulk_data_and_case_control(read, tetrahedron):
@@ -255,13 +248,8 @@ def test_what_a_rigid_body_does_fulfils_the_relations_and_nothing_else(read, car
 @pytest.mark.parametrize(
     "card",
     [
-        "RBAR,20,1,3,123456",
-        "RBAR,20,1,3,123456,,,123456",
-        "RBAR,20,3,1,,123456",
-        "RBAR,20,3,1,0,123456,123456,0",
-        "RBAR1,20,1,3,123456",
-        "RBE1,20,1,123456\n+,UM,3,123456",
-        "RBE1,20,1,123456\n+,UM,3,123,3,456,1.-5",
+        "RBAR,20,1,3,123456", "RBAR,20,1,3,123456,,,123456", "RBAR,20,3,1,,123456", "RBAR,20,3,1,0,123456,123456,0",
+        "RBAR1,20,1,3,123456", "RBE1,20,1,123456\n+,UM,3,123456", "RBE1,20,1,123456\n+,UM,3,123,3,456,1.-5",
     ],
 )
 def test_a_node_that_leads_with_six_motions_is_a_rigid_element(read, card, systems):
@@ -271,9 +259,7 @@ def test_a_node_that_leads_with_six_motions_is_a_rigid_element(read, card, syste
     (own,), (other,) = mesh.rigid, expected.rigid
     assert (own.id, own.reference, own.nodes.tolist(), own.components) == (20, 0, [2], other.components)
     assert str(own) == f"{card.split(',')[0]} 20"
-    for found, there in zip(
-        *(build_model(m, supported=False).stiffness.constant for m in (mesh, expected)), strict=True
-    ):
+    for found, there in zip(*(build_model(m, supported=False).stiffness.constant for m in (mesh, expected)), strict=True):
         assert np.array_equal(found.toarray(), there.toarray())
 
 
@@ -296,18 +282,14 @@ def test_a_rigid_rod_keeps_its_length(read, fields, follower, systems):
     assert np.linalg.matrix_rank((T @ rng.standard_normal((T.shape[1], 12)))[:6]) == 5
 
 
-test_bars_that_cannot_be_rigid_are_refused = refusal_table(
-    lambda card: f"{grids_of(SYSTEMS[0])}GRID,5,,1.,1.2,.3\n{card}\n",
-    [
-        ("RBAR,20,1,1,123456", "both ends are node 1"),
-        ("RBAR,20,1,2,12345", "5 independent motions"),
-        ("RBAR,20,1,2,123,123", "do not hold a rigid body"),
-        ("RBAR,20,1,2,123456,,1,123456", "node 1 is independent and dependent in component 1"),
-        ("RBE1,20,1,123456", "has no UM"),
-        ("RBE1,20,1,123,2,123\n+,UM,3,123", "do not hold a rigid body"),
-        ("RROD,20,1,2,4", "not one translation"),
-        ("RROD,20,2,5,1", "across its line"),
-        ("GRID,6,,1.,.2,0.3\nRROD,20,2,6,1", "its ends coincide"),
-    ],
-    placed=False,
-)
+test_bars_that_cannot_be_rigid_are_refused = refusal_table(lambda card: f"{grids_of(SYSTEMS[0])}GRID,5,,1.,1.2,.3\n{card}\n", [
+    ("RBAR,20,1,1,123456", "both ends are node 1"),
+    ("RBAR,20,1,2,12345", "5 independent motions"),
+    ("RBAR,20,1,2,123,123", "do not hold a rigid body"),
+    ("RBAR,20,1,2,123456,,1,123456", "node 1 is independent and dependent in component 1"),
+    ("RBE1,20,1,123456", "has no UM"),
+    ("RBE1,20,1,123,2,123\n+,UM,3,123", "do not hold a rigid body"),
+    ("RROD,20,1,2,4", "not one translation"),
+    ("RROD,20,2,5,1", "across its line"),
+    ("GRID,6,,1.,.2,0.3\nRROD,20,2,6,1", "its ends coincide"),
+], placed=False)

@@ -209,11 +209,7 @@ VTK = "# vtk DataFile Version 4.2\nx\nASCII\nDATASET"
     [
         ("part.vtu", "no mesh", "cannot be read as vtu"),
         ("part.vtk", f"{VTK} STRUCTURED_POINTS\n", "STRUCTURED_POINTS is no mesh"),
-        (
-            "part.vtk",
-            f"{VTK} UNSTRUCTURED_GRID\nPOINTS 90000000000 double\n",
-            "90000000000 entries are claimed in a file of",
-        ),
+        ("part.vtk", f"{VTK} UNSTRUCTURED_GRID\nPOINTS 90000000000 double\n", "90000000000 entries are claimed in a file of"),
         ("part.med", "no mesh", "cannot be read as HDF5"),
         ("part.step", "ISO-10303-21;", "no mesh format that is known by its ending .step"),
     ],

@@ -221,9 +221,7 @@ def write_archive(path, content: bytes, size: int | None = None):
 
 LIES = {
     "the array claims more than is there": lambda path: write_archive(path, member((10**6, 10**6), b"")),
-    "the archive states less than there is": lambda path: write_archive(
-        path, member((SIDE, SIDE), bytes(8 * SIDE**2)), 1000
-    ),
+    "the archive states less than there is": lambda path: write_archive(path, member((SIDE, SIDE), bytes(8 * SIDE**2)), 1000),
     "both headers state little": lambda path: write_archive(path, member((3, 3), bytes(8 * SIDE**2)), 128 + 72),
     "the archive states more": lambda path: write_archive(path, member((3, 3), bytes(72)), 1 << 31),
 }

@@ -100,9 +100,7 @@ def written(tmp_path, content, name="run.op2"):
 @pytest.mark.parametrize("head", [True, False])
 def test_modes_come_with_frequency_and_mass_in_any_byte_order_and_width(tmp_path, order, width, digits, head):
     w = Writer(order, width)
-    path = written(
-        tmp_path, w.file(w.lama([(1, 4e4, 2.5), (2, 9e4, 0.5)]), w.modes(label="  MODES   OF IT "), head=head)
-    )
+    path = written(tmp_path, w.file(w.lama([(1, 4e4, 2.5), (2, 9e4, 0.5)]), w.modes(label="  MODES   OF IT "), head=head))
     first, second = read_responses(path)
     assert (first.kind, first.step, first.number, second.number) == ("mode", 1, 1, 2)
     assert first.node_ids.tolist() == NODES
@@ -142,11 +140,7 @@ def test_subcases_are_steps_and_load_steps_count(tmp_path):
     load_steps = [w.static(9, analysis=10, subtitle="nonlinear") for _ in range(3)]
     found = list(read_responses(written(tmp_path, w.file(*tables, *load_steps))))
     assert [(r.kind, r.step, r.number) for r in found] == [
-        ("static", 7, 1),
-        ("static", 8, 1),
-        ("static", 9, 1),
-        ("static", 9, 2),
-        ("static", 9, 3),
+        ("static", 7, 1), ("static", 8, 1), ("static", 9, 1), ("static", 9, 2), ("static", 9, 3),
     ]
     assert [r.label for r in found] == ["LOAD 7", "LOAD 8", *["nonlinear"] * 3]
     np.testing.assert_array_equal(found[1].motion, (8 * SHAPE).astype("f4"))
@@ -285,3 +279,5 @@ def test_a_length_that_is_only_claimed_takes_no_memory(tmp_path):
 def test_what_is_no_such_file_is_refused(tmp_path, content, said):
     with expect_refusal(DeckError, said, remedy=""):
         list(read_responses(written(tmp_path, content)))
+
+

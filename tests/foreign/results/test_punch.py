@@ -40,9 +40,7 @@ def written(tmp_path, *blocks, end="\n"):
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 def test_modes_have_frequency_subcase_and_number(tmp_path, end):
-    path = written(
-        tmp_path, mode(1, 4e4, subcase=2, label="FREE"), rows(), mode(2, 9e4), rows(motion=2 * SHAPE), end=end
-    )
+    path = written(tmp_path, mode(1, 4e4, subcase=2, label="FREE"), rows(), mode(2, 9e4), rows(motion=2 * SHAPE), end=end)
     first, second = read_responses(path)
     assert (first.kind, first.step, first.number, first.label) == ("mode", 2, 1, "FREE")
     assert (second.step, second.number, second.label) == (1, 2, "A RUN")

@@ -30,11 +30,7 @@ COLUMN = Path(__file__).parent / "data" / "column.frd"
 def test_a_file_of_calculix():
     found = list(read_responses(COLUMN))
     assert [(own.kind, own.step, own.number) for own in found] == [
-        ("static", 1, 1),
-        ("static", 2, 1),
-        ("mode", 3, 1),
-        ("mode", 3, 2),
-        ("mode", 3, 3),
+        ("static", 1, 1), ("static", 2, 1), ("mode", 3, 1), ("mode", 3, 2), ("mode", 3, 3),
     ]
     assert all(own.node_ids.tolist() == list(range(1, 13)) and own.motion.shape == (12, 3) for own in found)
     assert [own.modal_mass for own in found] == [None, None, 1.0, 1.0, 1.0]
@@ -241,9 +237,7 @@ def here(monkeypatch):
 
 def written(tmp_path, point_data, field_data=None, name="run.vtu", **options):
     path = tmp_path / name
-    data = meshio.Mesh(
-        POINTS, [("tetra", np.array([[0, 1, 2, 3]]))], point_data=point_data, field_data=field_data or {}
-    )
+    data = meshio.Mesh(POINTS, [("tetra", np.array([[0, 1, 2, 3]]))], point_data=point_data, field_data=field_data or {})
     data.write(path, **options)
     return path
 

@@ -84,10 +84,7 @@ def test_datasets_of_both_kinds_among_others(tmp_path):
     )
     found = list(read_responses(path))
     assert [(r.kind, r.step, r.number) for r in found] == [
-        ("static", 7, 1),
-        ("static", 7, 2),
-        ("mode", 1, 1),
-        ("static", 5, 1),
+        ("static", 7, 1), ("static", 7, 2), ("mode", 1, 1), ("static", 5, 1),
     ]
     np.testing.assert_allclose(found[0].motion, SHAPE[:, :3], rtol=found[0].rounding)
     np.testing.assert_allclose(found[2].motion, SHAPE, rtol=found[2].rounding)

@@ -18,7 +18,7 @@ from strainsight.multibody.inverse.parameters import parameter_coordinates, star
 from strainsight.multibody.joints import Joint
 from strainsight.multibody.laws import bushing
 from strainsight.multibody.relations import bearing_displacements, dot
-from strainsight.multibody.sensors import Readings, RelationSensor, StrainSensor, readings
+from strainsight.multibody.sensors import CompiledSensors, RelationSensor, StrainSensor, readings
 from strainsight.multibody.simulate import simulate
 from strainsight.multibody.system import System, assemble
 from strainsight.rom.inertia import InertiaInvariants
@@ -32,7 +32,7 @@ class Bench:
     """system and sensors (4 gauges, then 5 displacements of the bearing), equilibrium q under no load, θ."""
 
     system: System
-    sensors: Readings
+    sensors: CompiledSensors
     bearing: Bearing
     q: np.ndarray
     theta: np.ndarray

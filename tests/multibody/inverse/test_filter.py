@@ -50,9 +50,7 @@ def test_loads_without_noise_on_the_filters_own_step(h):
     assert worst["one shot"] > 100 * worst["iterated"]
 
 
-@pytest.mark.parametrize(
-    ("part", "convention"), [*zip(PARTS, ("follow", "fixed", "follow", "fixed", "follow"), strict=True)]
-)
+@pytest.mark.parametrize(("part", "convention"), [*zip(PARTS, ("follow", "fixed", "follow", "fixed", "follow"), strict=True)])
 def test_a_bearing_parameter_from_one_percent_off_on_either_side(part, convention):
     b, h, steps = bench([part], convention), 0.11, 30
     u = loads(h, steps, 0.2)

@@ -237,9 +237,7 @@ def test_sigma_holds_of_loads_that_walk_within_the_step_and_not_where_the_step_i
     """Three walks drawn every millisecond, in steps of 20 ms; `benchmarks/bench_sigma.py` has 20, 10 and 50 ms, a modulus."""
     b, fine, every, size = bench(), 1e-3, 20, np.array([2e4, 1e4, 1.5e4])
     rng, h = np.random.default_rng(6), 0.02
-    u = np.array(
-        [np.vstack([np.zeros(3), np.cumsum(rng.normal(size=(400, 3)) * size * fine**0.5, axis=0)]) for _ in range(3)]
-    )
+    u = np.array([np.vstack([np.zeros(3), np.cumsum(rng.normal(size=(400, 3)) * size * fine**0.5, axis=0)]) for _ in range(3)])
     y = np.stack([walked(b, own, fine)[every - 1 :: every] for own in u], axis=1)
     noisy, true = y + NOISE * rng.normal(size=y.shape), np.swapaxes(u[:, every::every], 0, 1)
     ratios = {}

@@ -105,9 +105,7 @@ ALL = np.ones(9, dtype=bool)
 def loaded():
     """A bench with a free modulus and ball diameter, and its zero under loads."""
     b = bench(free=("ball_diameter",), modulus=True)
-    coordinates = parameter_coordinates(
-        b.system.parameters, ("E", "b.ball_diameter"), b.theta, {"b": b.bearing.parameters}
-    )
+    coordinates = parameter_coordinates(b.system.parameters, ("E", "b.ball_diameter"), b.theta, {"b": b.bearing.parameters})
     q = static_equilibrium(b.system, b.q, LOADS, b.theta)[0]
     return b, coordinates, q
 

@@ -146,16 +146,13 @@ def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reporte
     without = np.array([[1e3], [2e3], [np.inf]])
     best = SimpleNamespace(position=np.eye(3), direction=np.eye(3), std=np.array([1e3]), without=without)
     placed = SimpleNamespace(
-        inputs=("F",),
-        units=("N",),
-        placed=best,
-        random_std=np.array([[2e3], [np.inf]]),
-        loss=np.array([1.5, 2.0, np.inf]),
+        inputs=("F",), units=("N",), placed=best, random_std=np.array([[2e3], [np.inf]]), loss=np.array([1.5, 2.0, np.inf])
     )
     trend = Trend(np.arange(3), np.ones(3), {}, 1.0, MetricWords("tr", "the trace"))
     placement = PlacedGauges(placed, trend, labels=("G1", "G2", "G3"))
     cells = re.findall(r"<td[^>]*>(.*?)</td>", placement_table(placement, {}))
     assert [re.sub("<[^>]*>", "", cell) for cell in cells[:3]] == ["1\u00a0kN", "2\u00a0kN", "∞\u00a0N"]
+
 
 
 def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
@@ -167,6 +164,4 @@ def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
     answer = page[page.index('class="answer"') :]
     share = re.search(r'<data value="([\d.]+)">[^<]*%', answer)
     assert float(share[1]) == pytest.approx(58.68 / 40)
-    assert (
-        answer.index('class="bad">Stress on hub: at most') < share.start() < answer.index("The time step follows loads")
-    )
+    assert answer.index('class="bad">Stress on hub: at most') < share.start() < answer.index("The time step follows loads")

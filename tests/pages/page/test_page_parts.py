@@ -110,16 +110,7 @@ def test_engineers_prefixes():
 
 def test_per_cent_keeps_its_significant_zeros():
     shown = [percent(value) for value in (0.001, 0.00052, 0.0996, 0.177, 1.0, 12.3, 1e-9, 0.0)]
-    assert [text.removesuffix("\u00a0%") for text in shown] == [
-        "0.10",
-        "0.052",
-        "10",
-        "18",
-        "100",
-        "1200",
-        "0.000",
-        "0.000",
-    ]
+    assert [text.removesuffix("\u00a0%") for text in shown] == ["0.10", "0.052", "10", "18", "100", "1200", "0.000", "0.000"]
 
 
 def test_what_is_no_number_is_reported():

@@ -18,10 +18,7 @@ def rows(report):
     for text in gauge_table(report).split("<table>")[1:]:
         names = re.findall(r"<th scope=\"col\"[^>]*>(.*?)</th>", text)
         for i, row in enumerate(re.findall(r"<tr>(.*?)</tr>", text.split("<tbody>")[1].split("</tbody>")[0])):
-            cells = [
-                re.sub("<[^>]+>", "", cell.replace("<br>", "|"))
-                for cell in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row)
-            ]
+            cells = [re.sub("<[^>]+>", "", cell.replace("<br>", "|")) for cell in re.findall(r"<t[hd][^>]*>(.*?)</t[hd]>", row)]
             found += [{}] * (i == len(found))
             found[i] = found[i] | dict(zip(names, cells, strict=True))
     return found

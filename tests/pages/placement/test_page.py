@@ -162,9 +162,7 @@ def test_a_placement_of_which_nothing_is_a_number_has_a_page(mixed, lost):
 
     broken = replace(
         report,
-        unknowns=tuple(
-            replace(unknown, error=lost, std=lost, expected_std=lost, repeats=None) for unknown in report.unknowns
-        ),
+        unknowns=tuple(replace(unknown, error=lost, std=lost, expected_std=lost, repeats=None) for unknown in report.unknowns),
         histories=tuple(gone(entry, "mean", "std", "smoothed", "smoothed_std") for entry in report.histories),
         gauge_signals=tuple(gone(entry, "measured", "estimated", "std") for entry in report.gauge_signals[:1]),
         criteria=tuple(replace(entry, values=(lost,) * 3, std={"E": lost}) for entry in report.criteria),

@@ -54,9 +54,7 @@ def first_screen(text):
 
 def test_placements_have_studies_and_statements_too(suite):
     runs = tuple(
-        replace(
-            run, study="Step", at=float(i), numbers={"validate": {"error.E": 0.01 * i, "std.E": 0.02}}, histories=()
-        )
+        replace(run, study="Step", at=float(i), numbers={"validate": {"error.E": 0.01 * i, "std.E": 0.02}}, histories=())
         for i, run in enumerate(suite().runs[:3], start=1)
     )
     own = suite(
@@ -69,15 +67,8 @@ def test_placements_have_studies_and_statements_too(suite):
     assert "error of E: 1 0.01, 2 0.02, 3 0.03" in sweep.alt
     text = page(own, drawings=drawings)
     assert len(Outline(text).ids) == len(set(Outline(text).ids))
-    assert "1 consistent (run 1 ); run 2 both. 1 statement : 1 confirmed; from 3 runs, 3 with an estimate." in words(
-        text
-    )
-    assert (
-        text.index("E is known.")
-        < text.index('data-table="runs"')
-        < text.index("What it costs.")
-        < text.index(sweep.caption)
-    )
+    assert "1 consistent (run 1 ); run 2 both. 1 statement : 1 confirmed; from 3 runs, 3 with an estimate." in words(text)
+    assert text.index("E is known.") < text.index('data-table="runs"') < text.index("What it costs.") < text.index(sweep.caption)
 
 
 def test_nothing_is_fetched_and_nothing_runs_but_what_the_policy_names(suite):

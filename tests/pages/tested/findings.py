@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.pages.arrays import History, Reading
 from strainsight.pages.tested.data import File, Findings, Map, Spectrum, SurfaceMoment, TestedUnknown, peak_of
-from strainsight.records.estimated import Compared, Source
+from strainsight.records.estimated import Compared, TestSource
 
 from ..conftest import layout, mixed_layout, posterior
 
@@ -51,7 +51,7 @@ def spectrum(name, unit="strain", level=2 * NOISE**2 * STEP):
 def file_of(*names):
     """Of channels of one calibration: less 3 µm/m, and the sign turned."""
     many, nothing = len(names), np.full(len(names), np.nan)
-    source = Source(
+    source = TestSource(
         file="run <7>.csv", sha256="ab" * 32, bytes=123_456, format="csv", date="2025-03-14", channel=names, measures=names,
         unit=("um/m",) * many, bridge=("",) * many, gauge_factor=nothing, poisson_ratio=nothing, sign=-np.ones(many),
         scale=np.ones(many), offset=np.full(many, 3.0), drift=np.zeros(many), zero=np.full((many, 2), np.nan),
@@ -98,10 +98,7 @@ def findings(**changes):
         load_spectra=(spectrum("side", "N", None),),
         posteriors={"E": posterior(value, np.exp(-(((value - 2.1e11) / 1e9) ** 2)), 0 * value + 0.1)},
         filters=Compared(
-            filter=("bank",),
-            estimate={"E": np.array([2.1e11])},
-            std={"E": np.array([0.006 * 2.1e11])},
-            ratio={"E": np.ones(1)},
+            filter=("bank",), estimate={"E": np.array([2.1e11])}, std={"E": np.array([0.006 * 2.1e11])}, ratio={"E": np.ones(1)}
         ),
         budget={"E": {"noise": 0.4, "gain": 0.6}},
         moment=moment(own.points, own.faces),

@@ -35,8 +35,7 @@ def shown(text, after):
 
 
 @pytest.mark.parametrize(
-    ("case", "figures"),
-    [*((case, False) for case in CASES), ("plain", True), *slowly(*((case, True) for case in CASES))],
+    ("case", "figures"), [*((case, False) for case in CASES), ("plain", True), *slowly(*((case, True) for case in CASES))]
 )
 def test_page_is_whole_in_every_case_and_fetches_nothing(case, figures):
     text = page(case, figures=figures)

@@ -40,9 +40,7 @@ def pictures():
     gauges = tuple(replace(gauge, label=name) for gauge, name in zip(beam.gauges, names, strict=True))
     bare = replace(beam, gauges=(), loads=(), pool=np.empty((0, 3)))
     colours = coloured(bare, np.linspace(1.0, 9.0, len(beam.faces)))
-    return [
-        pixels(png) for png in viewing.screenshots([View("$\\bad{$ % \n |", replace(beam, gauges=gauges)), colours])
-    ]
+    return [pixels(png) for png in viewing.screenshots([View("$\\bad{$ % \n |", replace(beam, gauges=gauges)), colours])]
 
 
 @pytest.mark.slow
@@ -104,9 +102,7 @@ def test_a_crash_of_the_child_is_an_error_with_a_remedy(beam, monkeypatch, tmp_p
     assert "--screenshot" in str(caught.value)
 
 
-def test_a_display_that_does_not_answer_is_reported_with_exit_code_2_and_leaves_nothing_behind(
-    beam, monkeypatch, tmp_path
-):
+def test_a_display_that_does_not_answer_is_reported_with_exit_code_2_and_leaves_nothing_behind(beam, monkeypatch, tmp_path):
     monkeypatch.setenv("DISPLAY", ":7777")
     monkeypatch.setenv("TMPDIR", str(tmp_path))
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)

@@ -8,7 +8,7 @@ import mpmath
 import numpy as np
 import pytest
 
-from strainsight.config.placement import Place
+from strainsight.config.placement import PlaceSection
 from strainsight.errors import NumericalError
 from strainsight.placement.criteria import CRITERIA, Criterion, LogDeterminant, WorstEigenvalue, criterion_of
 
@@ -36,7 +36,7 @@ def steps(seed, k, count):
 
 
 def test_each_has_an_oracle_a_place_in_the_config_and_a_name_of_its_own():
-    assert get_args(Place.model_fields["criterion"].annotation) == tuple(VARIANCE)
+    assert get_args(PlaceSection.model_fields["criterion"].annotation) == tuple(VARIANCE)
     assert [criterion.name for criterion in CRITERIA] == list(VARIANCE)
     assert [criterion_of(name) for name in VARIANCE] == list(CRITERIA)
 

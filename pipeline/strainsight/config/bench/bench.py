@@ -25,9 +25,9 @@ from strainsight.config.base import (
     TimeSpan,
     expert,
 )
-from strainsight.config.bench.bodies import Bearing, BearingLoads, Body, Frame
+from strainsight.config.bench.bodies import BearingLoads, BearingSection, Body, FrameSection
 from strainsight.config.bench.connections import AtFrame, Between, Force, Joint
-from strainsight.config.bench.estimate import Estimate
+from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.config.gauges import BondedGauge, Direction, GaugeSites, Priced, PrincipalDirection, Snapped
 from strainsight.config.layout import Keep, LayoutSettings
 
@@ -93,7 +93,7 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
         return sum(len(gauge.angles) for gauge in self.fixed)
 
 
-class StrainSensor(OnFlexibleBody, Snapped):
+class StrainSensorSection(OnFlexibleBody, Snapped):
     """Strain gauges bonded on a flexible body."""
 
     type: Literal["strain"] = Field(description="Kind of sensor.")
@@ -139,7 +139,8 @@ class ReactionSensor(Section):
 
 
 Sensor = Annotated[
-    StrainSensor | RelativeSensor | MotionSensor | AccelerationSensor | ReactionSensor, Field(discriminator="type")
+    StrainSensorSection | RelativeSensor | MotionSensor | AccelerationSensor | ReactionSensor,
+    Field(discriminator="type"),
 ]
 
 
@@ -199,12 +200,12 @@ class BenchConfig(NamedRun, BearingLoads):
 
     kind: Literal["bench"] = Field(description="Which pipeline.")
     bodies: Annotated[dict[Name, Body], Field(min_length=1)] = Field(description="Bodies, by name.")
-    frames: Annotated[dict[Name, Frame], Field(min_length=1)] = Field(description="Frames on bodies and ground.")
+    frames: Annotated[dict[Name, FrameSection], Field(min_length=1)] = Field(description="Frames on bodies and ground.")
     joints: dict[Name, Joint] = Field({}, description="Joints, by name.")
-    bearings: dict[Name, Bearing] = Field({}, description="Bearings, by name.")
+    bearings: dict[Name, BearingSection] = Field({}, description="Bearings, by name.")
     forces: dict[Name, Force] = Field({}, description="Forces, by name.")
     sensors: dict[Name, Sensor] = Field({}, description="Sensors, by name.")
     simulate: Simulate = Field(description="The simulation in time.")
     place: BenchPlace | None = Field(None, description="Gauges placed for the unknown loads.")
     field: SurfaceField | None = Field(None, description="Strain and stress of a body's surface in time.")
-    estimate: Estimate | None = Field(None, description="Loads and parameters from the sensors.")
+    estimate: BenchEstimateSection | None = Field(None, description="Loads and parameters from the sensors.")

@@ -47,7 +47,7 @@ LARGEST_PRELOAD = 0.02
 """Share of the ball diameter: as oversize several times what hard steel bears, as clearance a worn-out bearing."""
 
 
-class Pose(Section):
+class PoseSection(Section):
     """Where a body or a frame stands."""
 
     origin: Point = Field((0.0, 0.0, 0.0), description="Origin [m].")
@@ -70,7 +70,7 @@ class Pose(Section):
                 yield Problem("y_axis", "is parallel to the x axis", "give another direction")
 
 
-class Inertia(Section):
+class InertiaSection(Section):
     """Moments of inertia about the centre of mass, in body axes [kg m²]: xx = ∫ρ(y² + z²), xy = −∫ρxy."""
 
     xx: Annotated[Positive, INERTIA] = Field(description="About the x axis [kg m²].")
@@ -96,7 +96,9 @@ class Inertia(Section):
 class Moving(Section):
     """Where a body is at the start, and how it moves."""
 
-    pose: Pose = with_defaults(Pose, "Where a body without supports stands at the start, in global coordinates.")
+    pose: PoseSection = with_defaults(
+        PoseSection, "Where a body without supports stands at the start, in global coordinates."
+    )
     velocity: Annotated[Vector, VELOCITY] = expert(
         (0.0, 0.0, 0.0), description="Velocity of its origin at the start [m/s]."
     )
@@ -105,13 +107,13 @@ class Moving(Section):
     )
 
 
-class RigidBody(Moving):
+class RigidBodySection(Moving):
     """A rigid body."""
 
     type: Literal["rigid"] = Field(description="Kind of body.")
     mass: Annotated[Positive, Plausible(1e-6, 1e8, "kg")] = Field(description="Mass [kg].")
     centre: Point = Field((0.0, 0.0, 0.0), description="Centre of mass in body axes [m].")
-    inertia: Inertia = Field(description="Moments of inertia.")
+    inertia: InertiaSection = Field(description="Moments of inertia.")
 
     def problems(self) -> Iterator[Problem]:
         """√(½ tr I / m): the joints are distinguished in the metric of the mass, where a lever is one beside this radius."""
@@ -135,7 +137,7 @@ class Modulus(Section):
     value: YoungsModulus = Field(description="Its value in this bench [Pa].")
 
 
-class FlexibleBody(Moving, Damped):
+class FlexibleBodySection(Moving, Damped):
     """A body reduced from a finite-element mesh after Craig and Bampton."""
 
     type: Literal["flexible"] = Field(description="Kind of body.")
@@ -160,18 +162,18 @@ class FlexibleBody(Moving, Damped):
             yield Problem("mesh.free", "a body of a bench is free in any case", "remove the key", at_key=True)
 
 
-Body = Annotated[RigidBody | FlexibleBody, Field(discriminator="type")]
+Body = Annotated[RigidBodySection | FlexibleBodySection, Field(discriminator="type")]
 
 
-class Frame(Section):
+class FrameSection(Section):
     """A point with three axes on a body or on the ground."""
 
     body: BodyName = Field(description="Name of the body, or 'ground'.")
     node: NodeId | None = Field(
         None, description="Interface node of a flexible body: the reference node of a rigid element (RBE2)."
     )
-    pose: Pose = with_defaults(
-        Pose,
+    pose: PoseSection = with_defaults(
+        PoseSection,
         "In body axes (ground: global ones); at a node its origin is the node's and is left out.",
     )
 
@@ -186,7 +188,7 @@ RADII = ("radius_inner_left", "radius_inner_right", "radius_outer_left", "radius
 GrooveRadius = Annotated[Positive, Plausible(2.5e-4, 0.2, "m")]
 
 
-class Bearing(Section):
+class BearingSection(Section):
     """A four-point-contact ball bearing (thesis 1.18-1.25)."""
 
     balls: int = Field(ge=3, le=10000, description="Number of balls [-].")
@@ -271,7 +273,7 @@ class LoadCase(OfBearings):
     moment: Annotated[tuple[float, float], MOMENT] = Field((0.0, 0.0), description="About y and z [N m].")
 
 
-class Curve(OfBearings):
+class CurveSection(OfBearings):
     """A load-displacement curve: one displacement of the inner ring runs, the others are held at zero."""
 
     along: Literal["x", "y", "z", "tilt_y", "tilt_z"] = Field(description="Which displacement.")
@@ -287,11 +289,11 @@ class BearingLoads(Section):
     cases: dict[Name, LoadCase] = Field(
         {}, description="Loads to compute the displacement, stiffness and ball loads of a bearing alone for."
     )
-    curves: tuple[Curve, ...] = Field((), description="Load-displacement curves of a bearing alone.")
+    curves: tuple[CurveSection, ...] = Field((), description="Load-displacement curves of a bearing alone.")
 
 
 class BearingConfig(NamedRun, BearingLoads):
     """A bearing alone: load-displacement curves, stiffness, loads of every ball."""
 
     kind: Literal["bearing"] = Field(description="Which pipeline.")
-    bearings: Annotated[dict[Name, Bearing], Field(min_length=1)] = Field(description="Bearings, by name.")
+    bearings: Annotated[dict[Name, BearingSection], Field(min_length=1)] = Field(description="Bearings, by name.")

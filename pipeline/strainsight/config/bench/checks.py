@@ -13,15 +13,15 @@ from strainsight.config.bench.bench import (
     BenchPlace,
     MotionSensor,
     RelativeSensor,
-    StrainSensor,
+    StrainSensorSection,
 )
 from strainsight.config.bench.bodies import (
-    Bearing,
     BearingConfig,
-    Curve,
-    FlexibleBody,
+    BearingSection,
+    CurveSection,
+    FlexibleBodySection,
     LoadCase,
-    RigidBody,
+    RigidBodySection,
 )
 from strainsight.config.bench.checks_estimate import estimate_problems
 from strainsight.config.checks_model import RESERVED
@@ -55,24 +55,24 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
                 "set it to 0, or method.noise: before_step, or place in a run of its own",
             )
         inputs = () if config.estimate is None else tuple(config.estimate.inputs)
-        free = [name for name, own in parameters.items() if own.std is not None]
+        free = [name for name, entry in parameters.items() if entry.std is not None]
         among = "estimate.inputs and estimate.parameters" if free else "estimate.inputs"
         yield from layout_problems(place, (*inputs, *free), among, place.bonded, "place.fixed")
         yield from _candidates(config, place)
-    given = {} if config.estimate is None else config.estimate.sensors
-    for name, own in given.items():
-        if own.layout is not None and (place is None or name not in place.sensors):
+    sensors = {} if config.estimate is None else config.estimate.sensors
+    for name, entry in sensors.items():
+        if entry.layout is not None and (place is None or name not in place.sensors):
             what, remedy = (
                 "it is not among the candidates of place",
                 f"name it under place.sensors: {{{name}: {{noise: …}}}}",
             )
             yield Problem(f"estimate.sensors.{name}.layout", what, remedy)
-        elif own.layout == "random" and place is not None and place.random == 0:
+        elif entry.layout == "random" and place is not None and place.random == 0:
             yield Problem(
                 f"estimate.sensors.{name}.layout", "no layout is drawn at random", "set place.random to 1 or more"
             )
     for name, sensor in config.sensors.items():
-        if isinstance(sensor, StrainSensor):
+        if isinstance(sensor, StrainSensorSection):
             yield from _layout(f"sensors.{name}", sensor, place)
 
 
@@ -94,7 +94,7 @@ def _candidates(config: BenchConfig, place: BenchPlace) -> Iterator[Problem]:
             yield Problem(key, what, "name one of type relative, acceleration, or motion with quantity: position")
 
 
-def _layout(key: str, sensor: StrainSensor, place: BenchPlace | None) -> Iterator[Problem]:
+def _layout(key: str, sensor: StrainSensorSection, place: BenchPlace | None) -> Iterator[Problem]:
     if (sensor.layout is None) == (not sensor.gauges):
         what = "neither is given" if sensor.layout is None else "both are given"
         yield Problem(key, f"gauges and layout: {what}", "give one of them", at_key=True)
@@ -172,7 +172,7 @@ def _moduli(config: BenchConfig) -> Iterator[Problem]:
     """A modulus of one name is one unknown, whatever bodies it scales."""
     first: dict[str, tuple[str, float]] = {}
     for name, body in config.bodies.items():
-        if isinstance(body, FlexibleBody):
+        if isinstance(body, FlexibleBodySection):
             for key, modulus in body.moduli.items():
                 if key in RESERVED:
                     where = f"bodies.{name}.moduli.{key}"
@@ -187,7 +187,7 @@ def _moduli(config: BenchConfig) -> Iterator[Problem]:
 
 
 def _masses(config: BenchConfig) -> Iterator[Problem]:
-    masses = {name: body.mass for name, body in config.bodies.items() if isinstance(body, RigidBody)}
+    masses = {name: body.mass for name, body in config.bodies.items() if isinstance(body, RigidBodySection)}
     if not masses:
         return
     light, heavy = min(masses, key=masses.__getitem__), max(masses, key=masses.__getitem__)
@@ -228,9 +228,9 @@ def _apart(config: BenchConfig) -> Iterator[Problem]:
     for section in ("joints", "forces", "sensors"):
         for name, entry in getattr(config, section).items():
             named = [
-                (own.field, own.value)
-                for own in marked(entry, Names, f"{section}.{name}")
-                if own.mark.section == "frames"
+                (frame_name.field, frame_name.value)
+                for frame_name in marked(entry, Names, f"{section}.{name}")
+                if frame_name.mark.section == "frames"
             ]
             bodies = [config.frames[frame].body for _, frame in named if frame in config.frames]
             if len(bodies) == 2 and bodies[0] == bodies[1]:
@@ -240,28 +240,28 @@ def _apart(config: BenchConfig) -> Iterator[Problem]:
 
 
 def _flexible(config: BenchConfig) -> list[str]:
-    return [name for name, body in config.bodies.items() if isinstance(body, FlexibleBody)]
+    return [name for name, body in config.bodies.items() if isinstance(body, FlexibleBodySection)]
 
 
 def bearings_alone(
-    bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase], curves: Sequence[Curve]
+    bearings: Mapping[str, BearingSection], cases: Mapping[str, LoadCase], curves: Sequence[CurveSection]
 ) -> Iterator[Problem]:
     """Bearings that cannot be built, cases and curves without any, curves that reach too far."""
-    for key, given in (("cases", cases), ("curves", curves)):
-        if given and not bearings:
+    for key, entries in (("cases", cases), ("curves", curves)):
+        if entries and not bearings:
             yield Problem(key, "there is no bearing", f"leave {key} out, or give bearings", at_key=True)
     if bearings:
         for i, curve in enumerate(curves):
             yield from _curve(i, curve, bearings)
 
 
-def _chosen(entry: Curve, bearings: Mapping[str, Bearing]) -> tuple[str, ...]:
+def _chosen(entry: CurveSection, bearings: Mapping[str, BearingSection]) -> tuple[str, ...]:
     if entry.bearing is None:
         return tuple(bearings)
     return (entry.bearing,) if isinstance(entry.bearing, str) else entry.bearing
 
 
-def _curve(i: int, curve: Curve, bearings: Mapping[str, Bearing]) -> Iterator[Problem]:
+def _curve(i: int, curve: CurveSection, bearings: Mapping[str, BearingSection]) -> Iterator[Problem]:
     """A ring moves by no more than a ball, at the pitch circle, and by more than rounding."""
     for name in _chosen(curve, bearings):
         if name not in bearings:

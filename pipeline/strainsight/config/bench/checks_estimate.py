@@ -9,7 +9,7 @@ from strainsight.config.base import Problem, known, undivided
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor
 from strainsight.config.bench.bodies import RADII
 from strainsight.config.bench.connections import Driven, Load
-from strainsight.config.bench.estimate import Estimate, EstimatedParameter, FromFile
+from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter, FromFile
 
 KEYS_OF_OTHER = ("step", "duration", "histories", "within")
 """Keys that no other truth has."""
@@ -17,7 +17,7 @@ CLOCK_SHARE = 1e-6
 """Share of a step by which two clocks may differ."""
 
 
-def truth_problems(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     """What keys of `estimate.truth` ask of each other, of the filter's step and of the joints."""
     truth, key = estimate.truth, "estimate.truth"
     if truth.model == "walk" and estimate.tolerances is not None and estimate.measured is None:
@@ -95,7 +95,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _elsewhere(config, estimate)
 
 
-def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _load_models(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     """What a model of an unknown load needs."""
     for name, entry in estimate.inputs.items():
         key, force = f"estimate.inputs.{name}", config.forces.get(name)
@@ -106,8 +106,8 @@ def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         if walks and entry.increment is not None:
             continue
         if isinstance(force, Load) and force.signal.type != "sine":
-            for field, given in (("frequency", entry.frequency), ("amplitude", entry.amplitude)):
-                if given is None:
+            for field, value in (("frequency", entry.frequency), ("amplitude", entry.amplitude)):
+                if value is None:
                     need = "a random walk without increment" if walks else entry.model
                     what = f"{need} needs the load's typical {field}, and its history is no sine"
                     yield Problem(key, what, f"give {field}" + (", or increment" if walks else ""), at_key=True)
@@ -118,7 +118,7 @@ def _load_models(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             )
 
 
-def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     for name, entry in estimate.sensors.items():
         key = f"estimate.sensors.{name}"
         yield from known(key, name, config.sensors, "sensor")
@@ -136,13 +136,13 @@ def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             )
         count = channels_of(config, name)
         for field, many in (("noise", "noises"), ("bias", "offsets"), ("drift", "drifts")):
-            own = getattr(entry, field)
-            if count is not None and isinstance(own, tuple) and len(own) != count:
-                what = f"{len(own)} {many} for {count} components"
+            values = getattr(entry, field)
+            if count is not None and isinstance(values, tuple) and len(values) != count:
+                what = f"{len(values)} {many} for {count} components"
                 yield Problem(f"{key}.{field}", what, f"give one number, or {count}")
-    given = [_given(config, estimate, name) for name in estimate.sensors]
-    known_counts = [count for count in given if count is not None]
-    if len(known_counts) == len(given) and sum(known_counts) < len(estimate.inputs):
+    counts = [_given(config, estimate, name) for name in estimate.sensors]
+    known_counts = [count for count in counts if count is not None]
+    if len(known_counts) == len(counts) and sum(known_counts) < len(estimate.inputs):
         yield Problem(
             "estimate.sensors",
             f"{sum(known_counts)} channels for {len(estimate.inputs)} unknown loads",
@@ -150,12 +150,12 @@ def _sensors(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         )
 
 
-def _given(config: BenchConfig, estimate: Estimate, name: str) -> int | None:
+def _given(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> int | None:
     """How many components of a sensor the filter is given; None where a placed layout says it later."""
     if estimate.sensors[name].layout is not None:
         return None
     if isinstance(estimate.measured, FromFile) and name in estimate.measured.channels:
-        return sum(own is not None for own in estimate.measured.channels[name])
+        return sum(channel is not None for channel in estimate.measured.channels[name])
     return channels_of(config, name)
 
 
@@ -168,7 +168,7 @@ def channels_of(config: BenchConfig, name: str) -> int | None:
     return sum(len(gauge.angles) if gauge.angles else 1 for gauge in gauges) if gauges else None
 
 
-def _parameters(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     moduli = {
         name: m.value for body in config.bodies.values() if body.type == "flexible" for name, m in body.moduli.items()
     }
@@ -208,8 +208,8 @@ def _parameters(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
             yield Problem(
                 key, "neither guess nor std: nothing is wrong with it", "give one, or leave it out", at_key=True
             )
-        own = moduli.get(name) if entry.bearing is None else _of_bearing(config, entry)
-        yield from _units(key, entry, own)
+        nominal = moduli.get(name) if entry.bearing is None else _of_bearing(config, entry)
+        yield from _units(key, entry, nominal)
     for bearing in config.bearings:
         yield from _grooves(config, bearing, estimate.parameters)
         for name, entry in estimate.parameters.items():
@@ -226,28 +226,28 @@ def _of_bearing(config: BenchConfig, entry: EstimatedParameter) -> float | None:
     return float(getattr(config.bearings[entry.bearing], str(entry.property)))
 
 
-def _units(key: str, entry: EstimatedParameter, own: float | None) -> Iterator[Problem]:
+def _units(key: str, entry: EstimatedParameter, nominal: float | None) -> Iterator[Problem]:
     """A guess far from the bench's own value is in another unit."""
     unit = "Pa" if entry.bearing is None else "m"
     for field, value in (("guess", entry.guess), *(("starts", start) for start in entry.starts)):
-        if own and value is not None and value > 0 and not 1 / FARTHEST <= value / own <= FARTHEST:
-            what = f"{value:g} {unit} beside {own:g} {unit} in the bench"
+        if nominal and value is not None and value > 0 and not 1 / FARTHEST <= value / nominal <= FARTHEST:
+            what = f"{value:g} {unit} beside {nominal:g} {unit} in the bench"
             yield Problem(f"{key}.{field}", what, f"give it in {unit}, within a factor of {FARTHEST:g}")
 
 
 def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, EstimatedParameter]) -> Iterator[Problem]:
     """A groove has to be wider than its ball at every guess."""
-    own = {str(e.property): (name, e) for name, e in parameters.items() if e.bearing == bearing}
+    estimated = {str(e.property): (name, e) for name, e in parameters.items() if e.bearing == bearing}
     entry = config.bearings[bearing]
 
     def guess(field: str) -> float:
-        given = own[field][1].guess if field in own else None
-        return float(getattr(entry, field) if given is None else given)
+        stated = estimated[field][1].guess if field in estimated else None
+        return float(getattr(entry, field) if stated is None else stated)
 
     ball = guess("ball_diameter") / 2 + max(guess("preload"), 0.0)
     for radius in RADII:
-        if guess(radius) <= ball and own:
-            blamed = own.get("ball_diameter") or own.get(radius) or next(iter(own.values()))
+        if guess(radius) <= ball and estimated:
+            blamed = estimated.get("ball_diameter") or estimated.get(radius) or next(iter(estimated.values()))
             yield Problem(
                 f"estimate.parameters.{blamed[0]}.guess",
                 f"{radius} of {guess(radius):g} m would not pass a ball of {ball:g} m in radius",
@@ -256,7 +256,7 @@ def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, Estimat
             return
 
 
-def _distinguishable(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     """Diameter and preload are one unknown where the groove centres stay: both only add to the interference."""
     for bearing, entry in config.bearings.items():
         free = {
@@ -271,7 +271,7 @@ def _distinguishable(config: BenchConfig, estimate: Estimate) -> Iterator[Proble
             )
 
 
-def _bank(estimate: Estimate) -> Iterator[Problem]:
+def _bank(estimate: BenchEstimateSection) -> Iterator[Problem]:
     """A bank is of few constants, and of iterated filters."""
     if estimate.method.parameters != "bank":
         return
@@ -299,7 +299,7 @@ def _bank(estimate: Estimate) -> Iterator[Problem]:
             yield Problem(f"estimate.parameters.{name}.increment", what, f"leave increment out, {extended}")
 
 
-def _times(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _times(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     duration = estimate.duration or config.simulate.duration
     h = estimate.time_step or config.simulate.time_step
     steps = duration / h
@@ -310,7 +310,7 @@ def _times(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         yield from undivided("estimate.time_step", duration, h, "estimate.duration")
 
 
-def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
+def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     measured = estimate.measured
     if measured is None:
         return
@@ -336,7 +336,7 @@ def _elsewhere(config: BenchConfig, estimate: Estimate) -> Iterator[Problem]:
         yield Problem("estimate.measured.from", "is this run itself", "name another run, whose sensors are measured")
 
 
-def _in_file(config: BenchConfig, estimate: Estimate, measured: FromFile) -> Iterator[Problem]:
+def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: FromFile) -> Iterator[Problem]:
     """Channels of a file beside the sensors of the filter."""
     if estimate.runs != 1:
         yield Problem("estimate.runs", "a test is one run, with the noise that it has", "set runs: 1")

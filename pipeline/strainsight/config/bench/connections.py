@@ -27,20 +27,20 @@ from strainsight.config.base import (
     expert,
     with_defaults,
 )
-from strainsight.config.loads import MultiSine, Recorded, Sine, Sweep
+from strainsight.config.loads import MultiSineSection, RecordedSection, SineSection, SweepSection
 
 Frames = tuple[FrameName, FrameName]
 Axis = Literal["x", "y", "z"]
 
 
-class Constant(Section):
+class ConstantSection(Section):
     """u(t) = value, from the start."""
 
     type: Literal["constant"] = Field(description="Kind of signal.")
     value: Annotated[float, DRIVEN] = Field(description="Value [N or N m, of a drive its own unit].")
 
 
-class Ramp(Section):
+class RampSection(Section):
     """From one value to another without a jump in velocity or acceleration, u = a + (b − a)(10s³ − 15s⁴ + 6s⁵)."""
 
     type: Literal["ramp"] = Field(description="Kind of signal.")
@@ -50,7 +50,10 @@ class Ramp(Section):
     duration: Duration = Field(description="How long it lasts [s].")
 
 
-Signal = Annotated[Constant | Ramp | Sine | Sweep | MultiSine | Recorded, Field(discriminator="type")]
+Signal = Annotated[
+    ConstantSection | RampSection | SineSection | SweepSection | MultiSineSection | RecordedSection,
+    Field(discriminator="type"),
+]
 
 
 class Between(Section):
@@ -170,26 +173,26 @@ class Drive(Section):
             yield Problem("signal", what, "give a sweep of the position, or the rate from a file")
 
 
-class Follower(Section):
+class WithDrive(Section):
     """What follows a history."""
 
     drive: Drive = Field(description="Its angle, any number of turns, its displacement, or its length, above zero.")
 
 
-class DrivenAngle(Axial, Follower):
+class DrivenAngle(Axial, WithDrive):
     """The second frame is turned about an axis of both by what is given; a joint beside it has to hold the axis,
     to 0.1 rad. It follows up to 1 rad in a time step."""
 
     type: Literal["driven_angle"] = Field(description="Kind of joint.")
 
 
-class DrivenDisplacement(Axial, Follower):
+class DrivenDisplacement(Axial, WithDrive):
     """The second origin is displaced along an axis of the first frame by what is given."""
 
     type: Literal["driven_displacement"] = Field(description="Kind of joint.")
 
 
-class DrivenDistance(Between, Follower):
+class DrivenDistance(Between, WithDrive):
     """The origins are as far apart as is given: a cylinder that extends."""
 
     type: Literal["driven_distance"] = Field(description="Kind of joint.")
@@ -222,7 +225,7 @@ class Turns(Section):
     signal: Signal = expert(description="Angle about it [rad], up to 1 rad in a time step.")
 
 
-class Gravity(Section):
+class GravitySection(Section):
     """Gravity on every body."""
 
     type: Literal["gravity"] = Field(description="Kind of force.")
@@ -296,7 +299,7 @@ class Input(Section):
     )
 
 
-class Friction(Axial, RegularisedFriction):
+class FrictionSection(Axial, RegularisedFriction):
     """Friction about an axis that a joint keeps common to two frames, or along an axis: −T tanh(ω/ω₀) − cω, whatever the joint
     carries."""
 
@@ -313,13 +316,13 @@ class Torque(Axial, Input):
     type: Literal["torque"] = Field(description="Kind of force.")
 
 
-class Actuator(Between, Input):
+class ActuatorSection(Between, Input):
     """A cylinder: a force that pushes two origins apart; an input of the bench."""
 
     type: Literal["actuator"] = Field(description="Kind of force.")
 
 
-Law = Spring | Torsion | Bushing | Friction | Torque | Actuator
+Law = Spring | Torsion | Bushing | FrictionSection | Torque | ActuatorSection
 """The force laws between two frames."""
 
 
@@ -339,13 +342,13 @@ class PointInput(AtFrame, Input):
     )
 
 
-class PointForce(PointInput):
+class PointForceSection(PointInput):
     """A force on the origin of a frame: an input of the bench."""
 
     type: Literal["force"] = Field(description="Kind of force.")
 
 
-class PointMoment(PointInput):
+class PointMomentSection(PointInput):
     """A moment on a frame: an input of the bench."""
 
     type: Literal["moment"] = Field(description="Kind of force.")
@@ -376,6 +379,8 @@ class BearingForce(Section):
     drag: BearingDrag = with_defaults(BearingDrag, "Friction and damping.")
 
 
-Load = PointForce | PointMoment | Torque | Actuator
+Load = PointForceSection | PointMomentSection | Torque | ActuatorSection
 """What has a history: the inputs of a bench. Gravity that turns has one, too, and is none of them: it is known."""
-Force = Annotated[Gravity | Law | PointForce | PointMoment | BearingForce, Field(discriminator="type")]
+Force = Annotated[
+    GravitySection | Law | PointForceSection | PointMomentSection | BearingForce, Field(discriminator="type")
+]

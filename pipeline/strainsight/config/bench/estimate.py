@@ -186,7 +186,7 @@ class Method(Section):
     )
 
 
-class Estimate(EstimateOptions):
+class BenchEstimateSection(EstimateOptions):
     """Loads and parameters of the bench from its sensors (thesis 2 to 4)."""
 
     time_step: TimeStep | None = Field(

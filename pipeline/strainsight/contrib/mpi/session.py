@@ -105,7 +105,7 @@ def _debian() -> list[tuple[str, tuple[str, ...]]]:
     if not DEBIAN_PYTHON.exists():
         return []
     folders = (sorted(Path("/").glob(pattern)) for pattern in DEBIAN_PACKAGES)
-    return [(str(DEBIAN_PYTHON), tuple(str(own[-1]) for own in folders if own))]
+    return [(str(DEBIAN_PYTHON), tuple(str(folder[-1]) for folder in folders if folder))]
 
 
 def _lacking(own: Programs) -> str:

@@ -45,7 +45,7 @@ class Refused(Exception):
         self.answer = {"refused": kind, **figures}
 
 
-class Rows:
+class Distributed:
     """The matrices and the factor, as far as they are of this process."""
 
     def __init__(self, PETSc: Any, SLEPc: Any):
@@ -209,7 +209,7 @@ def serve() -> None:
 
     PETSc.Sys.popErrorHandler()  # an error is Python's, and not a page of MPI's
     PETSc.Sys.pushErrorHandler("ignore")
-    comm, rows, number = PETSc.COMM_WORLD, Rows(PETSc, SLEPc), 0
+    comm, rows, number = PETSc.COMM_WORLD, Distributed(PETSc, SLEPc), 0
     if comm.rank == 0:
         say(
             "hello.json",

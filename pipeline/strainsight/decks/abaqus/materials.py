@@ -365,10 +365,5 @@ def turned_about(about: int, degrees: float) -> FloatArray:
     angle = np.radians(degrees)
     one, two = about % 3, (about + 1) % 3
     turn = np.eye(3)
-    turn[[one, one, two, two], [one, two, one, two]] = (
-        np.cos(angle),
-        -np.sin(angle),
-        np.sin(angle),
-        np.cos(angle),
-    )
+    turn[[one, one, two, two], [one, two, one, two]] = (np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle))
     return turn

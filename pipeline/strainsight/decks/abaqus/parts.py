@@ -20,25 +20,17 @@ SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.
 USUAL = ", ".join(next(iter(kind.abaqus)) for kind in ELEMENTS if kind.abaqus)
 REDUCED = "integrated fully: reduced integration and its hourglass control are not imitated"
 SHELLS = {
-    "S3": ("tri3", ""),
-    "S3R": ("tri3", ""),
+    **dict.fromkeys(("S3", "S3R"), ("tri3", "")),
     "STRI3": ("tri3", "which shears"),
     "S4": ("quad4", ""),
-    "S4R": ("quad4", REDUCED),
-    "S4R5": ("quad4", REDUCED),
-    "STRI65": ("tri6", ""),
-    "S6": ("tri6", ""),
+    **dict.fromkeys(("S4R", "S4R5"), ("quad4", REDUCED)),
+    **dict.fromkeys(("STRI65", "S6"), ("tri6", "")),
     "S8": ("quad8", ""),
-    "S8R": ("quad8", REDUCED),
-    "S8R5": ("quad8", REDUCED),
+    **dict.fromkeys(("S8R", "S8R5"), ("quad8", REDUCED)),
 }
 BEAMS = {
-    "B31": ("beam", ""),
-    "B31H": ("beam", ""),
-    "B33": ("beam", ""),
-    "B32": ("beam3", ""),
-    "B32H": ("beam3", ""),
-    "B32R": ("beam3", ""),
+    **dict.fromkeys(("B31", "B31H", "B33"), ("beam", "")),
+    **dict.fromkeys(("B32", "B32H", "B32R"), ("beam3", "")),
     "T3D2": ("rod", ""),
 }
 THIN = {**SHELLS, **BEAMS}

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -173,6 +173,14 @@ class Assembly:
         return DeckError(
             f"{self.element(row)} {what}", where=f"{file}:{line}", remedy=remedy, entity=("element", number)
         )
+
+    def name_of(self, rows: IntArray) -> Callable[[int], str]:
+        """Number of an element among some → `element`."""
+        return lambda i: self.element(int(rows[i]))
+
+    def error_of(self, rows: IntArray) -> Callable[[int, str, str], DeckError]:
+        """Number of an element among some → `element_error`."""
+        return lambda i, what, remedy: self.element_error(int(rows[i]), what, remedy)
 
     @property
     def flat(self) -> bool:

@@ -253,12 +253,12 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
             )
         plate_normals(
             assembly.position[nodes[:, : CORNERS[NODES[kind]]]],
-            lambda i, what, remedy, rows=rows: assembly.element_error(int(rows[i]), what, remedy),
-            lambda i, rows=rows: assembly.element(int(rows[i])),
+            assembly.error_of(rows),
+            assembly.name_of(rows),
             "S3",
             assembly.notes,
         )
-        note_shared(nodes, lambda i, rows=rows: assembly.element(int(rows[i])), assembly.notes)
+        note_shared(nodes, assembly.name_of(rows), assembly.notes)
         region = sections.region[rows]
         offset = np.array([sections.offset[number][0] for number in region.tolist()])
         axis = np.array([sections.direction[number] for number in region.tolist()])
@@ -308,7 +308,7 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
                 "give a direction across the beam on the line after the dimensions, which is 0, 0, -1 without it",
             )
         place = np.array([sections.offset[number] for number in region.tolist()])
-        note_shared(nodes, lambda i, rows=rows: assembly.element(int(rows[i])), assembly.notes)
+        note_shared(nodes, assembly.name_of(rows), assembly.notes)
         own = np.repeat(axes[:, None], nodes.shape[1], axis=1)
         if kind == "beam3":
             own, _ = axes_along(assembly.position[nodes], axes, ALONG)

@@ -150,18 +150,16 @@ def bar_section(card: Card) -> tuple[int, BeamSection]:
 _WORDS = ((2, "the area A"), (3, "I1"), (4, "I2"), (5, "J"), (6, "the mass NSM"))
 
 
+_RODS = {"PROD": (1, 2, 3, 5), "CONROD": (3, 4, 5, 7)}
+"""Card → fields of MID, A, J and NSM."""
+
+
 def rod_section(card: Card) -> tuple[int, BeamSection]:
-    """MID and section of a PROD."""
-    A, J, nonstructural = card.real(2, "the area A"), card.real(3, "J", 0.0), card.real(5, "the mass NSM", 0.0)
-    own = BeamSection(A, torsion=J, nonstructural=nonstructural)
-    return card.integer(1, "the material id"), _checked(card, own)
-
-
-def own_section(card: Card) -> tuple[int, BeamSection]:
-    """MID and section of a CONROD."""
-    A, J, nonstructural = card.real(4, "the area A"), card.real(5, "J", 0.0), card.real(7, "the mass NSM", 0.0)
-    own = BeamSection(A, torsion=J, nonstructural=nonstructural)
-    return card.integer(3, "the material id"), _checked(card, own)
+    """MID and section of a PROD or CONROD."""
+    mid, *fields = _RODS[card.name]
+    area, torsion = card.real(fields[0], "the area A"), card.real(fields[1], "J", 0.0)
+    own = BeamSection(area, torsion=torsion, nonstructural=card.real(fields[2], "the mass NSM", 0.0))
+    return card.integer(mid, "the material id"), _checked(card, own)
 
 
 def tube_section(card: Card) -> tuple[int, BeamSection]:

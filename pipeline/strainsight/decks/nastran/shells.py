@@ -107,13 +107,7 @@ def read_shells(
                 "a node stands twice in the element", "write a collapsed quadrangle as a CTRIA3, take others out"
             )
         x = grids.position[nodes[:, : SHELLS[own[0].name].corners]]
-        normal = plate_normals(
-            x,
-            lambda i, what, remedy, own=own: own[i].error(what, remedy),
-            lambda i, own=own: f"{own[i].name.replace('QUADR', 'QUAD4')} {own[i].text(0)}",
-            "CTRIA3",
-            notes,
-        )
+        normal = _normals(own, x, notes)
         for card, number in zip(own, region[rows].tolist(), strict=True):
             section = sections[number]
             _check_corners(card, section)
@@ -136,6 +130,17 @@ def _node_ids(card: Card) -> list[int]:
             f"give all mid-side nodes, or make a {linear} of it where it has none",
         )
     return [card.integer(2 + i, "a node id") for i in range(layout.nodes)]
+
+
+def _normals(cards: Sequence[Card], x: FloatArray, notes: list[str]) -> FloatArray:
+    """Unit normals (n, 3) of shells with corners x (n, k, 3)."""
+    return plate_normals(
+        x,
+        lambda i, what, remedy: cards[i].error(what, remedy),
+        lambda i: f"{cards[i].name.replace('QUADR', 'QUAD4')} {cards[i].text(0)}",
+        "CTRIA3",
+        notes,
+    )
 
 
 def _check_corners(card: Card, section: Section) -> None:

@@ -18,7 +18,6 @@ from strainsight.decks.nastran.beams import (
     bar_shape,
     beam_section,
     beam_shape,
-    own_section,
     read_beams,
     rod_section,
     tube_section,
@@ -48,9 +47,8 @@ SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
     "PBARL": lambda card, _: bar_shape(card),
     "PBEAM": beam_section,
     "PBEAML": lambda card, _: beam_shape(card),
-    "PROD": lambda card, _: rod_section(card),
+    **dict.fromkeys(("PROD", "CONROD"), lambda card, _: rod_section(card)),
     "PTUBE": lambda card, _: tube_section(card),
-    "CONROD": lambda card, _: own_section(card),
 }
 """Card → its material, 0 where its plies have theirs, and its section; a CONROD has its own."""
 PROPERTIES = tuple(name for name in SECTIONS if name[0] == "P")
@@ -168,9 +166,10 @@ def read_thin(
         parts.append(([own[i] for i in rows], ids[rows], region[rows]))
     shells = read_shells(*parts[0], grids, sections, middles, notes)
     beams = read_beams(*parts[1], grids)
-    names = {int(card.text(0)): card.name for card in parts[0][0] + parts[1][0]}
-    for ids_of, nodes in ((block.ids.tolist(), block.nodes) for block in (*shells, *beams)):
-        note_shared(nodes, lambda i, ids=ids_of: f"{names[ids[i]]} {ids[i]}", notes)
+    called = {int(card.text(0)): f"{card.name} {card.text(0)}" for card in parts[0][0] + parts[1][0]}
+    blocks_of: tuple[ShellBlock | BeamBlock, ...] = (*shells, *beams)
+    for block in blocks_of:
+        note_shared(block.nodes, [called[number] for number in block.ids.tolist()].__getitem__, notes)
     where = origin(ids[kept], [card for card, there in zip(own, kept, strict=True) if there])
     return Thin(shells, beams, properties, materials, sections, general, where, left_out)
 

@@ -7,13 +7,12 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.bodies import Bearing as StatedBearing
-from strainsight.config.bench.bodies import Curve, LoadCase
+from strainsight.config.bench.bodies import BearingSection, CurveSection, LoadCase
 from strainsight.config.bench.connections import BearingForce
 from strainsight.errors import StrainsightError, blame
 from strainsight.multibody.bearing.element import ball_loads, bearing_load, displacement
 from strainsight.multibody.bearing.geometry import Bearing
-from strainsight.records.bench import BearingCase, BearingCurve, Displaced
+from strainsight.records.bench import BearingCase, BearingCurve, BearingDisplaced
 from strainsight.records.record import record_from
 
 ALONG = ("x", "y", "z", "tilt_y", "tilt_z")
@@ -21,14 +20,14 @@ USUAL_REACH, USUAL_POINTS = 1e-4, 41
 """[m] of the curves where the config asks for none: at the pitch circle, whether it slides or tilts."""
 
 
-def bearing_of(entry: StatedBearing) -> Bearing:
+def bearing_of(entry: BearingSection) -> Bearing:
     """A bearing of the config; angles there are in degrees."""
     angles = {"contact_angle": np.deg2rad(entry.contact_angle), "first_ball": np.deg2rad(entry.first_ball)}
     geometry = {key: value for key, value in dict(entry).items() if key != "pressure_limit"}
     return Bearing(**(geometry | angles))
 
 
-def bearings_of(stated: Mapping[str, StatedBearing]) -> dict[str, Bearing]:
+def bearings_of(stated: Mapping[str, BearingSection]) -> dict[str, Bearing]:
     """All bearings of a config, by name."""
     bearings = {}
     for name, entry in stated.items():
@@ -47,7 +46,7 @@ def overloaded(config: BenchConfig, pressure: Mapping[str, float]) -> list[str]:
     return warnings
 
 
-def beyond_limit(what: str, pressure: float, bearing: StatedBearing) -> list[str]:
+def beyond_limit(what: str, pressure: float, bearing: BearingSection) -> list[str]:
     """A sentence where the pressure [Pa] is beyond what the bearing bears."""
     if pressure <= bearing.pressure_limit:
         return []
@@ -79,7 +78,7 @@ def _loaded(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingC
     )
 
 
-def displaced(bearings: Mapping[str, Bearing], curves: Sequence[Curve]) -> list[Displaced]:
+def displaced(bearings: Mapping[str, Bearing], curves: Sequence[CurveSection]) -> list[BearingDisplaced]:
     """The curves of every bearing; usual ones along and across its axis, and tilted, where the config asks for none."""
     each = []
     for name, bearing in bearings.items():
@@ -89,11 +88,11 @@ def displaced(bearings: Mapping[str, Bearing], curves: Sequence[Curve]) -> list[
             q[:, along] = over
             with blame(key):
                 load = np.array([bearing_load(bearing, row, slopes=False).force for row in q])
-            each.append(Displaced(name, along, BearingCurve(displacement=over, load=load)))
+            each.append(BearingDisplaced(name, along, BearingCurve(displacement=over, load=load)))
     return each
 
 
-def _asked(name: str, bearing: Bearing, curves: Sequence[Curve]) -> list[tuple[str, int, float, int]]:
+def _asked(name: str, bearing: Bearing, curves: Sequence[CurveSection]) -> list[tuple[str, int, float, int]]:
     """Key of the config, number of the displacement, reach [m or rad] and points of every curve of a bearing."""
     if not curves:
         half = bearing.pitch_diameter / 2
@@ -106,7 +105,7 @@ def _asked(name: str, bearing: Bearing, curves: Sequence[Curve]) -> list[tuple[s
     ]
 
 
-def _is_of(name: str, entry: LoadCase | Curve) -> bool:
+def _is_of(name: str, entry: LoadCase | CurveSection) -> bool:
     """Whether a load case or a curve is of this bearing; null means every one."""
     chosen = entry.bearing
     return chosen is None or name in ((chosen,) if isinstance(chosen, str) else chosen)

@@ -10,9 +10,7 @@ import numpy as np
 
 from strainsight.config.bench import connections as stated
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.bodies import Frame as StatedFrame
-from strainsight.config.bench.bodies import Pose as StatedPose
-from strainsight.config.bench.bodies import RigidBody as StatedRigidBody
+from strainsight.config.bench.bodies import FrameSection, PoseSection, RigidBodySection
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bearings import bearings_of
 from strainsight.experiment.bench.reduction import flexible
@@ -79,7 +77,9 @@ def bench_of(
     poses: dict[str, Pose] = {}
     for name, entry in config.bodies.items():
         with blame(f"bodies.{name}"):
-            bodies.append(_rigid(name, entry) if isinstance(entry, StatedRigidBody) else _flexible(name, reduced[name]))
+            bodies.append(
+                _rigid(name, entry) if isinstance(entry, RigidBodySection) else _flexible(name, reduced[name])
+            )
         held = entry.type == "flexible" and reduced[name].clamped
         if held and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
             raise ConfigError(
@@ -106,7 +106,7 @@ def bench_of(
     return Bench(config, reduced, meshes, placed, system, frames, bearings, poses, theta)
 
 
-def axes_of(pose: StatedPose) -> np.ndarray:
+def axes_of(pose: PoseSection) -> np.ndarray:
     """Right-handed orthonormal axes (3, 3), columns x, y, z, from the x axis and the part of the y axis across it."""
     x = np.asarray(pose.x_axis, dtype=float)
     x = x / np.linalg.norm(x)
@@ -126,14 +126,14 @@ def _flexible(name: str, reduced: ReducedBody) -> FlexibleBody:
     return FlexibleBody(name, reduced.clamped, reduced.stiffness, reduced.mass, reduced.damping, reduced.inertia)
 
 
-def _rigid(name: str, entry: StatedRigidBody) -> RigidBody:
+def _rigid(name: str, entry: RigidBodySection) -> RigidBody:
     """The inertia of the config is about the centre of mass, that of the kernel about the origin."""
     I, c = entry.inertia, np.asarray(entry.centre, dtype=float)
     central = np.array([[I.xx, I.xy, I.xz], [I.xy, I.yy, I.yz], [I.xz, I.yz, I.zz]])
     return RigidBody(name, float(entry.mass), c, central + entry.mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
-def _frame(name: str, entry: StatedFrame, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh]) -> Frame:
+def _frame(name: str, entry: FrameSection, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh]) -> Frame:
     axes = axes_of(entry.pose)
     if entry.body == "ground":
         return Frame(name, None, np.array(entry.pose.origin), axes)
@@ -166,11 +166,11 @@ def _force(
     bodies: Sequence[Body],
 ) -> Force:
     match entry:
-        case stated.Gravity():
+        case stated.GravitySection():
             if entry.turns is None:
                 return Gravity(np.array(entry.acceleration), name)
             return turning_gravity(name, bodies, np.array(entry.acceleration), unit_vector(entry.turns.axis))
-        case stated.PointForce() | stated.PointMoment():
+        case stated.PointForceSection() | stated.PointMomentSection():
             direction = unit_vector(entry.direction)
             if entry.axes == "frame":
                 follower = follower_force if entry.type == "force" else follower_moment

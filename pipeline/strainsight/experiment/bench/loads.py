@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.connections import Driven, DrivenDistance, Gravity, Load
+from strainsight.config.bench.connections import Driven, DrivenDistance, GravitySection, Load
 from strainsight.errors import ConfigError, blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.recorded import LOADS, signal_at
@@ -41,10 +41,10 @@ def loads_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], 
     config, signals, keys = bench.config, {}, {}
     for name in bench.system.inputs:
         entry = config.forces[name]
-        assert isinstance(entry, Load | Gravity)
-        history = entry.turns if isinstance(entry, Gravity) else entry
+        assert isinstance(entry, Load | GravitySection)
+        history = entry.turns if isinstance(entry, GravitySection) else entry
         assert history is not None  # gravity that does not turn is no input
-        turns = isinstance(entry, Gravity)
+        turns = isinstance(entry, GravitySection)
         key = keys[name] = f"forces.{name}.{'turns.' * turns}signal"
         with blame(key):
             signals[name] = signal_at(key, history.signal, files, ("angle",) if turns else LOADS)

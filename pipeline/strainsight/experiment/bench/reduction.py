@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import eigh
 
 from strainsight.config.bench.bench import BenchConfig, SurfaceField
-from strainsight.config.bench.bodies import FlexibleBody, Frame, Modulus
+from strainsight.config.bench.bodies import FlexibleBodySection, FrameSection, Modulus
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.recorded import damping_of, named_regions
 from strainsight.experiment.resources import Resources
@@ -50,9 +50,9 @@ class BodyReduction:
     frequency: np.ndarray
 
 
-def flexible(config: BenchConfig) -> dict[str, FlexibleBody]:
+def flexible(config: BenchConfig) -> dict[str, FlexibleBodySection]:
     """The flexible bodies of a config, by name."""
-    return {name: body for name, body in config.bodies.items() if isinstance(body, FlexibleBody)}
+    return {name: body for name, body in config.bodies.items() if isinstance(body, FlexibleBodySection)}
 
 
 def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> dict[str, BodyReduction]:
@@ -65,7 +65,7 @@ def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources
     return reduced
 
 
-def _reduction(name: str, entry: FlexibleBody, frames: Mapping[str, Frame], mesh: Mesh) -> BodyReduction:
+def _reduction(name: str, entry: FlexibleBodySection, frames: Mapping[str, FrameSection], mesh: Mesh) -> BodyReduction:
     """Assemble, constrain, reduce after Craig and Bampton; the inertia of the body in its floating frame."""
     model = build_model(mesh, moduli_of(name, entry.moduli, mesh), supported=False)
     loose = rigid_motions(model).shape[1]
@@ -112,7 +112,7 @@ def moduli_of(name: str, moduli: Mapping[str, Modulus], mesh: Mesh) -> tuple[Par
     return tuple(parameters)
 
 
-def _interface(name: str, frames: Mapping[str, Frame], model: FiniteElementModel) -> list[int]:
+def _interface(name: str, frames: Mapping[str, FrameSection], model: FiniteElementModel) -> list[int]:
     """Interface nodes: those of the body's frames, ascending, because the order of frames in a config is none."""
     nodes = set()
     for key, frame in frames.items():

@@ -13,7 +13,7 @@ from strainsight.config.bench.bench import (
     MotionSensor,
     ReactionSensor,
     RelativeSensor,
-    StrainSensor,
+    StrainSensorSection,
 )
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
@@ -26,8 +26,8 @@ from strainsight.multibody.bodies import Frame
 from strainsight.multibody.relations import bearing_displacements
 from strainsight.multibody.sensors import (
     Accelerometer,
+    CompiledSensors,
     Felt,
-    Readings,
     RelationSensor,
     Sensor,
     axis_sensor,
@@ -55,7 +55,7 @@ class Sensors:
     """readings: all compiled, strains first; channels: sensor → its rows there; zeroed (k,): channels that are zeroed at the
     start; moved: strain sensor → how far (gauges,) [m] each of its gauges was moved to the surface."""
 
-    readings: Readings
+    readings: CompiledSensors
     channels: Mapping[str, slice]
     zeroed: np.ndarray
     moved: Mapping[str, np.ndarray]
@@ -72,7 +72,7 @@ def sensors_of(bench: Bench) -> Sensors:
     for name, entry in bench.config.sensors.items():
         if isinstance(entry, ReactionSensor):
             continue
-        if not isinstance(entry, StrainSensor):
+        if not isinstance(entry, StrainSensorSection):
             others.append(motion_sensor(name, entry, bench.frames))
             continue
         sensor, moved[name] = _strain(bench, name, entry)
@@ -94,7 +94,7 @@ def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
     return Sensors(compiled, channels, zeroed, {})
 
 
-def gauges_of(bench: Bench, name: str, entry: StrainSensor) -> tuple[Candidates, Facets, np.ndarray]:
+def gauges_of(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[Candidates, Facets, np.ndarray]:
     """The gauges of a sensor on the nearest places of the body's surface, its facets, and how far (gauges,) [m] each was moved
     there."""
     key, mesh = f"sensors.{name}.gauges", bench.meshes[entry.body]
@@ -111,7 +111,7 @@ def gauges_of(bench: Bench, name: str, entry: StrainSensor) -> tuple[Candidates,
     return gauges, facets, moved
 
 
-def _strain(bench: Bench, name: str, entry: StrainSensor) -> tuple[StrainRows, np.ndarray]:
+def _strain(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[StrainRows, np.ndarray]:
     """The rows of its gauges, and how far (gauges,) [m] each was moved."""
     gauges, facets, moved = gauges_of(bench, name, entry)
     position, basis = bench.meshes[entry.body].position, bench.reduced[entry.body].basis
@@ -126,7 +126,7 @@ def instants_of(bench: Bench, q: np.ndarray, v: np.ndarray, u: np.ndarray, secon
 
 
 def read_in_time(
-    bench: Bench, sensors: Readings, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
+    bench: Bench, sensors: CompiledSensors, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
 ) -> np.ndarray:
     """What all sensors read (T, channels) in a run; instants: not read without accelerometers."""
     if not sensors.accelerometers:
@@ -149,7 +149,7 @@ def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -
     return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
 
 
-def _channels(compiled: Readings) -> dict[str, slice]:
+def _channels(compiled: CompiledSensors) -> dict[str, slice]:
     channels, at = {}, 0
     for sensor in compiled.sensors:
         count = len(sensor.rows) if isinstance(sensor, StrainRows) else 3
@@ -177,7 +177,7 @@ def channel_units(config: BenchConfig, sensors: Sensors) -> tuple[str, ...]:
 
 def unit_of(entry: StatedSensor) -> str:
     """Unit of a sensor's readings."""
-    if isinstance(entry, StrainSensor):
+    if isinstance(entry, StrainSensorSection):
         return "strain"
     if isinstance(entry, ReactionSensor):
         return "N or N m"
@@ -224,7 +224,7 @@ def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
     errors = []
     for name in used.channels if sigma else ():
         entry = bench.config.sensors[name]
-        if not isinstance(entry, StrainSensor):
+        if not isinstance(entry, StrainSensorSection):
             continue
         mesh, basis = bench.meshes[entry.body], bench.reduced[entry.body].basis
         gauges, facets, _ = gauges_of(bench, name, entry)

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.errors import at_least
 from strainsight.experiment.layout.gauge_list import GaugeList
-from strainsight.experiment.layout.layout import Layout
+from strainsight.experiment.layout.layout import OptimisedLayout
 from strainsight.experiment.layout.task import Task
 from strainsight.ordering import first_of_largest, tied_order
 from strainsight.placement.certificate import Certificate
@@ -111,7 +111,7 @@ NEARLY = 0.8
 def advice(
     task: Task,
     elimination: Elimination,
-    layout: Layout,
+    layout: OptimisedLayout,
     listed: GaugeList,
     expected: Expectation,
     loss: np.ndarray,
@@ -211,7 +211,7 @@ def best_possible(
         )
 
 
-def _beyond(task: Task, layout: Layout) -> Iterator[str]:
+def _beyond(task: Task, layout: OptimisedLayout) -> Iterator[str]:
     """What the bound says of the candidates that did not enter the elimination."""
     if task.whole is None or layout.beyond is None:
         return

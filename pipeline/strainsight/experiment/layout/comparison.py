@@ -12,6 +12,7 @@ from strainsight.experiment.layout.task import Task
 from strainsight.placement.baselines import d_optimal, effective_independence, qr_pivoting, random_sets
 from strainsight.placement.criteria import CRITERIA, criterion_of
 from strainsight.placement.elimination import eliminate_from
+from strainsight.placement.limits import limits_of
 from strainsight.placement.scenario import Pool
 from strainsight.placement.score import Scores, scores
 from strainsight.runner.output import Table
@@ -32,7 +33,7 @@ RULES = {
 
 
 @dataclass(frozen=True)
-class Comparison:
+class RuleComparison:
     """rule → the set of pool rows that it chooses, none where it finds none, and its scores; ours first, and in the scores the
     criterion that it was chosen by."""
 
@@ -40,7 +41,7 @@ class Comparison:
     scores: dict[str, Scores]
 
 
-def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> Comparison:
+def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> RuleComparison:
     """Sets of as many pool rows as the layout `final`: by other criteria, by rules that look at readings only, at random.
 
     greedy: what the elimination keeps. Only the random sets are held to the limits of the layout.
@@ -72,10 +73,10 @@ def comparison(task: Task, final: np.ndarray, greedy: np.ndarray) -> Comparison:
         else scores(by, gauges, unknowns.at, scale, task.aggregate, share)
         for name, gauges in sets.items()
     }
-    return Comparison(chosen, every)
+    return RuleComparison(chosen, every)
 
 
-def criteria_table(others: Comparison, names: Sequence[str], scale: np.ndarray | None) -> Table:
+def criteria_table(others: RuleComparison, names: Sequence[str], scale: np.ndarray | None) -> Table:
     """This layout beside those by other rules, by every criterion; of the random sets, the one of median metric.
 
     names of the unknowns; scale (u,) that their σ is shown relative to, None: in its unit.
@@ -127,6 +128,6 @@ def _some(of: np.ndarray) -> list[int]:
 def _kept(pools: Sequence[Pool], keep: int, fixed: frozenset[int]) -> np.ndarray | None:
     """What an elimination by the metric of these pools keeps; None where it cannot go so far."""
     try:
-        return eliminate_from(pools, keep, fixed=fixed).kept
+        return eliminate_from(pools, limits_of(len(pools[0].rows), keep, fixed=fixed)).kept
     except (InfeasibleError, NumericalError):
         return None

@@ -21,7 +21,7 @@ from strainsight.placement.score import score
 
 
 @dataclass(frozen=True)
-class Layout:
+class OptimisedLayout:
     """gauges (k,) pool rows, ascending; cost: their aggregate of the metric; exchange, certificate and proof where they were
     asked for; beyond: how many candidates that are not in the pool could be in a layout that costs less, None where the pool has
     all or nothing tells."""
@@ -46,7 +46,7 @@ def layout_of(
     settings: LayoutSettings,
     aggregate: Aggregate,
     progress: Callable[[str, float], None],
-) -> Layout:
+) -> OptimisedLayout:
     """The set of least metric, or of least loss after one failure, as settings (`place` of a config) ask for.
 
     Raises InfeasibleError where a robust layout is asked for of so few gauges that every failure loses an unknown.
@@ -60,11 +60,13 @@ def layout_of(
     else:
         swapped = exchange(pools, greedy, aggregate, limits=limits) if settings.exchange else None
         gauges = swapped.gauges if swapped else greedy
-    return Layout(gauges, score(pools, gauges, aggregate), swapped)
+    return OptimisedLayout(gauges, score(pools, gauges, aggregate), swapped)
 
 
 @blame("place.keep")
-def proved(task: Task, layout: Layout, pools: Sequence[Pool], progress: Callable[[str, float], None]) -> Layout:
+def proved(
+    task: Task, layout: OptimisedLayout, pools: Sequence[Pool], progress: Callable[[str, float], None]
+) -> OptimisedLayout:
     """The best layout as far as `place.prove` lets it be sought, and the bound on all others, over all candidates where the pool
     has a part of them.
 
@@ -80,7 +82,7 @@ def proved(task: Task, layout: Layout, pools: Sequence[Pool], progress: Callable
         cost = score(pools, gauges, aggregate)
     progress("certificate", 0.7)
     if not settings.certificate and (proof is None or whole is None):
-        return Layout(gauges, cost, layout.exchange, None, proof)
+        return OptimisedLayout(gauges, cost, layout.exchange, None, proof)
     least, beyond = np.inf, None
     if whole is None:
         start = None
@@ -96,4 +98,4 @@ def proved(task: Task, layout: Layout, pools: Sequence[Pool], progress: Callable
         certificate = replace(certificate, weights=certificate.weights[whole.rows])
     if proof and (lower := min(proof.lower_bound, least, cost)) > certificate.lower_bound:
         certificate = replace(certificate, lower_bound=lower, gap=(cost - lower) / cost)
-    return Layout(gauges, cost, layout.exchange, certificate if settings.certificate else None, proof, beyond)
+    return OptimisedLayout(gauges, cost, layout.exchange, certificate if settings.certificate else None, proof, beyond)

@@ -11,7 +11,7 @@ from scipy.spatial.distance import cdist
 
 from strainsight.csv_cells import csv_bytes
 from strainsight.experiment.layout.advice import advice_table
-from strainsight.experiment.layout.comparison import Comparison, criteria_table
+from strainsight.experiment.layout.comparison import RuleComparison, criteria_table
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
     deck_frame,
@@ -27,8 +27,17 @@ from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import PositionAxes
 from strainsight.placement.score import worth_keeping
 from strainsight.records.mesh import gauge_grid
-from strainsight.records.placed import Augmented, Bound, PlacedLayout, PoolTable, Removals, Rules, Selection, metric_key
-from strainsight.records.record import Place, record_from, written
+from strainsight.records.placed import (
+    Augmented,
+    LayoutBound,
+    PlacedLayout,
+    PoolTable,
+    Removals,
+    Rules,
+    Selection,
+    metric_key,
+)
+from strainsight.records.record import FieldPlace, record_from, written
 from strainsight.runner.output import Dataset, Output, Scalar, Table
 from strainsight.sensors.candidates import channels_of_gauges, grouped, units_in_words
 from strainsight.sensors.export import uff_text
@@ -73,7 +82,7 @@ def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
         greedy=_selection(placement, greedy),
         final=_selection(placement, placement.gauges, placement.listed.most / placement.listed.range),
         loss=placement.loss,
-        certificate=None if certificate is None else record_from(Bound, certificate),
+        certificate=None if certificate is None else record_from(LayoutBound, certificate),
         baseline={
             rule: scores.cost[criterion.name]
             for rule, scores in placement.others.scores.items()
@@ -110,7 +119,7 @@ def layout_output(
     unit = units_in_words(task.candidates.quantity)
     units = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
     return Output(
-        datasets=grid | written(record, units, Place("", what=criterion.symbol)),
+        datasets=grid | written(record, units, FieldPlace("", what=criterion.symbol)),
         attributes={
             **grid_attributes,
             "/augmented": {"aggregate": task.aggregate, "criterion": criterion.name},
@@ -150,7 +159,7 @@ def _selection(placement: Placement, gauges: np.ndarray, load: np.ndarray | None
     )
 
 
-def _rules(others: Comparison, names: tuple[str, ...]) -> Rules:
+def _rules(others: RuleComparison, names: tuple[str, ...]) -> Rules:
     scores, sets = list(others.scores.values()), list(others.sets.values())
     criteria = tuple(scores[0].cost)
     # Under a budget the elimination may end with fewer than are in the layout.

@@ -11,9 +11,9 @@ import numpy as np
 
 from strainsight.errors import blame
 from strainsight.experiment.layout.advice import Expectation, advice, least_expected, moved_in_words
-from strainsight.experiment.layout.comparison import Comparison, comparison
+from strainsight.experiment.layout.comparison import RuleComparison, comparison
 from strainsight.experiment.layout.gauge_list import GaugeList
-from strainsight.experiment.layout.layout import Layout, layout_of, proved
+from strainsight.experiment.layout.layout import OptimisedLayout, layout_of, proved
 from strainsight.experiment.layout.task import Task
 from strainsight.ordering import TIE, tied_order
 from strainsight.placement.certificate import certify
@@ -38,13 +38,13 @@ class Placement:
 
     task: Task
     elimination: Elimination
-    layout: Layout
+    layout: OptimisedLayout
     final: np.ndarray
     gauges: np.ndarray
     listed: GaugeList
     expected: Expectation
     loss: np.ndarray
-    others: Comparison
+    others: RuleComparison
     advice: tuple[str, ...]
 
 
@@ -86,7 +86,7 @@ def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement
     def expectation_of(gauges: tuple[int, ...]) -> Expectation:
         return subject.expectation(np.array(gauges))
 
-    def expected_of(task: Task, layout: Layout) -> Expectation:
+    def expected_of(task: Task, layout: OptimisedLayout) -> Expectation:
         return expectation_of(tuple(task.pool.gauges_of(layout.gauges).tolist()))
 
     tasks = subject.tasks()
@@ -115,7 +115,7 @@ def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement
     return Placement(task, result, layout, final, gauges, listed, expected, loss, others, words)
 
 
-def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimination, Layout]:
+def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimination, OptimisedLayout]:
     """Elimination and exchanges."""
     progress("elimination", 0.3)
     with blame("place.keep"):
@@ -125,15 +125,12 @@ def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimin
         return result, layout
     pools = tuple(task.under(task.pools))
     cost = np.append(result.cost[:-1], score(pools, result.kept, task.aggregate))
-    return (
-        replace(result, cost=cost, pools=pools),
-        replace(layout, cost=score(pools, layout.gauges, task.aggregate)),
-    )
+    return (replace(result, cost=cost, pools=pools), replace(layout, cost=score(pools, layout.gauges, task.aggregate)))
 
 
 def _widened(
-    task: Task, result: Elimination, layout: Layout, subject: Subject, progress: Callable[[str, float], None]
-) -> tuple[Task, Elimination, Layout]:
+    task: Task, result: Elimination, layout: OptimisedLayout, subject: Subject, progress: Callable[[str, float], None]
+) -> tuple[Task, Elimination, OptimisedLayout]:
     """The same with a pool to which every candidate was added that a better layout could have, the likeliest first and at most as
     many again in a round: exchanges lead on from the layout until none is left out, and the elimination of what is then the pool
     is one more start; of the layouts the best."""
@@ -160,7 +157,7 @@ def _widened(
     led_on = exchange(task.under(task.searched), start, task.aggregate, limits=task.limits) if draft.exchange else None
     gauges = start if led_on is None else led_on.gauges
     cost = score(result.pools, gauges, task.aggregate)
-    return task, result, Layout(gauges, cost, led_on) if cost < draft.cost * (1 - TIE) else draft
+    return task, result, OptimisedLayout(gauges, cost, led_on) if cost < draft.cost * (1 - TIE) else draft
 
 
 def _most_missed_first(task: Task, expected: Expectation, rows: np.ndarray) -> tuple[Expectation, np.ndarray]:

@@ -140,7 +140,7 @@ def _near(
 
 
 @dataclass(frozen=True)
-class Unknowns:
+class UnknownStates:
     """The unknowns among the states x* of a linear problem.
 
     names (u,); states: names of the last states of x*, theirs among them; at (u,): their indices in x*; scale (u,) [unit]: one
@@ -155,7 +155,7 @@ class Unknowns:
 
 
 @dataclass(frozen=True)
-class Readings:
+class PoolReadings:
     """What rules know that look at readings only: rows (pool, c, n) per coordinate, the more important coordinates first;
     variance (pool, c) of their noise; prior (n, n) covariance of the coordinates."""
 
@@ -183,14 +183,14 @@ class Task:
     the scenarios are of, None where there is one without a name; whole: all candidates, by which the trace is then weighed, None
     where the pool has all."""
 
-    unknowns: Unknowns
+    unknowns: UnknownStates
     pools: tuple[Pool, ...]
     candidates: Candidates
     pool: PoolRows
     price: np.ndarray
     limits: Limits
     settings: LayoutSettings
-    readings: Readings
+    readings: PoolReadings
     seed: int
     aggregate: Aggregate = "mean"
     weights: str = "normalised"

@@ -225,12 +225,7 @@ def not_bonded(key: str, name: str, places: Mapping[str, BondedPlace]) -> Config
 
 
 def _check_place(
-    config: PlacementConfig,
-    key: str,
-    name: str,
-    candidates: Candidates,
-    number: int,
-    places: Mapping[str, BondedPlace],
+    config: PlacementConfig, key: str, name: str, candidates: Candidates, number: int, places: Mapping[str, BondedPlace]
 ) -> None:
     """Raises ConfigError where the gauge is not where it was bonded."""
     if name not in places:

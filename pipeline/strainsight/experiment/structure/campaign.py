@@ -5,12 +5,11 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.estimate import Estimate
 from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
 from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
@@ -20,74 +19,78 @@ from strainsight.experiment.hold_out import held_out
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
-from strainsight.experiment.structure.damage_drawn import drawn_damage
-from strainsight.experiment.structure.diagnosed import Judgement, Together, judgement_of, together_of
-from strainsight.experiment.structure.estimation import Common, Estimation, FilteredGauges, estimation_of_record
-from strainsight.experiment.structure.filtered_test import (
-    Filtered,
-    Filtering,
-    Progress,
-    Wants,
-    filtered,
-    filtered_by_verdict,
-    model_of,
-)
-from strainsight.experiment.structure.filtering import posteriors_of
-from strainsight.experiment.structure.measured import (
-    Measured,
-    RecordSettings,
-    in_record,
-    measured_of,
-    records_of,
-    settled_in,
-    source_of,
-)
-from strainsight.experiment.structure.nuisances import Tolerated, not_held_in_words, on_average, tolerated
-from strainsight.experiment.structure.observation import undetectable
-from strainsight.experiment.structure.problem import Problem, initial_covariance, problem_of, rests_on_loads_in_words
-from strainsight.experiment.structure.surface import (
-    damage_on_surface,
-    displaced,
-    skin_in_test,
-    virtual_strain,
-    wanted_of,
-)
-from strainsight.experiment.structure.suspected import (
-    beyond_ranges,
-    excluded_by_comparison,
-    last_values,
+from strainsight.experiment.structure.consistency import (
+    Judgement,
+    Together,
+    judgement_of,
     suspect_of,
+    together_of,
     turning_of,
+)
+from strainsight.experiment.structure.damage import damage_of_test
+from strainsight.experiment.structure.estimation import Common, Estimation, FilteredGauges, estimation_of_record
+from strainsight.experiment.structure.filtering import (
+    beyond_ranges,
+    by_bank,
+    compared,
+    excluded,
+    excluded_in_words,
+    last_values,
+    posteriors_of,
     widen,
 )
+from strainsight.experiment.structure.measured import in_record, measured_of, records_of, source_of
+from strainsight.experiment.structure.nuisances import exact_frequencies_in_words, not_held_in_words, tolerated
+from strainsight.experiment.structure.observation import undetectable
+from strainsight.experiment.structure.problem import problem_of, rests_on_loads_in_words
+from strainsight.experiment.structure.record_filter import (
+    FilteredRecord,
+    RecordFilter,
+    Wants,
+    filter_banks,
+    filter_by_consistency,
+    forecast_in_words,
+    forecast_of,
+    record_filters,
+)
+from strainsight.experiment.structure.references import unknown_units
+from strainsight.experiment.structure.surface import (
+    damage_grid,
+    displaced,
+    skin_in_test,
+    virtual_labels,
+    virtual_of,
+    wanted_of,
+)
+from strainsight.loads.input_models import Unknowns
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf
-from strainsight.parallel import Sweep
 from strainsight.records.estimated import Damaged, HoldOut, Posterior
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
+from strainsight.sensors.candidates import UNITS, units_in_words
 
-FEW, TRIED = 20, 1000
-"""Samples that are filtered before, and that are timed."""
-LONG = 20_000
-"""Steps from which on a forecast is made; shorter records are done within a minute or so."""
 CHECKED, FILTERED, LATER, HELD = 0.4, 0.6, 0.7, 0.95
 """Shares of a short record where channels are checked, where filter and smoother begin and end, and where every gauge has been
 left out."""
 CHECK, REST = 0.15, 0.45
 """What the checks of channels before a filter and smoother take, and fields and files after it, over these."""
 
+Progress = Callable[[str, float], None]
+
 
 @dataclass(frozen=True)
 class Campaign:
-    """What the records of a test say.
+    """The estimate from the records of a test.
 
-    records: what each says, by its name, empty of a test that is one file; decision: whether σ is given; undetectable: what the
-    channels cannot tell, in words; tuning: factors on the noises of one record, None where they are as stated; together: what
-    they say of each other, None of one; posterior: of every parameter; damage: of all; surface: its grid, None where neither
-    that nor pictures in time are asked for.
+    unknowns; records: estimate by the name of each, empty of a test that is one file; decision: whether σ is given; undetectable:
+    what the channels cannot tell, in words; tuning: factors on the noises of one record, None where they are as stated; together:
+    the records beside each other, None of one; posterior: of every parameter; damage: of all; surface: its grid, None where
+    neither that nor pictures in time are asked for; units of unknowns, and of "the channel" of a dataset; channel_units: of every
+    channel; labels of the virtual gauges.
     """
 
+    unknowns: Unknowns
     records: dict[str, Estimation]
     decision: Decision
     undetectable: str
@@ -96,6 +99,9 @@ class Campaign:
     posterior: dict[str, Posterior]
     damage: Damaged | None
     surface: VtkHdf | None
+    units: Mapping[str, str]
+    channel_units: tuple[str, ...]
+    labels: tuple[str, ...]
 
     @property
     def first(self) -> Estimation:
@@ -126,155 +132,183 @@ def campaign_of(
     records = () if settings is None else records_of(settings)
     if settings is None or not records:
         raise ConfigError("no measurements of a test", key="estimate.file", remedy="name the file of the test")
-    using.progress("reading", 0.0)
-    began = time.perf_counter()
+    progress, began = using.progress, time.perf_counter()
+
+    # measured records
+    progress("reading", 0.0)
     problem = problem_of(config, using.files, reduced, training, screened)
-    named = bonded_gauges(config, training, gauges, using.files.get("estimate.gauges_file"))
-    tests, units = [], {name: load.unit for name, load in config.loads.items()}
-    for own in records:
-        with in_record(own.name if len(records) > 1 else ""):
-            tests.append(measured_of(own, using.files[own.file], problem, named, units))
+    numbers = bonded_gauges(config, training, gauges, using.files.get("estimate.gauges_file"))
+    tests, load_units = [], {name: load.unit for name, load in config.loads.items()}
+    for entry in records:
+        with in_record(entry.label):
+            tests.append(measured_of(entry, using.files[entry.file], problem, numbers, load_units))
     channels = tests[0].channels
-    hidden = undetectable(problem, channels, config.place.instants, config.seed, settings.allow_unobservable)
-    using.progress("model", 0.2)
+
+    def undetectable_by(some: np.ndarray, allowed: bool = True) -> str:
+        return undetectable(problem, some, config.place.instants, config.seed, allowed)
+
+    hidden = undetectable_by(channels, settings.allow_unobservable)
+
+    # their filters
+    progress("model", 0.2)
     tolerances = tolerated(config, mesh, reduced, training, channels)
-    each, tuning = _filterings(config, settings, problem, tolerances, records, tests)
-    field = displaced(reduced, tolerances, each[0])
-    skin, bare = skin_in_test(config, settings, mesh, field, using.files)
+    filters, tuning = record_filters(config, problem, tolerances, tests)
+    field = displaced(reduced, filters[0])
+    skin, bare = skin_in_test(config, mesh, field, using.files)
     free = free_thicknesses(config, mesh, problem.model.reference)
     with blame("estimate.virtual"):
-        virtual = virtual_strain(mesh, field, settings.virtual, config.gauges, len(each[0].covariance), free)
-    thickness = thickness_at(mesh, free, problem.model.reference)
-    turning, judgements, suspects = turning_of(mesh, reduced, training, channels, thickness), [], []
+        virtual = virtual_of(mesh, field, settings.virtual, config.gauges, free)
 
-    def wanted(given: Filtering, run: FilterRun) -> WantedCovariances:
-        return wanted_of(settings, config.loads, given, virtual, run)
+    def wanted(record: RecordFilter, run: FilterRun) -> WantedCovariances:
+        return wanted_of(config, record, virtual, run)
 
     passes = 1 if settings.hold_out is None else 1 + len(np.unique(problem.channels.gauge[channels]))
     # damage asks for the other walk of every unknown load, too
     passes += len(problem.unknowns.inputs) if settings.damage is not None else 0
-    if (seconds := forecast_of(each, wanted)) is not None:
-        using.notice(forecast_in_words(each, passes * seconds))
-        using = paced(using, time.perf_counter() - began, seconds, passes, settings.hold_out is not None)
-    for i, (own, given) in enumerate(zip(records, each, strict=True)):
+    if (seconds := forecast_of(filters, wanted)) is not None:
+        using.notice(forecast_in_words(filters, passes * seconds))
+        progress = paced(progress, time.perf_counter() - began, seconds, passes, settings.hold_out is not None)
+
+    # whether they are consistent with the model, and with each other
+    turning = turning_of(mesh, reduced, training, channels, thickness_at(mesh, free, problem.model.reference))
+    judgements, suspects = [], []
+    for i, record in enumerate(filters):
 
         def checking(share: float, i: int = i) -> None:
-            done = (i + share) / len(records)
             of = f" of {records[i].name}" * (len(records) > 1)
-            using.progress(f"channels{of}", CHECKED + (FILTERED - CHECKED) * done)
+            progress(f"channels{of}", CHECKED + (FILTERED - CHECKED) * (i + share) / len(records))
 
-        suspects.append(suspect_of(config, mesh, reduced, training, given, turning))
-        judgements.append(judgement_of(own, given.test, problem, suspects[-1], tolerances.discrepancy, checking))
-    trusted = all(own.trusted for own in judgements)
-    together = None if len(records) == 1 else together_of(each, suspects, tuple(own.name for own in records))
-    apart = together.words if together is not None and trusted else ""
+        suspects.append(suspect_of(config, mesh, reduced, training, record, turning))
+        judgements.append(judgement_of(record.test, problem, suspects[-1], tolerances.discrepancy, checking))
+    together = None if len(records) == 1 else together_of(filters, suspects)
+    apart = together.words if together is not None and all(one.trusted for one in judgements) else ""
     if apart and not settings.accept:
         raise ContradictionError(
             apart,
             key="estimate.records",
             remedy="leave out what is of another part or of gauges that were bonded anew, or correct its known loads and units",
         )
-    using.progress("filter", FILTERED)
-    untold = "" if settings.loads_as_stated else rests_on_loads_in_words(problem)
-    untold += ", or set estimate.loads_as_stated where the loads are as stated" * bool(untold)
-    contradictions, faults = ([getattr(own, what) for own in judgements] for what in ("words", "named"))
-    inconsistent = apart or _by_record(records, contradictions)
-    decision = Decision(inconsistent, _by_record(records, faults), settings.accept, (untold,))
+    uncertain_loads = "" if settings.loads_as_stated else rests_on_loads_in_words(problem)
+    uncertain_loads += ", or set estimate.loads_as_stated where the loads are as stated" * bool(uncertain_loads)
 
-    def filtering(share: float) -> None:
-        using.progress("filter and smoother", FILTERED + (LATER - FILTERED) * share)
+    def of_records(texts: Sequence[str]) -> str:
+        named = zip(records, texts, strict=True)
+        return "; ".join(f"record '{one.label}': {text}" if one.label else text for one, text in named if text)
 
-    found = _found(config, each, decision, judgements, wanted, filtering)
-    excluded, note = excluded_by_comparison(config.tolerances, each[0], found[0])
+    decision = Decision(
+        apart or of_records([one.words for one in judgements]),
+        of_records([one.named for one in judgements]),
+        settings.accept,
+        (uncertain_loads,),
+    )
+
+    # filter and smoother, and what else withholds σ
+    progress("filter", FILTERED)
+    results = _filtered(
+        config,
+        filters,
+        decision,
+        judgements,
+        wanted,
+        lambda share: progress("filter and smoother", FILTERED + (LATER - FILTERED) * share),
+    )
+    exclusion, note = _excluded_by_comparison(config, filters[0], results[0])
     beyond: dict[str, str] = {}
-    for given, by in zip(each, found, strict=True):
-        ends = last_values(given, by.smoothed.mean[-1, 0], by.smoothed.std[-1, 0])
+    for record, result in zip(filters, results, strict=True):
+        ends = last_values(record.model, result.smoothed)
         beyond |= beyond_ranges(config, problem, {name: value for name, (value, _) in ends.items()})
     remedy = f"{widen(beyond)} if that can be, or look for a load, unit, support or gauge that is not as stated"
-    decision = replace(decision, reasons=(untold, excluded), beyond=beyond, remedy=remedy)
+    decision = replace(decision, reasons=(uncertain_loads, exclusion), beyond=beyond, remedy=remedy)
     withheld = decision.withheld
-    without: Sequence[HoldOut | None] = [None] * len(each)
+
+    # what no gauge measured
+    hold_outs: Sequence[HoldOut | None] = [None] * len(filters)
     if settings.hold_out is not None:
-
-        def untold_by(others: np.ndarray) -> str:
-            return undetectable(problem, others, config.place.instants, config.seed, True)
-
         # what contradicts the model is looked for there: the claim is what is tested
-        system = FilteredGauges(each, untold_by, bool(decision.unfounded))
-        without = held_out(system, lambda doing, share: using.progress(doing, LATER + (HELD - LATER) * share))
-    using.progress("field", HELD if settings.hold_out else LATER)
+        system = FilteredGauges(filters, undetectable_by, bool(decision.unfounded))
+        hold_outs = held_out(system, lambda doing, share: progress(doing, LATER + (HELD - LATER) * share))
+    progress("field", HELD if settings.hold_out else LATER)
 
-    def otherwise(changed: PlacementConfig) -> list[Filtering]:
+    def filters_of(changed: PlacementConfig) -> list[RecordFilter]:
         walked = problem_of(changed, using.files, reduced, training, screened)
-        return _filterings(changed, settings, walked, tolerances, records, tests)[0]
+        return record_filters(changed, walked, tolerances, tests)[0]
 
-    damage, damage_words = drawn_damage(config, settings, skin, each, found, withheld, otherwise, using)
+    damage: Damaged | None = None
+    damage_notes: tuple[str, ...] = ()
+    if settings.damage is not None and skin is not None:
+        progress("damage", 0.7)
+        damage, damage_notes = damage_of_test(
+            config,
+            skin,
+            virtual,
+            filters,
+            results,
+            withheld,
+            filters_of,
+            lambda share: progress("damage", 0.7 + 0.3 * share),
+        )
+
+    # the estimate of each
     not_held = not_held_in_words(config, reduced, training)
-    bare = (*bare, note) if note else bare
-    common = Common(decision, hidden, bare, tuning, not_held, virtual, damage_words)
-    single, said = len(records) == 1, {}
-    for own, given, by, judged, held in zip(records, each, found, judgements, without, strict=True):
-        test, of_record = given.test, damage if single else None
-        source = source_of(own.settings, using.files[own.file], test.labels, problem.known, test.h * test.every)
-        judged = replace(judged, words=apart, apart=True) if apart else judged
-        said[own.name] = estimation_of_record(config, skin, own, source, given, by, judged, held, of_record, common)
-    posterior = {} if withheld else posteriors_of(problem, each[0].start, found[0].bank)
-    surface = None
-    if single:
-        surface = said[records[0].name].surface
-    elif skin is not None and damage is not None and damage.surface is not None:
-        surface = damage_on_surface(skin, damage.surface)
-    return Campaign(said, decision, hidden, tuning, together, posterior, damage, surface)
+    exact = "" if withheld else exact_frequencies_in_words(config)
+    notes = (*bare, note, *_notes(hidden, tuning), *damage_notes)
+    common = Common(config, decision, skin, virtual, (*not_held, exact), notes)
+    estimations = {}
+    for record, result, judgement, hold_out in zip(filters, results, judgements, hold_outs, strict=True):
+        source = source_of(record.test, using.files[record.test.record.file], problem.known)
+        if apart:
+            judgement = replace(judgement, words=apart, apart=True)
+        of_record = damage if len(records) == 1 else None
+        estimations[record.test.record.name] = estimation_of_record(
+            common, source, record, result, judgement, hold_out, of_record
+        )
+    surface = estimations[records[0].name].surface if len(records) == 1 else None
+    if len(records) > 1 and skin is not None and damage is not None and damage.surface is not None:
+        surface = damage_grid(skin, damage.surface)
+    kinds = problem.channels.quantity[channels]
+    of_channels = {"the channel": kinds, "the biased channel": kinds[filters[0].biased]}
+    return Campaign(
+        unknowns=problem.unknowns,
+        records=estimations,
+        decision=decision,
+        undetectable=hidden,
+        tuning=tuning,
+        together=together,
+        posterior={} if withheld else posteriors_of(problem, filters[0].start, results[0].bank),
+        damage=damage,
+        surface=surface,
+        units={
+            **load_units,
+            **unknown_units(config),
+            **{name: units_in_words(some) for name, some in of_channels.items()},
+        },
+        channel_units=tuple(UNITS[kind] for kind in kinds),
+        labels=virtual_labels(settings.virtual),
+    )
 
 
-def _filterings(
+def _filtered(
     config: PlacementConfig,
-    settings: Estimate,
-    problem: Problem,
-    tolerances: Tolerated,
-    records: Sequence[RecordSettings],
-    tests: Sequence[Measured],
-) -> tuple[list[Filtering], Tuning | None]:
-    """What the filter of every record is given, and how noises were tuned in the last."""
-    stated = {**config.validation.initial_std, **settings.initial_std}
-    start = initial_covariance(problem, stated, moving=settings.start != "rest")
-    # in the order of their names: what is found does not depend on that of the config
-    place = np.argsort(np.argsort([own.name for own in records]))
-    each, tuning = [], None
-    for i, (own, test) in enumerate(zip(records, tests, strict=True)):
-        with in_record(own.name if len(records) > 1 else ""):
-            settled = settled_in(problem, test) if settings.start == "settled" else None
-            model, tuning = model_of(problem, test, own.settings, start)
-        model = on_average(tolerances, model, test.channels)
-        each.append(Filtering(problem, tolerances, model, test, start, settled, int(place[i]), len(records)))
-    return each, tuning
-
-
-def _by_record(records: Sequence[RecordSettings], texts: Sequence[str]) -> str:
-    """What there is to say of each; with its name where there are several."""
-    if len(records) == 1:
-        return texts[0]
-    return "; ".join(f"record '{own.name}': {text}" for own, text in zip(records, texts, strict=True) if text)
-
-
-def _found(
-    config: PlacementConfig,
-    each: Sequence[Filtering],
+    filters: Sequence[RecordFilter],
     decision: Decision,
     judgements: Sequence[Judgement],
     wanted: Wants,
-    progress: Progress,
-) -> tuple[Filtered, ...]:
+    progress: Callable[[float], None],
+) -> tuple[FilteredRecord, ...]:
     """Filter and smoother, with other filters beside them where that is asked for or takes little."""
     if not decision.accept:
         # σ is withheld, and no grid follows parameters that are as wrong as this at the σ that is claimed
-        ratios = [own.birge_ratio for own in judgements]
-        each = [replace(given, birge_ratio=ratio) for given, ratio in zip(each, ratios, strict=True)]
+        ratios = [one.birge_ratio for one in judgements]
+        filters = [replace(record, birge_ratio=ratio) for record, ratio in zip(filters, ratios, strict=True)]
+    first, compare = filters[0], config.filter.compare
     try:
-        if len(each) > 1:
-            return filtered_by_verdict(each, [decision.accept or own.trusted for own in judgements], wanted, progress)
-        compare = not each[0].long if config.filter.compare is None else config.filter.compare
-        return (filtered(each[0], compare and not decision.withheld, wanted, progress),)
+        consistent = [decision.accept or one.trusted for one in judgements]
+        results = filter_by_consistency(filters, consistent, wanted, progress)
+        compare = not first.long if compare is None else compare
+        if len(filters) == 1 and compare and not decision.withheld and first.problem.method == "bank":
+            data = first.covariance, first.test.known, first.test.values, first.biased
+            results = (replace(results[0], compared=compared(first.problem, first.model, *data)),)
+        return results
     except (NumericalError, np.linalg.LinAlgError) as error:
         if decision.inconsistent:
             why = error.what if isinstance(error, NumericalError) else error
@@ -283,7 +317,7 @@ def _found(
                 key="estimate",
                 remedy="correct what is named, and estimate again",
             ) from error
-        if len(each) == 1:
+        if len(filters) == 1:
             raise
         raise ContradictionError(
             f"no filter can follow all records together, though each agrees with the model: {error}",
@@ -292,66 +326,42 @@ def _found(
         ) from error
 
 
-@dataclass(frozen=True)
-class Paced:
-    """`Resources` whose progress is one by the clock, where the plain shares are those of a short record: `plain` shares, as they
-    are stated, are `by_clock` of the way."""
+def _excluded_by_comparison(config: PlacementConfig, record: RecordFilter, result: FilteredRecord) -> tuple[str, str]:
+    """Why there is no σ, and a note, each empty where there is nothing to report.
 
-    under: Resources
-    plain: tuple[float, ...]
-    by_clock: tuple[float, ...]
-
-    @property
-    def files(self) -> Mapping[str, Path]:
-        return self.under.files
-
-    @property
-    def notice(self) -> Callable[[str], None]:
-        return self.under.notice
-
-    @property
-    def sweep(self) -> Sweep:
-        return self.under.sweep
-
-    def progress(self, doing: str, share: float) -> None:
-        """Say it by the clock."""
-        self.under.progress(doing, float(np.interp(share, self.plain, self.by_clock)))
+    The bank beside the estimate has no tolerances, and an unknown start. Where tolerances are stated, the estimate counts against
+    it, unless the start is settled and a bank with the same tolerances and an unknown start excludes the estimate, too.
+    """
+    ends, settled = last_values(record.model, result.smoothed), record.settled is not None
+    words = excluded(ends, by_bank(result.compared))
+    if not words or tolerances_of(config.tolerances) == NONE:
+        return excluded_in_words(words, settled, "estimate.start"), ""
+    if settled:
+        moving = last_values(record.model, filter_banks([replace(record, settled=None)])[0].run)
+        otherwise = excluded(ends, {name: moving[name] for name in record.model.unknowns.parameters})
+        if otherwise:
+            return excluded_in_words(otherwise, True, "estimate.start"), ""
+    return "", f"the comparison takes tolerances for exact, which this record excludes: {words}, with and without them"
 
 
-def paced(using: Resources, spent: float, seconds: float, passes: int, hold_out: bool) -> Paced:
-    """By the time spent before the channels are checked, and `seconds` of filter and smoother, of which there are `passes`."""
+def _notes(hidden: str, tuning: Tuning | None) -> tuple[str, ...]:
+    tuned = {} if tuning is None else tuning.factors
+    undecided = () if tuning is None else tuning.undecided
+    factors, untuned = ", ".join(f"{part} {value:.3g}" for part, value in tuned.items()), ", ".join(undecided)
+    return (
+        f"the channels cannot tell {hidden}: what is estimated of it comes from the initial values" if hidden else "",
+        f"noises were scaled by the measurements: {factors}" if factors else "",
+        f"the measurements say nothing about the noise of {untuned}" if untuned else "",
+    )
+
+
+def paced(progress: Progress, spent: float, seconds: float, passes: int, hold_out: bool) -> Progress:
+    """Progress by the clock, where the plain shares are those of a short record: by the time spent before the channels are
+    checked, and `seconds` of filter and smoother, of which there are `passes`."""
     parts = [spent, CHECK * seconds, seconds, (passes - 1) * seconds + REST * seconds]
-    plain: tuple[float, ...] = (0.0, CHECKED, FILTERED, LATER, 1.0)
+    plain = [0.0, CHECKED, FILTERED, LATER, 1.0]
     if hold_out:
         parts[3:] = [(passes - 1) * seconds, REST * seconds]
-        plain = (0.0, CHECKED, FILTERED, LATER, HELD, 1.0)
+        plain = [0.0, CHECKED, FILTERED, LATER, HELD, 1.0]
     by_clock = np.concatenate([[0.0], np.cumsum(parts) / sum(parts)])
-    return Paced(using, plain, tuple(by_clock.tolist()))
-
-
-def forecast_of(each: Sequence[Filtering], wanted: Wants) -> float | None:
-    """Seconds that filter and smoother take of records, once, by those of the first samples; None where it is not long."""
-    steps = sum(len(own.test.known) for own in each)
-    if steps < LONG:
-        return None
-    few, first = (replace(each[0], test=each[0].test.first(count)) for count in (FEW, TRIED))
-    try:
-        filtered(few, wanted=wanted)  # what is compiled is not timed
-        before = time.perf_counter()
-        filtered(first, wanted=wanted)
-    except (NumericalError, np.linalg.LinAlgError):  # the estimate itself says what it cannot follow
-        return None
-    return (time.perf_counter() - before) * steps / len(first.test.known)
-
-
-def forecast_in_words(each: Sequence[Filtering], seconds: float) -> str:
-    """The same as a sentence."""
-    steps = sum(len(own.test.known) for own in each)
-    return f"filter and smoother of {steps} steps take about {_in_words(seconds)}, by the first {TRIED} of them"
-
-
-def _in_words(seconds: float) -> str:
-    for size, unit in ((3600.0, "h"), (60.0, "min")):
-        if seconds >= 1.5 * size:
-            return f"{seconds / size:.2g} {unit}"
-    return f"{seconds:.2g} s"
+    return lambda doing, share: progress(doing, float(np.interp(share, plain, by_clock)))

@@ -1,8 +1,9 @@
-"""What a test says, for people, of one record or of several: numbers by name, one line, tables, all time signals as CSV."""
+"""The estimate of a test for people, from one record or several: numbers by name, one line, tables, all time signals as CSV."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -42,142 +43,146 @@ def campaign_record(campaign: Campaign) -> CampaignRecord:
 
 def campaign_numbers(campaign: Campaign) -> dict[str, Scalar]:
     """Every number by its name; of one record of several with that behind it."""
-    first, together, with_sigma = campaign.first, campaign.together, not campaign.decision.withheld
-    every = list(campaign.records.values())
-    whole = first.verdict if campaign.only else verdict(np.concatenate([record.estimated.whitened for record in every]))
+    first, together = campaign.first.estimated, campaign.together
+    every = [record.estimated for record in campaign.records.values()]
+    whole = campaign.first.verdict if together is None else verdict(np.concatenate([one.whitened for one in every]))
     numbers: dict[str, Scalar] = {
-        "samples": sum(len(record.estimated.gauge.time) for record in every),
-        "channels": len(first.estimated.gauge.label),
+        "samples": sum(len(one.gauge.time) for one in every),
+        "channels": len(first.gauge.label),
         "verdict": whole.text,
         "innovation_ratio": whole.ratio,
         "consistent": whole.consistent,
         **campaign.decision.numbers,
+        **_load_numbers(campaign, every),
     }
-    for name in first.unknowns.inputs:
-        numbers[f"estimate.{name}"] = rms(np.concatenate([record.estimated.smoothed[name] for record in every]))
-        if with_sigma:
-            numbers[f"std.{name}"] = rms(np.concatenate([record.estimated.smoothed_std[name] for record in every]))
-    for name in first.unknowns.parameters:
+    for name in campaign.unknowns.parameters:
         numbers[f"estimate.{name}"] = _shared(campaign, name)
-        if with_sigma:
-            numbers[f"std.{name}"] = rms(first.estimated.smoothed_std[name])
+        if not campaign.decision.withheld:
+            numbers[f"std.{name}"] = rms(first.smoothed_std[name])
     if campaign.tuning:
         numbers |= {f"factor.{part}": float(value) for part, value in campaign.tuning.factors.items()}
     if campaign.undetectable:
         numbers["unobservable"] = campaign.undetectable
     if together is None:
-        numbers |= hold_out_numbers(without_each(first.estimated))
+        numbers |= hold_out_numbers(without_each(first))
     else:
         numbers |= {"records": len(every), "gain": together.gain}
-        numbers |= {"apart": together.words} if _apart(campaign) else {}
+        # whether records that agree with the model one by one contradict each other, and that is accepted
+        numbers |= {"apart": together.words} if campaign.first.judgement.apart else {}
         for name, values in together.alone.items():
             numbers |= {f"alone.{name}.{of}": float(value) for of, value in zip(campaign.records, values, strict=True)}
         for of, record in campaign.records.items():
-            numbers |= {f"{key}.{of}": value for key, value in _record_numbers(record, with_sigma).items()}
-    numbers |= damage_numbers(campaign.damage, first.labels)
-    return numbers | posterior_numbers(campaign.posterior) | ratios(first.estimated.compared)
+            each: dict[str, Scalar] = {"innovation_ratio": record.verdict.ratio, "trusted": record.judgement.trusted}
+            each |= _load_numbers(campaign, [record.estimated]) | hold_out_numbers(without_each(record.estimated))
+            numbers |= {f"{key}.{of}": value for key, value in each.items()}
+    numbers |= damage_numbers(campaign.damage, campaign.labels)
+    return numbers | posterior_numbers(campaign.posterior) | ratios(first.compared)
 
 
-def _record_numbers(record: Estimation, with_sigma: bool) -> dict[str, Scalar]:
-    """Of one record of several; with_sigma: whether σ is given."""
-    numbers: dict[str, Scalar] = {"innovation_ratio": record.verdict.ratio, "trusted": record.judgement.trusted}
-    for name in record.unknowns.inputs:
-        numbers[f"estimate.{name}"] = rms(record.estimated.smoothed[name])
-        if with_sigma:
-            numbers[f"std.{name}"] = rms(record.estimated.smoothed_std[name])
-    return numbers | hold_out_numbers(without_each(record.estimated))
+def _load_numbers(campaign: Campaign, records: Sequence[Estimated]) -> dict[str, Scalar]:
+    """RMS of every load over records, and of its σ where that is given."""
+    numbers: dict[str, Scalar] = {}
+    for name in campaign.unknowns.inputs:
+        numbers[f"estimate.{name}"] = rms(np.concatenate([one.smoothed[name] for one in records]))
+        if not campaign.decision.withheld:
+            numbers[f"std.{name}"] = rms(np.concatenate([one.smoothed_std[name] for one in records]))
+    return numbers
 
 
 def campaign_message(campaign: Campaign) -> str:
     """One line."""
-    numbers, first, only = campaign_numbers(campaign), campaign.first, campaign.only
-    source = first.estimated.source.file if only else f"{len(campaign.records)} records ({', '.join(campaign.records)})"
+    numbers, first, only = campaign_numbers(campaign), campaign.first.estimated, campaign.only
+    source = first.source.file if only else f"{len(campaign.records)} records ({', '.join(campaign.records)})"
     parts = [campaign.decision.message] if campaign.decision.message else []
     parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels in {source}")
-    for name in first.unknowns.names:
-        what = " RMS" if name in first.unknowns.inputs else ""
+    for name in campaign.unknowns.names:
+        what = " RMS" if name in campaign.unknowns.inputs else ""
         sigma = "" if campaign.decision.withheld else f" ± {numbers[f'std.{name}']:.2g}"
-        parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {first.units[name]}{what}")
+        parts.append(f"{name} {numbers[f'estimate.{name}']:.4g}{sigma} {campaign.units[name]}{what}")
     if "hold_out.inside" in numbers:
         parts.append(f"gauges by the others: {100 * numbers['hold_out.inside']:.3g} % within 2σ")
     for of, record in campaign.records.items():
-        parts += [
-            f"{'' if only else f'{of}: '}{text}" for text in misfits_in_words(without_each(record.estimated), "gauges")
-        ]
-    if loud := [
-        of for of, record in campaign.records.items() if record.judgement.trusted and not record.verdict.consistent
-    ]:
+        misfits = misfits_in_words(without_each(record.estimated), "gauges")
+        parts += [text if only else f"{of}: {text}" for text in misfits]
+    loud = [of for of, one in campaign.records.items() if one.judgement.trusted and not one.verdict.consistent]
+    if loud:
         parts.append(f"the noise does not fit the innovations{'' if only else ' of ' + ', '.join(loud)}")
     parts += damage_in_words(campaign.damage)
-    parts += posterior_doubts(campaign.posterior, first.units)
-    parts += disagreements_in_words(first.estimated.compared)
+    parts += posterior_doubts(campaign.posterior, campaign.units)
+    parts += disagreements_in_words(first.compared)
     return ", ".join(parts)
 
 
 def campaign_tables(campaign: Campaign) -> tuple[Table, ...]:
     """The unknowns as smoothed, or the records and the parameters by all of them and by each alone; then what there is of each
     record, what was done to the measurements, and the verdict on them."""
-    first, only, notes = campaign.first, campaign.only, list[tuple[str, ...]]()
-    tables = [_unknowns_table(first) if only else records_table(campaign)]
-    tables += [_parameter_table(campaign)] if not only and first.unknowns.parameters else []
-    tables += [*damage_tables(campaign.damage, first.labels), *budget_tables(first.estimated.budget)]
-    if first.estimated.compared is not None:
-        tables.append(comparison_table(first.estimated.compared, first.units))
+    first, only, notes = campaign.first.estimated, campaign.only, list[tuple[str, ...]]()
+    tables = [_unknowns_table(campaign) if only else records_table(campaign)]
+    tables += [_parameter_table(campaign)] if not only and campaign.unknowns.parameters else []
+    tables += [*damage_tables(campaign.damage, campaign.labels), *budget_tables(first.budget)]
+    if first.compared is not None:
+        tables.append(comparison_table(first.compared, campaign.units))
     for of, record in campaign.records.items():
-        held = without_each(record.estimated)
-        each = [hold_out_table(held, record.channel_units, "gauge")] if held else []
-        for table in (*each, channel_table(record.estimated, record.channel_units)):
-            tables.append(Table(table.title if only else f"{table.title}: {of}", table.columns, table.rows))
+        left_out_each = without_each(record.estimated)
+        each = [hold_out_table(left_out_each, campaign.channel_units, "gauge")] if left_out_each else []
+        for table in (*each, channel_table(record.estimated, campaign.channel_units)):
+            tables.append(table if only else replace(table, title=f"{table.title}: {of}"))
         # what is advised of the noise holds for a record that agrees with the model, or that nobody can explain
         notes += [(of, note) for note in filter(None, (*record.estimated.notes, record.innovations_in_words))]
-    measurements = Table("measurements", ("record", ""), _once(notes, len(campaign.records)))
+    texts = [text for _, text in notes]
+    rows = [("all" if texts.count(text) == len(campaign.records) else of, text) for of, text in notes]
+    measurements = Table("measurements", ("record", ""), tuple(dict.fromkeys(rows)))
     if only:
-        measurements = Table("measurements", ("",), tuple((note,) for _, note in notes))
+        measurements = Table("measurements", ("",), tuple((text,) for text in texts))
     return (*tables, measurements, *warnings_table([*filter(None, (campaign.decision.message,))]))
 
 
-def _unknowns_table(record: Estimation) -> Table:
-    rows = []
-    for name, value in record.estimated.smoothed.items():
-        std, unit = record.estimated.smoothed_std[name], record.units[name]
-        if name in record.unknowns.inputs:
-            span = f"{value.min():.5g} to {value.max():.5g} {unit}"
-            estimate, sigma = f"RMS {rms(value):.5g}, {span}", f"± {rms(std):.3g} {unit}"
+def _unknowns_table(campaign: Campaign) -> Table:
+    rows, estimated = [], campaign.first.estimated
+    for name, value in estimated.smoothed.items():
+        std, unit = estimated.smoothed_std[name], campaign.units[name]
+        if name in campaign.unknowns.inputs:
+            estimate = f"RMS {rms(value):.5g}, {value.min():.5g} to {value.max():.5g} {unit}"
+            sigma = f"± {rms(std):.3g} {unit}"
         else:
             # of a factor the unit is 1
             estimate = f"{value[-1]:.5g}" if unit == "1" else f"{value[-1]:.5g} {unit}"
             sigma = f"± {std[-1]:.3g} ({100 * std[-1] / value[-1]:.2g} %)"
-        rows.append((name, estimate, record.decision.cell if record.decision.withheld else sigma))
+        rows.append((name, estimate, campaign.decision.cell if campaign.decision.withheld else sigma))
     return Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows))
 
 
 def records_table(campaign: Campaign) -> Table:
     """A row a record: how long it is, peak and RMS of every load with σ, how large its innovations are, and the verdict."""
-    first, rows = campaign.first, []
-    loads = first.unknowns.inputs
+    rows, loads = [], campaign.unknowns.inputs
     for of, record in campaign.records.items():
         time, cells = record.estimated.time, []
         for name in loads:
             value, std = record.estimated.smoothed[name], record.estimated.smoothed_std[name]
             top = int(np.argmax(np.abs(value)))
             cells += [_with_sigma(float(value[top]), float(std[top])), _with_sigma(rms(value), rms(std))]
-        whitened = record.estimated.whitened
-        inside = float(np.mean(np.abs(whitened[np.isfinite(whitened)]) < 2)) if np.isfinite(whitened).any() else np.nan
+        inside = f"{100 * innovations_inside(record.estimated):.3g} %"
         judged = record_verdict(record.judgement.trusted, record.judgement.apart, record.verdict.consistent)
-        rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, f"{100 * inside:.3g} %", judged))
-    heads = [f"{name} {what} [{first.units[name]}]" for name in loads for what in ("peak", "RMS")]
+        rows.append((of, f"{time[-1] - time[0]:.4g} s", *cells, inside, judged))
+    heads = [f"{name} {what} [{campaign.units[name]}]" for name in loads for what in ("peak", "RMS")]
     return Table("records", ("record", "duration", *heads, "innovations within 2σ", "verdict"), tuple(rows))
 
 
+def innovations_inside(estimated: Estimated) -> float:
+    """Share of the innovations of a record within 2σ, NaN of none."""
+    known = estimated.whitened[np.isfinite(estimated.whitened)]
+    return float(np.mean(np.abs(known) < 2)) if len(known) else np.nan
+
+
 def _parameter_table(campaign: Campaign) -> Table:
-    first, together, rows = campaign.first, campaign.together, []
+    together, rows = campaign.together, []
     assert together is not None
-    for name in first.unknowns.parameters:
-        value, std = _shared(campaign, name), float(first.estimated.smoothed_std[name][-1])
+    for name in campaign.unknowns.parameters:
+        value, std = _shared(campaign, name), float(campaign.first.estimated.smoothed_std[name][-1])
         sigma = f"± {std:.3g} ({100 * std / value:.2g} %)"
         each = (f"{alone:.5g}" for alone in together.alone[name])
         shown = campaign.decision.cell if campaign.decision.withheld else sigma
-        rows.append((name, f"{value:.5g} {first.units[name]}", shown, *each))
+        rows.append((name, f"{value:.5g} {campaign.units[name]}", shown, *each))
     some = 0 < len(_agreeing(campaign)) < len(campaign.records)
     by = "by those that agree" if some else "by all records"
     columns = ("parameter", by, "claimed σ", *(f"{of} alone" for of in campaign.records))
@@ -186,12 +191,6 @@ def _parameter_table(campaign: Campaign) -> Table:
 
 def _with_sigma(value: float, std: float) -> str:
     return f"{value:.4g}" if np.isnan(std) else f"{value:.4g} ± {std:.2g}"
-
-
-def _once(notes: list[tuple[str, ...]], records: int) -> tuple[tuple[str, ...], ...]:
-    """A note that is of all records once."""
-    texts = [text for _, text in notes]
-    return tuple(dict.fromkeys(("all", text) if texts.count(text) == records else (of, text) for of, text in notes))
 
 
 def _agreeing(campaign: Campaign) -> list[Estimation]:
@@ -207,57 +206,46 @@ def _shared(campaign: Campaign, parameter: str) -> float:
     return float(np.mean(record.estimated.smoothed[parameter]))
 
 
-def _apart(campaign: Campaign) -> bool:
-    """Whether records that agree with the model one by one contradict each other, and that is accepted."""
-    return all(record.judgement.apart for record in campaign.records.values())
-
-
 def without_each(estimated: Estimated) -> tuple[LeftOut, ...]:
     """Every gauge by the others, empty where that was not asked for."""
     return left_out(estimated.hold_out, estimated.gauge.label, estimated.gauge.measured)
 
 
 def channel_table(estimated: Estimated, units: Sequence[str]) -> Table:
-    """Every channel beside what the others, or the samples before, say of it; units of the channels."""
-    check, rows = estimated.check, []
+    """Every channel beside its prediction by the others, or by the samples before; units of the channels."""
+    check, time, rows = estimated.check, estimated.gauge.time, []
     for i, (name, unit) in enumerate(zip(estimated.gauge.label, units, strict=True)):
         sizes = (size_in_words(size, unit) for size in (check.measured[i], check.predicted[i]))
-        rows.append((name, *sizes, f"{check.residual[i]:.3g}", f"{check.correlation[i]:.3g}"))
-    columns: tuple[str, ...] = ("channel", "RMS measured", "RMS predicted", "residual / σ", "correlation")
-    if check.by_others:
-        columns = (*columns, "what explains the record best")
-        rows = [(*row, text or "nothing") for row, text in zip(rows, check.fault, strict=True)]
+        cause = (check.fault[i] or "nothing",) if check.by_others else ()
+        rows.append((name, *sizes, f"{check.residual[i]:.3g}", f"{check.correlation[i]:.3g}", *cause))
+    columns = ["channel", "RMS measured", "RMS predicted", "residual / σ", "correlation"]
+    columns += ["what explains the record best"] if check.by_others else []
     by = "by all other channels" if check.by_others else "one step ahead, by all channels"
-    part = (
-        ""
-        if check.end - check.begin >= 0.99 * float(estimated.gauge.time[-1] - estimated.gauge.time[0])
-        else (f", from {check.begin:.4g} to {check.end:.4g} s")
-    )
-    return Table(f"channels, predicted {by}{part}", columns, tuple(rows))
+    whole = check.end - check.begin >= 0.99 * float(time[-1] - time[0])
+    part = "" if whole else f", from {check.begin:.4g} to {check.end:.4g} s"
+    return Table(f"channels, predicted {by}{part}", tuple(columns), tuple(rows))
 
 
 def campaign_files(campaign: Campaign) -> dict[str, bytes]:
-    """All time signals of every record as a table."""
-    return {f"estimate{'' if campaign.only else f'-{of}'}.csv": _csv(record) for of, record in campaign.records.items()}
+    """All time signals of every record as a table, SI units in the header."""
+    return {
+        f"estimate{'' if campaign.only else f'-{of}'}.csv": _csv(record.estimated, campaign.units, campaign.labels)
+        for of, record in campaign.records.items()
+    }
 
 
-def _csv(record: Estimation) -> bytes:
-    """SI units in the header."""
-    estimated = record.estimated
+def _csv(estimated: Estimated, units: Mapping[str, str], labels: Sequence[str]) -> bytes:
     columns = {"time [s]": estimated.time}
     for name in estimated.estimate:
         words = ("filtered", "filtered std", "smoothed", "smoothed std")
         values = (estimated.estimate[name], estimated.std[name], estimated.smoothed[name], estimated.smoothed_std[name])
-        columns |= {f"{name} {word} [{record.units[name]}]": value for word, value in zip(words, values, strict=True)}
+        columns |= {f"{name} {word} [{units[name]}]": value for word, value in zip(words, values, strict=True)}
     for total in estimated.resultant.values():
         columns |= {f"{total.place} {axis} [N]": total.force[:, i] for i, axis in enumerate("xyz")}
         columns |= {f"{total.place} size [N]": total.magnitude, f"{total.place} size std [N]": total.std}
-    if estimated.virtual is not None:
-        for i, label in enumerate(record.labels):
-            columns |= {
-                f"{label} [strain]": estimated.virtual.strain[:, i],
-                f"{label} std [strain]": estimated.virtual.std[:, i],
-            }
+    if (virtual := estimated.virtual) is not None:
+        for i, label in enumerate(labels):
+            columns |= {f"{label} [strain]": virtual.strain[:, i], f"{label} std [strain]": virtual.std[:, i]}
     rows = np.column_stack(list(columns.values()))
     return csv_bytes([list(columns), *([f"{x:.9g}" for x in row] for row in rows)])
 

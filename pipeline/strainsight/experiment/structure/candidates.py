@@ -210,7 +210,7 @@ def _length(gauges: Gauges, stated: float | None) -> float:
 
 
 @dataclass(frozen=True)
-class Channels:
+class CandidateChannels:
     """All candidates, one row a channel, those of one gauge one behind the other.
 
     rows (m, n): strain, or displacement of the point, per reduced coordinate, at the references, and change, what θ adds to them
@@ -240,6 +240,11 @@ class Channels:
         return channels_of_gauges(self.gauge, gauges)
 
 
+def of_channels(values: np.ndarray, channels: np.ndarray) -> np.ndarray:
+    """Values (..., n) of channels (...), of all of which there are values (m, n); zero where there is none, −1."""
+    return np.where((channels >= 0)[..., None], values[channels], 0.0)
+
+
 def training_units(quantity: np.ndarray) -> dict[str, str]:
     """Of what is written of channels of these quantities (m,), a row of which is strain or displacement per coordinate."""
     still = np.where(quantity == STRAIN, STRAIN, DISPLACEMENT)
@@ -247,10 +252,12 @@ def training_units(quantity: np.ndarray) -> dict[str, str]:
     return {"the channel": unit, "the variance": f"{grouped(unit)}^2", "the row": row}
 
 
-def channels_of(training: Training, screened: Screened) -> Channels:
+def channels_of(training: Training, screened: Screened) -> CandidateChannels:
     """All channels of the training run, with their noise."""
     pool = training.candidates
-    return Channels(training.rows, training.change, pool.quantity, screened.noise_std, pool.gauge, pool.bridged)
+    return CandidateChannels(
+        training.rows, training.change, pool.quantity, screened.noise_std, pool.gauge, pool.bridged
+    )
 
 
 def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:

@@ -346,7 +346,8 @@ def _mm(length: float) -> str:
 
 SHARE = 0.05
 """Of a reading: what a change is allowed. Errors of installation by the default tolerances are 1 to 1.5 % of a reading on smooth
-parts: a strain that is 5 % off is beyond three times what the σ of a layout allows for."""
+parts: a strain that is 5 % off is beyond three times what the σ of a layout allows for. σ of the gain, where it is larger, is
+covered anyway."""
 MOST = 20
 """Gauges that are tested: of larger layouts the most missed."""
 
@@ -362,7 +363,7 @@ def tested_hot_spots(
     solid = np.isin(pool.element[pool.first[gauges]], np.concatenate([block.ids for block in mesh.blocks]))
     which = np.flatnonzero(solid)[:MOST]
     tested = gauges[which]
-    change = hot_spots(
+    test = hot_spots(
         at_guess(config, mesh, reduced),
         training.candidates.take(training.candidates.channels(tested)),
         reduced.basis,
@@ -371,8 +372,8 @@ def tested_hot_spots(
         _pressed_nodes(config, mesh),
     )
     refined, spread = np.full((2, len(gauges)), np.nan)
-    refined[which], spread[which] = change.change, change.spread
-    return HotSpots(refined=refined, spread=spread, share=share_of(config))
+    refined[which], spread[which] = test.change, test.spread
+    return HotSpots(refined=refined, spread=spread, share=max(SHARE, float(tolerances_of(config.tolerances).gain)))
 
 
 def _pressed_nodes(config: PlacementConfig, mesh: Mesh) -> np.ndarray:
@@ -385,11 +386,6 @@ def _pressed_nodes(config: PlacementConfig, mesh: Mesh) -> np.ndarray:
         elif load.set in mesh.faces:
             pressed[np.isin(mesh.node_ids, mesh.node_sets[str(load.set)])] = True
     return np.flatnonzero(pressed)
-
-
-def share_of(config: PlacementConfig) -> float:
-    """`SHARE`, or σ of the gain where it is larger: so much of a reading σ covers anyway."""
-    return max(SHARE, float(tolerances_of(config.tolerances).gain))
 
 
 def at_guess(config: PlacementConfig, mesh: Mesh, reduced: Reduced) -> Mesh:

@@ -1,36 +1,38 @@
-"""Fatigue damage in a test, by draws of what the smoother leaves open."""
+"""Fatigue damage in a test, by draws of what the smoother leaves open, with the random walk of its unknown loads that the samples
+favour."""
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
 from strainsight.config.estimate import DamageSettings
-from strainsight.config.gauges import Gauges, NamedGauge
+from strainsight.config.placement import PlacementConfig
 from strainsight.damage import (
     FKM,
     GOODMAN,
     NONE,
     Curve,
-    Interval,
     MeanStress,
     damage_of,
     equivalent_range,
     interval_of,
     one_number,
 )
-from strainsight.errors import UserError
-from strainsight.estimation.bank_smoother import Paths
+from strainsight.errors import NumericalError, UserError
+from strainsight.estimation.bank import BankRun
+from strainsight.estimation.bank_smoother import AT_ONCE, Paths, bank_paths
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.smoother import Smoothed
-from strainsight.experiment.structure.candidates import rows_along
-from strainsight.experiment.structure.surface import Skin, virtual_pool
+from strainsight.estimation.reduced import driven_with_offsets
+from strainsight.estimation.smoother import Smoothed, smoother_errors
+from strainsight.experiment.structure.record_filter import FilteredRecord, RecordFilter, filter_banks
+from strainsight.experiment.structure.surface import Skin, Virtual
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.recovery import SurfaceModel
 from strainsight.records.estimated import DamageAt, Damaged
-from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.surface import facet_centres
 
 APART = 0.05
@@ -41,27 +43,57 @@ unknown loads walk, and where they do. Below the first the truth was outside too
 (docs/measured.md, Damage)."""
 ALIKE = 1e-6
 """Relative: damages that differ by less are one, and the earlier place comes first."""
-AT_ONCE = 400_000
+IN_CACHE = 400_000
 """Numbers of stress that are held at a time: they stay in the processor's cache."""
+OTHER = {"random_walk": "integrated_random_walk", "integrated_random_walk": "random_walk"}
+DECISIVE = 10.0
+"""Of ln evidence, odds of 2·10⁴: by less the samples do not tell one walk from the other."""
+
+T = TypeVar("T")
 
 
-@dataclass(frozen=True)
-class Asked:
-    """surface: its places, None where there is no surface; virtual: those of the virtual gauges, None without one."""
+def damage_of_test(
+    config: PlacementConfig,
+    skin: Skin,
+    virtual: Virtual | None,
+    filters: Sequence[RecordFilter],
+    results: Sequence[FilteredRecord],
+    withheld: str,
+    filters_of: Callable[[PlacementConfig], list[RecordFilter]],
+    progress: Callable[[float], None],
+) -> tuple[Damaged, tuple[str, ...]]:
+    """Damage of all records, without its interval where σ is withheld, and notes on it.
 
-    surface: Places | None
-    virtual: Places | None
+    filters_of: the filters by a config in which loads walk otherwise.
+    """
+    assert config.estimate is not None
+    settings = config.estimate.damage
+    assert settings is not None
+    stated = _Walked(config, filters, [result.bank for result in results])
+    drawn, changed, undecided = _walks(stated, None if withheld else filters_of)
+    shown = SHOWN if undecided else SHOWN_DECIDED
+    records = [
+        Recorded(
+            record.model,
+            result.smoothed,
+            skin.field.states(result.smoothed.mean),
+            None if withheld else histories(by, replace(result, bank=bank), settings.draws, config.seed),
+        )
+        for record, result, by, bank in zip(filters, results, drawn.filters, drawn.banks, strict=True)
+    ]
+    damage = damage_in_test(settings, damage_places(skin, virtual), records, progress, shown)
+    return damage, damage_notes(settings, withheld, shown, walks_in_words(drawn.config, changed))
 
 
-def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> Asked:
-    """On the surface; entries of `estimate.virtual`. Raises UserError for one of these on a laminate or an anisotropic solid."""
+def damage_places(skin: Skin, virtual: Virtual | None) -> dict[str, Places]:
+    """The surface, and virtual gauges. Raises UserError for one of these on a laminate or an anisotropic solid."""
     mesh, facets = skin.mesh, skin.facets
-    every = surface_places(skin.model, facet_centres(mesh.position, facets.kind, facets.nodes)[0], facets.element_id)
-    if not entries:
-        return Asked(every, None)
-    pool = virtual_pool(mesh, facets, entries, gauges)
-    number = {own: i for i, own in enumerate(zip(facets.element_id.tolist(), facets.facet.tolist(), strict=True))}
-    below = np.array([number[own] for own in zip(pool.element.tolist(), pool.facet.tolist(), strict=True)])
+    surface = surface_places(skin.model, facet_centres(mesh.position, facets.kind, facets.nodes)[0], facets.element_id)
+    if virtual is None:
+        return {"surface": surface}
+    pool = virtual.pool
+    number = {place: i for i, place in enumerate(zip(facets.element_id.tolist(), facets.facet.tolist(), strict=True))}
+    below = np.array([number[place] for place in zip(pool.element.tolist(), pool.facet.tolist(), strict=True)])
     if skin.model.laws is not None and (on := np.isin(below, skin.model.laws.facet)).any():
         raise UserError(
             f"{int(on.sum())} grids lie on a laminate or an anisotropic solid, where no modulus makes a stress along "
@@ -69,11 +101,9 @@ def asked_places(skin: Skin, entries: Sequence[NamedGauge], gauges: Gauges) -> A
             key="estimate.virtual",
             remedy="leave them out where estimate.damage is asked for: that of the surface is of the stress there",
         )
-    rows, change = rows_along(
-        mesh, skin.free, lambda at: channel_rows(mesh.position, pool, skin.field.basis, facets=facets, thickness=at)
-    )
-    strain = replace(change.of_terms(lambda own: own[:, None]), constant=rows[:, None])
-    return Asked(every, Places(pool.position, pool.element, strain, every.take(below).modulus))
+    strain = replace(virtual.change.of_terms(lambda X: X[:, None]), constant=virtual.rows[:, None])
+    gauges = Places(pool.position, pool.element, strain, surface.take(below).modulus)
+    return {"surface": surface, "virtual": gauges}
 
 
 @dataclass(frozen=True)
@@ -88,8 +118,8 @@ class Recorded:
 
 
 def damage_in_test(
-    own: DamageSettings,
-    asked: Asked,
+    settings: DamageSettings,
+    places: Mapping[str, Places],
     records: Sequence[Recorded],
     progress: Callable[[float], None],
     shown: float = SHOWN,
@@ -98,53 +128,53 @@ def damage_in_test(
 
         D = Σᵣ Dᵣ,     over records, of one draw of the constants each (Palmgren and Miner)
 
-    Where σ is withheld the interval is, too.
+    places "surface", "virtual" or both. Where σ is withheld the interval is, too.
     """
-    of_mean = {name: _of_mean(places, records, own) for name, places in _named(asked)}
+    of_mean = {name: _of_mean(part, records, settings) for name, part in places.items()}
     # of ranges to the power of the slope
-    least = shown**own.curve.slope * max(moment.max(initial=0.0) for _, moment in of_mean.values()) * (1 - ALIKE)
+    largest = max(moment.max(initial=0.0) for _, moment in of_mean.values())
+    least = shown**settings.curve.slope * largest * (1 - ALIKE)
     which = {name: np.flatnonzero(moment >= least) for name, (_, moment) in of_mean.items()}
-    if own.points is not None and asked.surface is not None:
-        most = _ordered(of_mean["surface"][1])[: own.points]
+    if settings.points is not None and "surface" in places:
+        most = _ordered(of_mean["surface"][1])[: settings.points]
         which["surface"] = np.intersect1d(which["surface"], most)
     drawn: dict[str, list[np.ndarray]] = {name: [] for name in which}
-    parts = {name: places.take(which[name]) for name, places in _named(asked)}
+    parts = {name: part.take(which[name]) for name, part in places.items()}
     for draws in _drawn(records):
-        for name, places in parts.items():
-            each = [damage_at(places, q, theta_at(record.model, at), own) for record, at, q in draws]
+        for name, part in parts.items():
+            each = [damage_at(part, q, theta_at(record.model, p), settings) for record, p, q in draws]
             drawn[name].append(np.sum(each, axis=0))
-        progress(len(drawn[name]) / own.draws)
-    found = {name: _damage(places, own, of_mean[name], which[name], drawn[name]) for name, places in _named(asked)}
-    surface = found.get("surface")
+        progress(len(drawn[name]) / settings.draws)
+    damage = {name: _damage(part, settings, of_mean[name], which[name], drawn[name]) for name, part in places.items()}
+    surface = damage.get("surface")
     return Damaged(
         surface=surface,
-        virtual=found.get("virtual"),
-        hot_spot=None if surface is None else hot_spots(surface, own.hot_spots),
-        hours=float(own.repetitions * sum(record.smoothed.time[-1] for record in records) / 3600),
+        virtual=damage.get("virtual"),
+        hot_spot=None if surface is None else hot_spots(surface, settings.hot_spots),
+        hours=float(settings.repetitions * sum(record.smoothed.time[-1] for record in records) / 3600),
     )
 
 
-def _of_mean(places: Places, records: Sequence[Recorded], own: DamageSettings) -> tuple[np.ndarray, np.ndarray]:
+def _of_mean(places: Places, records: Sequence[Recorded], settings: DamageSettings) -> tuple[np.ndarray, np.ndarray]:
     """Damage and moment (p,) of the smoothed histories."""
     each = []
     for record in records:
         mean, model = record.smoothed.mean[:, 0], record.model
         theta = theta_at(model, mean[:, model.parameter_states].mean(axis=0))
-        each.append(damage_at(places, mean[:, record.states], theta, own))
+        each.append(damage_at(places, mean[:, record.states], theta, settings))
     miner, moment = np.sum(each, axis=0)
     return miner, moment
 
 
-def _drawn(records: Sequence[Recorded]) -> Iterator[list[tuple[Recorded, np.ndarray, np.ndarray]]]:
+def _drawn(records: Sequence[Recorded]) -> Iterator[tuple[tuple[Recorded, np.ndarray, np.ndarray], ...]]:
     """Draw by draw: p (k,) and q (T + 1, n) of every record; draws of one number have their constants in common."""
 
     def one(record: Recorded) -> Iterator[tuple[Recorded, np.ndarray, np.ndarray]]:
         for part in record.draws or ():
-            for at, q in zip(part.parameter, part.state, strict=True):
-                yield record, at, q
+            for p, q in zip(part.parameter, part.state, strict=True):
+                yield record, p, q
 
-    for draws in zip(*(one(record) for record in records), strict=True):
-        yield list(draws)
+    return zip(*(one(record) for record in records), strict=True)
 
 
 def theta_at(model: FilterModel, p: np.ndarray) -> dict[str, float]:
@@ -155,15 +185,15 @@ def theta_at(model: FilterModel, p: np.ndarray) -> dict[str, float]:
     }
 
 
-def hot_spots(found: DamageAt, count: int) -> np.ndarray:
+def hot_spots(damage: DamageAt, count: int) -> np.ndarray:
     """The most damaged places of a surface, none within APART of one before; those without any damage are none."""
-    level = np.where(np.isnan(found.damage), found.of_mean, found.damage)
-    near = APART * float(np.ptp(found.position, axis=0).max())
+    level = np.where(np.isnan(damage.damage), damage.of_mean, damage.damage)
+    near = APART * float(np.ptp(damage.position, axis=0).max())
     chosen: list[int] = []
     for i in _ordered(np.nan_to_num(level, nan=0.0, posinf=np.inf)).tolist():
         if len(chosen) == count or not level[i] > 0:
             break
-        apart = np.linalg.norm(found.position[chosen] - found.position[i], axis=1)
+        apart = np.linalg.norm(damage.position[chosen] - damage.position[i], axis=1)
         if not len(chosen) or apart.min() > near:
             chosen.append(i)
     return np.array(chosen, dtype=np.int64)
@@ -176,70 +206,55 @@ def _ordered(level: np.ndarray) -> np.ndarray:
     return np.lexsort((np.arange(len(level)), -rounded))
 
 
-def _named(asked: Asked) -> list[tuple[str, Places]]:
-    both = (("surface", asked.surface), ("virtual", asked.virtual))
-    return [(name, own) for name, own in both if own is not None]
-
-
 def _damage(
     places: Places,
-    own: DamageSettings,
+    settings: DamageSettings,
     of_mean: tuple[np.ndarray, np.ndarray],
     which: np.ndarray,
     drawn: list[np.ndarray],
 ) -> DamageAt:
-    curve, _ = curve_of(own)
-    none = np.full((3, len(places)), np.nan)
-    damage, ranges = none, none.copy()
+    curve, _ = curve_of(settings)
+    damage, moment = np.full((2, 3, len(places)), np.nan)
     if drawn:
         # one after the other, so that no more than one of both is sorted at a time
         values = np.stack(drawn)
-        damage[:, which] = _rows(interval_of(values[:, 0]))
-        ranges[:, which] = _rows(interval_of(values[:, 1]))
+        for rows, draws in ((damage, values[:, 0]), (moment, values[:, 1])):
+            interval = interval_of(draws)
+            rows[:, which] = interval.median, interval.low, interval.high
 
     def equivalent(moment: np.ndarray) -> np.ndarray:
-        return equivalent_range(own.repetitions * moment, curve, own.equivalent_cycles)
+        return equivalent_range(settings.repetitions * moment, curve, settings.equivalent_cycles)
 
-    repeated = own.repetitions * damage
+    repeated = settings.repetitions * damage
     return DamageAt(
         position=places.position,
         element=places.element,
-        of_mean=own.repetitions * of_mean[0],
+        of_mean=settings.repetitions * of_mean[0],
         damage=repeated[0],
         low=repeated[1],
         high=repeated[2],
         range_of_mean=equivalent(of_mean[1]),
-        range=equivalent(ranges[0]),
-        range_low=equivalent(ranges[1]),
-        range_high=equivalent(ranges[2]),
+        range=equivalent(moment[0]),
+        range_low=equivalent(moment[1]),
+        range_high=equivalent(moment[2]),
     )
 
 
-def _rows(found: Interval) -> np.ndarray:
-    return np.stack([found.median, found.low, found.high])
-
-
-def damage_notes(own: DamageSettings, withheld: str, shown: float, by: str) -> tuple[str, ...]:
-    """What a reader of damage has to know, in sentences; by: how loads walk in the draws, empty where as stated."""
+def damage_notes(settings: DamageSettings, withheld: str, shown: float, by: str) -> tuple[str, ...]:
+    """Notes on damage, in sentences; by: how loads walk in the draws, empty where as stated."""
     if withheld:
         return (
             "σ is withheld, and the interval of damage with it: what is given is damage of the smoothed history, which is "
             "too small where that is smoother than the truth",
         )
-    few = (
-        ""
-        if own.points is None
-        else f", of the surface at the {own.points} points most damaged by the smoothed history"
-    )
-    why = (
-        "because below that it was not looked at"
-        if shown == SHOWN_DECIDED
-        else "because it was measured not to hold the truth"
-    )
+    few = ""
+    if settings.points is not None:
+        few = f", of the surface at the {settings.points} points most damaged by the smoothed history"
+    why = "it was not looked at" if shown == SHOWN_DECIDED else "it was measured not to hold the truth"
     return (
         *((by,) if by else ()),
-        f"damage is the median of {own.draws} draws with the interval of 95 %{few}; where the equivalent range is below "
-        f"{shown:g} of the largest the interval is withheld, {why}, and damage is that of the smoothed history",
+        f"damage is the median of {settings.draws} draws with the interval of 95 %{few}; where the equivalent range is below "
+        f"{shown:g} of the largest the interval is withheld, because {why}, and damage is that of the smoothed history",
     )
 
 
@@ -258,7 +273,7 @@ class Places:
 
     def take(self, which: np.ndarray) -> Places:
         """Some of them, by their numbers."""
-        rows, modulus = (X.of_all(lambda own: own[which]) for X in (self.rows, self.modulus))
+        rows, modulus = (operator.of_all(lambda X: X[which]) for operator in (self.rows, self.modulus))
         return replace(self, position=self.position[which], element=self.element[which], rows=rows, modulus=modulus)
 
 
@@ -266,23 +281,23 @@ def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndar
     """Every point of a surface. Raises UserError where a modulus of plies and a thickness are free: their product is."""
     law, change = AffineOperator(None, {}) if surface.laws is None else surface.laws.stiffness, surface.change
     if law.terms and change.terms:
-        plies, thick = (", ".join(own.parameters) for own in (law, change))
+        plies, thick = (", ".join(operator.parameters) for operator in (law, change))
         raise UserError(
             f"{plies} and {thick} are both free, and stress on the faces goes with their product",
             key="estimate.damage",
             remedy="free a modulus of plies or a thickness, or leave damage out",
         )
-    terms = {label: surface.law_stress(surface.strain, own) for label, own in law.terms.items()}
-    terms |= {label: surface.unit_stress(own, law.constant) for label, own in change.terms.items()}
+    terms = {label: surface.law_stress(surface.strain, X) for label, X in law.terms.items()}
+    terms |= {label: surface.unit_stress(X, law.constant) for label, X in change.terms.items()}
     rows = AffineOperator(
         surface.unit_stress(surface.strain, law.constant), terms, {**law.coefficients, **change.coefficients}
     )
     return Places(position, element, rows, surface.modulus)
 
 
-def curve_of(own: DamageSettings) -> tuple[Curve, MeanStress]:
+def curve_of(settings: DamageSettings) -> tuple[Curve, MeanStress]:
     """As the kernel takes them."""
-    stated, mean = own.curve, own.mean_stress
+    stated, mean = settings.curve, settings.mean_stress
 
     def or_infinite(value: float | None) -> float:
         return np.inf if value is None else value
@@ -300,19 +315,118 @@ def curve_of(own: DamageSettings) -> tuple[Curve, MeanStress]:
 
 
 def damage_at(
-    places: Places, q: np.ndarray, theta: Mapping[str, float], own: DamageSettings
+    places: Places, q: np.ndarray, theta: Mapping[str, float], settings: DamageSettings
 ) -> tuple[np.ndarray, np.ndarray]:
     """Miner's sum (p,) of one record and its moment (p,), as of `damage_of`, of a motion q (T + 1, r) at parameters [SI]."""
-    curve, mean = curve_of(own)
+    curve, mean = curve_of(settings)
     rows = places.rows.at(theta)
     count, components, r = rows.shape
     E, motion = np.asarray(places.modulus.at(theta)), np.ascontiguousarray(q.T)
-    part = max(1, AT_ONCE // (components * len(q)))
+    part = max(1, IN_CACHE // (components * len(q)))
     miner, moment = np.empty(count), np.empty(count)
     for start in range(0, count, part):
         here = slice(start, start + part)
         stress = (rows[here].reshape(-1, r) @ motion).reshape(-1, components, len(q))
-        one = stress[:, 0] if components == 1 else one_number(stress, own.stress)
-        found = damage_of(E[here, None] * one, curve, mean)
-        miner[here], moment[here] = found.miner, found.moment
+        one = stress[:, 0] if components == 1 else one_number(stress, settings.stress)
+        sums = damage_of(E[here, None] * one, curve, mean)
+        miner[here], moment[here] = sums.miner, sums.moment
     return miner, moment
+
+
+@dataclass(frozen=True)
+class _Walked:
+    """Filters by one choice of walks; banks None of another filter."""
+
+    config: PlacementConfig
+    filters: Sequence[RecordFilter]
+    banks: Sequence[BankRun | None]
+
+
+def _walks(
+    stated: _Walked, filters_of: Callable[[PlacementConfig], list[RecordFilter]] | None
+) -> tuple[_Walked, Sequence[str], Sequence[str]]:
+    """How unknown loads walk by the samples of all records, for histories that are drawn; filters_of: None where none are."""
+    unknown = stated.filters[0].problem.unknowns.inputs
+    if filters_of is None or not may_walk_otherwise(stated.config, unknown):
+        return stated, (), unknown or ("motion",)
+
+    def other(so_far: _Walked, name: str) -> _Walked | None:
+        changed = walking(so_far.config, name)
+        try:
+            filters = filters_of(changed)
+            return _Walked(changed, filters, filter_banks(filters))
+        except (NumericalError, np.linalg.LinAlgError):
+            return None
+
+    def evidence(walked: _Walked) -> float:
+        return float(sum(bank.run.log_likelihood[0] for bank in walked.banks if bank is not None))
+
+    return walks(stated, unknown, other, evidence)
+
+
+def histories(record: RecordFilter, result: FilteredRecord, count: int, seed: int) -> Iterator[Paths]:
+    """`count` draws of q (N, T + 1, n) with the parameters of each, in parts; by the bank where there is one, with z behind it,
+    which may be that of other walks of the loads than those of the test's results.
+
+    A parameter that a filter lets drift is its mean over the record.
+    """
+    model, test, q = record.model, record.test, slice(0, record.model.model.size)
+    if result.bank is not None:
+        yield from bank_paths(record.bank_record, result.bank, count, seed, q, record.record)
+        return
+    core, rng = driven_with_offsets(model, test.known, record.biased), np.random.default_rng(seed)
+    part = max(1, AT_ONCE // ((len(test.known) + 1) * core.size))
+    for first in range(0, count, part):
+        error = smoother_errors(core, result.run, min(part, count - first), rng)
+        error += result.smoothed.mean[None, :, 0]
+        yield Paths(error[:, :, model.parameter_states].mean(axis=1), error[:, :, q])
+
+
+def walks(
+    stated: T, loads: Sequence[str], other: Callable[[T, str], T | None], evidence: Callable[[T], float]
+) -> tuple[T, Sequence[str], Sequence[str]]:
+    """Load by load the walk of the larger evidence, by DECISIVE or more:
+
+        ln p(y | other walk) − ln p(y | walk so far)
+
+    everything else integrated out of both. other: the same with the other walk of one load, None where no filter follows the
+    samples; evidence: ln p(y). Returns the best, the loads that walk otherwise in it than stated, and those of which the samples
+    do not tell one walk from the other.
+    """
+    best, level = stated, evidence(stated)
+    changed, undecided = [], []
+    for name in loads:
+        tried = other(best, name)
+        tried_level = -np.inf if tried is None else evidence(tried)
+        if tried is not None and tried_level >= level + DECISIVE:
+            best, level = tried, tried_level
+            changed.append(name)
+        elif tried_level > level - DECISIVE:
+            undecided.append(name)
+    return best, changed, undecided
+
+
+def walking(config: PlacementConfig, name: str) -> PlacementConfig:
+    """The config with the other walk of one load, κ as stated."""
+    load = config.loads[name]
+    noise = load.process_noise.model_copy(update={"model": OTHER[load.process_noise.model]})
+    return config.model_copy(update={"loads": {**config.loads, name: load.model_copy(update={"process_noise": noise})}})
+
+
+def may_walk_otherwise(config: PlacementConfig, unknown: Sequence[str]) -> bool:
+    """Whether the walks of all unknown loads can be compared: all are one, with intensities that do not depend on the step, and a
+    bank filters them, with evidence that has everything integrated out."""
+    stated = all(config.loads[name].process_noise.model in OTHER for name in unknown)
+    return stated and config.filter.method == "bank" and config.process_noise.rule == "continuous"
+
+
+def walks_in_words(config: PlacementConfig, changed: Sequence[str]) -> str:
+    """How loads walk in the draws; config: of the draws; empty where as stated."""
+    if not changed:
+        return ""
+    each = [(f"loads.{name}.process_noise.model", config.loads[name].process_noise.model) for name in changed]
+    keys = ", ".join(f"{key}: {model}" for key, model in each)
+    return (
+        f"the samples speak for another walk of {', '.join(changed)} than is stated, and damage is drawn by it; loads, strains "
+        f"and their σ are by that which is stated: {keys} has all by the other"
+    )

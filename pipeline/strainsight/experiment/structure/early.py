@@ -9,11 +9,11 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.gauges import AbsoluteNoise
-from strainsight.config.loads import CaseLoad, MultiSine, Recorded, Sine, Sweep
+from strainsight.config.loads import CaseLoad, MultiSineSection, RecordedSection, SineSection, SweepSection
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, blame
 from strainsight.estimation.faults import at_limit
-from strainsight.experiment.recorded import QUANTITY, recorded
+from strainsight.experiment.recorded import QUANTITY, recorded, signals_of
 from strainsight.loads.histories import TIME_SLACK
 from strainsight.measurements.assemble import Signals
 
@@ -30,9 +30,9 @@ def check_files(config: PlacementConfig, base: Path) -> None:
     gauge that no layout can have, and a record that lacks a channel or has it in another unit.
     """
     for key, unit, signal, runs in _histories(config):
-        path = _there(f"{key}.file", signal.file, base)
-        found = recorded(key, signal, path, (QUANTITY[unit],))
-        first, last = float(found.time[0]), float(found.time[-1])
+        path = _existing(f"{key}.file", signal.file, base)
+        time = recorded(key, signal, path, (QUANTITY[unit],)).time
+        first, last = float(time[0]), float(time[-1])
         slack = TIME_SLACK * (last - first)
         for duration, of in runs.items():
             if first > slack or last < of - slack:
@@ -46,100 +46,91 @@ def check_files(config: PlacementConfig, base: Path) -> None:
         _check_records(config, base)
 
 
-def _there(key: str, file: str, base: Path) -> Path:
+def _existing(key: str, file: str, base: Path) -> Path:
     path = base / file
     if not path.is_file():
         raise ConfigError(f"no such file: {path}", key=key, remedy="paths start from the folder of the config file")
     return path
 
 
-def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, Recorded, dict[str, float]]]:
+def _histories(config: PlacementConfig) -> Iterator[tuple[str, str, RecordedSection, dict[str, float]]]:
     """Key of every recorded signal, the unit of its load, the signal, and the runs that it has to cover: key of the duration →
     [s]."""
     as_stated = {"train.duration": config.train.duration, "validate.duration": config.validation.duration}
     for name, load in config.loads.items():
-        if isinstance(load.signal, Recorded):
+        if isinstance(load.signal, RecordedSection):
             yield f"loads.{name}.signal", load.unit, load.signal, as_stated
-    for case, own in (config.place.load_cases or {}).items():
-        of = "train.duration" if own.duration is None else f"place.load_cases.{case}.duration"
-        for name, entry in own.loads.items():
-            if isinstance(entry, CaseLoad) and isinstance(entry.signal, Recorded):
-                key = f"place.load_cases.{case}.loads.{name}.signal"
-                yield (
-                    key,
-                    config.loads[name].unit,
-                    entry.signal,
-                    {of: config.train.duration if own.duration is None else own.duration},
-                )
+    for case, stated in (config.place.load_cases or {}).items():
+        section = f"place.load_cases.{case}"
+        of, duration = f"{section}.duration", stated.duration
+        if duration is None:
+            of, duration = "train.duration", config.train.duration
+        for name, entry in stated.loads.items():
+            if isinstance(entry, CaseLoad) and isinstance(entry.signal, RecordedSection):
+                yield f"{section}.loads.{name}.signal", config.loads[name].unit, entry.signal, {of: duration}
 
 
 def _check_gauges(config: PlacementConfig, base: Path) -> None:
-    """Names of the channels among those of bonded gauges and the G1 … of as many as are kept. A file that says where those of the
-    layout were bonded comes after the layout: only `estimate` needs it."""
-    from strainsight.experiment.structure.bonded_gauges import KEY, absent, not_bonded, place_unknown, read_bonded
+    """Names of the channels among those of bonded gauges and the G1 … of as many as are kept; given gauges have the numbers of
+    their table for names. A file that says where those of the layout were bonded comes after the layout: only `estimate` needs
+    it."""
+    from strainsight.experiment.structure.bonded_gauges import (
+        KEY,
+        absent,
+        given_table,
+        not_bonded,
+        place_unknown,
+        read_bonded,
+    )
 
-    settings, own = config.estimate, config.gauges
+    settings, gauges, keep = config.estimate, config.gauges, config.place.keep
     assert settings is not None
-    if own.given is not None:
-        _check_given(config, _there("gauges.given.table", own.given.table, base))
-        return
-    named = [str(entry.name) for entry in own.fixed if entry.name]
-    if own.fixed_file is not None:
-        with blame("gauges.fixed_file"):
-            named += read_bonded(_there("gauges.fixed_file", own.fixed_file, base))
-    labels = [f"G{i}" for i in range(1, config.place.keep + len(named) + 1) if f"G{i}" not in named]
-    known = [*named, *labels[: config.place.keep - len(named)]]
-    places = None
-    if settings.gauges_file is not None and (base / settings.gauges_file).is_file():
-        with blame(KEY):
-            places = read_bonded(base / settings.gauges_file)
+    named, labels, places = [str(entry.name) for entry in gauges.fixed if entry.name], list[str](), None
+    if gauges.given is not None:
+        table = _existing("gauges.given.table", gauges.given.table, base)
+        with blame("gauges.given"):
+            named = [str(number) for number in given_table(table)[0]]
+    else:
+        if gauges.fixed_file is not None:
+            with blame("gauges.fixed_file"):
+                named += read_bonded(_existing("gauges.fixed_file", gauges.fixed_file, base))
+        labels = [f"G{i}" for i in range(1, keep + len(named) + 1) if f"G{i}" not in named][: keep - len(named)]
+        if settings.gauges_file is not None and (base / settings.gauges_file).is_file():
+            with blame(KEY):
+                places = read_bonded(base / settings.gauges_file)
     for i, entry in enumerate(settings.channels):
         name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
-        if name not in known:
-            raise absent(key, name, known, places)
         if name in named:
             continue
+        if name not in labels:
+            raise absent(key, name, [*named, *labels], places)
         if settings.gauges_file is None and not settings.as_placed:
             raise place_unknown(name)
         if places is not None and name not in places:
             raise not_bonded(key, name, places)
 
 
-def _check_given(config: PlacementConfig, table: Path) -> None:
-    """Given gauges have the numbers of their table for names."""
-    from strainsight.experiment.structure.bonded_gauges import absent, given_table
-
-    assert config.estimate is not None
-    with blame("gauges.given"):
-        known = [str(number) for number in given_table(table)[0]]
-    for i, entry in enumerate(config.estimate.channels):
-        if str(entry.gauge) not in known:
-            raise absent(f"estimate.channels.{i}.gauge", str(entry.gauge), known)
-
-
 def _check_records(config: PlacementConfig, base: Path) -> None:
     """Channels and units of every record that is there; which sensor is which is known without motion sensors alone."""
-    from strainsight.experiment.recorded import signals_of
-    from strainsight.experiment.structure.early import odd_channels
     from strainsight.experiment.structure.measured import check_quantities, in_record, records_of, wanted_of
 
-    settings = config.estimate
+    settings, gauges = config.estimate, config.gauges
     assert settings is not None
     known = [name for name, load in config.loads.items() if load.known]
     units = {name: load.unit for name, load in config.loads.items()}
-    for own in records_of(settings):
-        path = base / str(own.settings.file)
+    stated = gauges.noise_std.value if isinstance(gauges.noise_std, AbsoluteNoise) else None
+    for record in records_of(settings):
+        path, channels = base / str(record.settings.file), record.settings.channels
         if not path.is_file() or path.stat().st_size > LARGEST:
             continue
-        with in_record(own.name):
-            wanted = wanted_of(own, known, units)
-            signals = signals_of(own.settings, own.file.removesuffix(".file"), path, wanted)
-            stated = config.gauges.noise_std.value if isinstance(config.gauges.noise_std, AbsoluteNoise) else None
-            noise = [entry.noise_std or (None if config.motion_sensors else stated) for entry in own.settings.channels]
+        with in_record(record.name):
+            wanted = wanted_of(record, known, units)
+            signals = signals_of(record.settings, record.key, path, wanted)
+            noise = [entry.noise_std or (None if config.motion_sensors else stated) for entry in channels]
             for text in odd_channels(config, signals, list(wanted), noise):
                 warnings.warn(f"{text}.", stacklevel=2)
-            if not config.motion_sensors and config.gauges.given is None:
-                check_quantities(wanted, signals, ["strain"] * len(own.settings.channels), known, units)
+            if not config.motion_sensors and gauges.given is None:
+                check_quantities(wanted, signals, ["strain"] * len(channels), known, units)
 
 
 def odd_channels(
@@ -147,48 +138,45 @@ def odd_channels(
 ) -> tuple[str, ...]:
     """Of the channels (c,) of a record, by their keys in the config: gauges that read one value, or less than their noise [unit
     of the reading], channels that stand at a limit, and a clock that is too slow for the loads that the config states."""
-    found = []
+    words = []
     gauges = len(keys) - sum(".inputs." in key for key in keys)
     for i, (name, key) in enumerate(zip(signals.names, keys, strict=True)):
-        own = signals.values[:, i]
-        there = own[np.isfinite(own)]
-        if i < gauges and len(there) > 1 and there.min() == there.max():
-            found.append(
-                f"{name} reads one value in all of its {len(there)} samples: it is not connected, or dead ({key})"
+        values = signals.values[:, i]
+        known, std = values[np.isfinite(values)], noise[i] if i < len(noise) else None
+        if i < gauges and len(known) > 1 and known.min() == known.max():
+            words.append(
+                f"{name} reads one value in all of its {len(known)} samples: it is not connected, or dead ({key})"
             )
-        elif i < gauges and (count := int(at_limit(own).sum())) and not _in_steps(own):
-            found.append(
-                f"{name} is clipped: {count} of {len(own)} samples stand in rows at its largest or least value, where the range "
-                f"of the amplifier may end ({key})"
+        elif i < gauges and (count := int(at_limit(values).sum())) and not _in_steps(known):
+            words.append(
+                f"{name} is clipped: {count} of {len(values)} samples stand in rows at its largest or least value, where the "
+                f"range of the amplifier may end ({key})"
             )
-        if i < len(noise) and len(there) and (std := noise[i] or 0.0) > (largest := float(np.abs(there).max())):
-            found.append(
+        if std and len(known) and std > (largest := float(np.abs(known).max())):
+            words.append(
                 f"the noise of {name}, {std:.3g}, exceeds its largest reading, {largest:.3g} ({key}.noise_std)"
             )
     step = float(signals.time[1] - signals.time[0])
     for name, load in config.loads.items():
         fastest = _fastest(load.signal)
         if fastest >= 0.5 / step:
-            found.append(
+            words.append(
                 f"the record has a sample every {step:.4g} s and holds nothing above {0.5 / step:.4g} Hz, and loads.{name} is "
                 f"stated with {fastest:.4g} Hz, which folds back: record faster, or check estimate.time.unit"
             )
-    return tuple(found)
+    return tuple(words)
 
 
-def _in_steps(values: np.ndarray) -> bool:
+def _in_steps(known: np.ndarray) -> bool:
     """Whether a channel stands still elsewhere than at its largest and least value, too: a test in steps, or coarse digits."""
-    known = values[np.isfinite(values)]
     inside = (known[1:] > known.min()) & (known[1:] < known.max())
     return bool(inside.any()) and float(np.mean(np.diff(known)[inside] == 0)) > STILL
 
 
 def _fastest(signal: object) -> float:
     """The highest frequency of a stated signal [Hz], 0 where none is stated."""
-    if isinstance(signal, Sine):
+    if isinstance(signal, SineSection):
         return signal.frequency
-    if isinstance(signal, Sweep):
+    if isinstance(signal, SweepSection):
         return max(signal.start_frequency, signal.end_frequency)
-    if isinstance(signal, MultiSine):
-        return signal.highest
-    return 0.0
+    return signal.highest if isinstance(signal, MultiSineSection) else 0.0

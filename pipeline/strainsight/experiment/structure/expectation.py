@@ -12,6 +12,7 @@ from strainsight.estimation.claim import bank_claim, covariance_recursion
 from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.placement import Placement
+from strainsight.experiment.structure.candidates import of_channels
 from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, variances
 from strainsight.experiment.structure.problem import SILENT, Problem, filter_model, initial_covariance, settled_under
 from strainsight.ordering import first_of_largest
@@ -70,7 +71,7 @@ def alike_gauges(problem: Problem, gauges: np.ndarray, covariance: np.ndarray) -
     groups = []
     for kind in np.unique(quantity):
         of_kind = np.flatnonzero(quantity == kind)
-        rows = np.where((channels[of_kind] >= 0)[..., None], problem.channels.rows[channels[of_kind]], 0.0)
+        rows = of_channels(problem.channels.rows, channels[of_kind])
         groups += [tuple(int(of_kind[i]) for i in group) for group in alike(rows @ L)]
     return sorted(groups)
 

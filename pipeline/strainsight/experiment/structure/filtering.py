@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 
+from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
 from strainsight.estimation.conditional import no_nuisances
+from strainsight.estimation.decision import out_of_range
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import Posterior, marginal
 from strainsight.estimation.model import FilterModel, physical
@@ -18,11 +22,14 @@ from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.filters_compared import filters_compared
-from strainsight.experiment.structure.problem import Problem, exactly_damped
+from strainsight.experiment.structure.problem import Method, Problem, exactly_damped
+from strainsight.experiment.structure.references import unknown_units
 from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
 
 IDENTIFIED = 0.5
 """Share of its initial σ that the samples may leave of a parameter that they identify."""
+NO_OFFSETS = np.zeros(0, dtype=int)
+"""Channels with an unknown offset, where there are none."""
 
 
 def by_moments(
@@ -35,45 +42,41 @@ def by_moments(
     keep: Keep = "mean",
     biased: np.ndarray | None = None,
     refuse: bool = True,
+    method: Method | None = None,
 ) -> FilterRun:
-    """The sigma-point or the extended filter of the config, which carry mean and covariance; biased: as of `run_filter`."""
-    form = problem.form
-    if problem.method == "sigma-point":
-        return run_sigma_points(
-            model, start, covariance, known, measured, keep, form=form, biased=biased, refuse=refuse
-        )
-    turns = problem.iterations
-    return run_filter(
-        model, start, covariance, known, measured, keep, form=form, iterations=turns, biased=biased, refuse=refuse
-    )
+    """The sigma-point or the extended filter, which carry mean and covariance; biased: as of `run_filter`; method: by default
+    that of the config."""
+    run: Callable[..., FilterRun] = partial(run_filter, iterations=problem.iterations)
+    if (method or problem.method) == "sigma-point":
+        run = run_sigma_points
+    return run(model, start, covariance, known, measured, keep, form=problem.form, biased=biased, refuse=refuse)
 
 
 def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.ndarray, steps: int) -> FilterRun:
     """Runs of many banks as one, NaN where one failed or has no channel (channels (B, m), −1 for none)."""
     if len(banks) == 1 and banks[0] is not None:
         return banks[0].run
-    (runs, m), n, u = channels.shape, model.size, len(model.position)
-    mean, std = np.full((2, steps + 1, runs, n), np.nan)
-    unknown = np.full((steps + 1, runs, u, u), np.nan)
-    of_channels = {
-        key: np.full((steps, runs, m), np.nan) for key in ("gauge_mean", "gauge_std", "innovation", "whitened")
+    (runs, m), n, u, has = channels.shape, model.size, len(model.position), channels >= 0
+    by_state = {name: np.full((steps + 1, runs, n), np.nan) for name in ("mean", "std")}
+    by_channel = {
+        name: np.full((steps, runs, m), np.nan) for name in ("gauge_mean", "gauge_std", "innovation", "whitened")
     }
+    unknown = np.full((steps + 1, runs, u, u), np.nan)
     fit, last = np.full(runs, -np.inf), np.full((runs, n, n), np.nan)
     for b, bank in enumerate(banks):
         if bank is None:
             continue
-        run = bank.run
-        mean[:, b], std[:, b], unknown[:, b] = run.mean[:, 0], run.std[:, 0], run.unknown_covariance[:, 0]
-        for key, values in of_channels.items():
-            values[:, b, channels[b] >= 0] = getattr(run, key)[:, 0]
-        fit[b], last[b] = run.log_likelihood[0], run.last[0]
+        for name, values in by_state.items():
+            values[:, b] = getattr(bank.run, name)[:, 0]
+        for name, values in by_channel.items():
+            values[:, b, has[b]] = getattr(bank.run, name)[:, 0]
+        unknown[:, b], fit[b], last[b] = bank.run.unknown_covariance[:, 0], bank.run.log_likelihood[0], bank.run.last[0]
     return FilterRun(
         time=model.h * np.arange(steps + 1),
-        mean=mean,
-        std=std,
+        **by_state,
+        **by_channel,
         unknown_covariance=unknown,
-        **of_channels,
-        nis=np.nansum(of_channels["whitened"] ** 2, axis=2),
+        nis=np.nansum(by_channel["whitened"] ** 2, axis=2),
         lost=np.where([bank is None for bank in banks], 1, -1),
         log_likelihood=fit,
         last=last,
@@ -81,7 +84,7 @@ def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.n
 
 
 def histories(model: FilterModel, run: FilterRun, smoothed: Smoothed) -> dict[str, dict[str, np.ndarray]]:
-    """The unknowns of the first run in time, by filter and smoother, as `Histories` names them."""
+    """The unknowns of the first run in time, by filter and smoother, as `UnknownHistories` names them."""
     filtered, later = (physical(model, by.mean[:, 0], by.std[:, 0]) for by in (run, smoothed))
     return {
         "estimate": {name: value for name, (value, _) in filtered.items()},
@@ -117,7 +120,7 @@ def posterior_numbers(posterior: Mapping[str, Posterior]) -> dict[str, float | b
 
 
 def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str]) -> list[str]:
-    """What a reader has to know of it: that a parameter is hardly seen, or that several values explain the samples."""
+    """That a parameter is hardly measured, or that several values explain the samples."""
     words = []
     for name, one in posterior.items():
         if one.left > IDENTIFIED:
@@ -137,7 +140,7 @@ def compared(
     covariance: np.ndarray,
     known: np.ndarray,
     measured: np.ndarray,
-    biased: np.ndarray | None = None,
+    biased: np.ndarray = NO_OFFSETS,
 ) -> Compared | None:
     """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
     without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
@@ -147,34 +150,72 @@ def compared(
     """
     if not model.unknowns.parameters:
         return None
-    start, form, at = np.zeros(len(covariance)), problem.form, model.parameter_states
-    model = exactly_damped(problem, model)
-
-    def by_bank() -> FilterRun:
-        record = BankRecord(model, start, covariance, known, measured, no_nuisances(model))
-        return filter_bank(record if biased is None else replace(record, biased=biased), "parameters").run
-
-    def by_extended() -> FilterRun:
-        turns = problem.iterations
-        return run_filter(model, start, covariance, known, measured, form=form, iterations=turns, biased=biased)
-
-    def by_sigma_points() -> FilterRun:
-        return run_sigma_points(model, start, covariance, known, measured, form=form, biased=biased)
-
-    exact = _at_end(by_bank, at)
-    ends = np.array([exact, *(_at_end(run, at) for run in (by_sigma_points, by_extended))])
-    mean, std = np.zeros((2, len(ends), model.size))
-    mean[:, at], std[:, at] = ends[:, 0], ends[:, 1]
-    names = model.unknowns.parameters
-    values = physical(model, mean, std)
-    value, size = (np.stack([values[name][i] for name in names], axis=-1) for i in range(2))
-    return filters_compared((BANK, SIGMA_POINT, EXTENDED), names, ends, value, size)
+    model, names, at = exactly_damped(problem, model), model.unknowns.parameters, model.parameter_states
+    data = model, np.zeros(len(covariance)), covariance, known, measured
+    record = BankRecord(*data, no_nuisances(model), biased)
+    filters: dict[str, Callable[[], FilterRun]] = {
+        BANK: lambda: filter_bank(record, "parameters").run,
+        SIGMA_POINT: lambda: by_moments(problem, *data, biased=biased, method="sigma-point"),
+        EXTENDED: lambda: by_moments(problem, *data, biased=biased, method="extended"),
+    }
+    mean, std = np.full((2, len(filters), model.size), np.nan)
+    for i, run_of in enumerate(filters.values()):
+        with suppress(NumericalError):
+            run = run_of()
+            mean[i], std[i] = run.mean[-1, 0, : model.size], run.std[-1, 0, : model.size]
+    values, ends = physical(model, mean, std), np.stack([mean[:, at], std[:, at]], axis=1)
+    value, sigma = (np.stack([values[name][i] for name in names], axis=-1) for i in range(2))
+    return filters_compared(tuple(filters), names, ends, value, sigma)
 
 
-def _at_end(run: Callable[[], FilterRun], at: slice) -> np.ndarray:
-    """Mean and σ (2, k) of p at the end, NaN of a filter that diverges."""
-    try:
-        result = run()
-    except NumericalError:
-        return np.full((2, at.stop - at.start), np.nan)
-    return np.stack([result.mean[-1, 0, at], result.std[-1, 0, at]])
+def beyond_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str, float]) -> dict[str, str]:
+    """Parameter → a sentence, of those whose values [SI] are beyond `parameters.*.range`.
+
+    Modes and static responses of `rom` span the range; a damping factor multiplies C within the reduced model and is exact
+    anywhere.
+    """
+    free = [name for name in problem.unknowns.parameters if name != problem.model.damping.parameter]
+    ranges = {name: config.parameters[name].range for name in free}
+    return out_of_range(values, ranges, unknown_units(config), "rom")
+
+
+def widen(beyond: Mapping[str, str]) -> str:
+    """What to do about parameters beyond their ranges."""
+    return f"widen {' and '.join(f'parameters.{name}.range' for name in beyond)}"
+
+
+EXCLUDED = 5.0
+"""Of the σ of both together: two estimates that are farther apart exclude each other."""
+Values = Mapping[str, tuple[float, float]]
+"""Parameter → value and σ [SI]."""
+
+
+def last_values(model: FilterModel, run: FilterRun | Smoothed) -> Values:
+    """Of the unknowns at the end of the first run."""
+    values = physical(model, run.mean[-1, 0], run.std[-1, 0])
+    return {name: (float(value), float(std)) for name, (value, std) in values.items()}
+
+
+def by_bank(comparison: Compared | None) -> dict[str, tuple[float, float]]:
+    """By the bank of a comparison; empty where nothing was compared."""
+    if comparison is None:
+        return {}
+    return {name: (float(value[0]), float(comparison.std[name][0])) for name, value in comparison.estimate.items()}
+
+
+def excluded(estimate: Values, other: Values) -> str:
+    """Which parameters two estimates give values that exclude each other, in words; empty where none."""
+    words = []
+    for name, (b, t) in other.items():
+        a, s = estimate[name]
+        if abs(np.log(a / b)) > EXCLUDED * np.hypot(s / a, t / b):
+            words.append(f"{name} is {a:.4g} ± {100 * s / a:.2g} % or {b:.4g} ± {100 * t / b:.2g} %")
+    return "; ".join(words)
+
+
+def excluded_in_words(words: str, settled: bool, key: str) -> str:
+    """Why there is no σ, by the words of `excluded`; settled: whether the start of the estimate is, as `key` says."""
+    remedy = (
+        f"with a settled and with an unknown start: check {key}" if settled else "by two searches: report this record"
+    )
+    return f"two estimates exclude each other: {words}, {remedy}" if words else ""

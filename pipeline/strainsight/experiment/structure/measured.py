@@ -20,82 +20,55 @@ from strainsight.measurements.assemble import Signals
 from strainsight.measurements.calibration import SUM
 from strainsight.measurements.reader import format_of
 from strainsight.measurements.records import SI
-from strainsight.records.estimated import Source
+from strainsight.records.estimated import TestSource
 from strainsight.runner.artefact import sha256_of
 
 
 @dataclass(frozen=True)
 class RecordSettings:
-    """name: empty of a test that is one file; settings: as of a test of this file alone; file: key of the file; section: key
-    below which what is put right for this record alone stands; channels, inputs: keys of the channels."""
+    """name: empty of a test that is one file; label: the same, empty of a test that is one record; settings: as of a test of this
+    file alone; key below which its file is stated; section: where what is put right for this record alone is; channels, inputs:
+    keys of the channels."""
 
     name: str
+    label: str
     settings: Estimate
-    file: str
+    key: str
     section: str
     channels: str
     inputs: str
 
+    @property
+    def file(self) -> str:
+        """Key of the file."""
+        return f"{self.key}.file"
+
 
 def records_of(settings: Estimate) -> tuple[RecordSettings, ...]:
     """Of `estimate.file` or `estimate.records`; none where neither is stated. What a record does not state is that of all."""
-    keys = "estimate.channels", "estimate.inputs"
     if settings.file is not None:
-        return (RecordSettings("", settings, "estimate.file", "estimate", *keys),)
-    found = []
-    for i, own in enumerate(settings.records):
-        changes = ("file", "date", "format", "text", "time", "channels", "inputs")
-        stated = {name: value for name in changes if (value := getattr(own, name)) is not None}
-        section = f"estimate.records.{i}"
-        if len(settings.records) == 1:
-            # what one channel of the one record needs stands with all others
-            section = "estimate" if own.channels is None else section
-        channels, inputs = (
-            f"estimate.records.{i}.{name}" if name in stated else f"estimate.{name}" for name in ("channels", "inputs")
-        )
+        return (RecordSettings("", "", settings, "estimate", "estimate", "estimate.channels", "estimate.inputs"),)
+    records, several = [], len(settings.records) > 1
+    for i, entry in enumerate(settings.records):
+        key = f"estimate.records.{i}"
+        stated = {name: value for name in STATED if (value := getattr(entry, name)) is not None}
+        # what one channel of the one record needs is stated with all others
+        section = key if several or "channels" in stated else "estimate"
+        channels, inputs = (f"{key if name in stated else 'estimate'}.{name}" for name in ("channels", "inputs"))
         alone = settings.model_copy(update={**stated, "records": ()})
-        found.append(RecordSettings(own.name, alone, f"estimate.records.{i}.file", section, channels, inputs))
-    return tuple(found)
+        records.append(RecordSettings(entry.name, entry.name * several, alone, key, section, channels, inputs))
+    return tuple(records)
 
 
 @contextmanager
 def in_record(name: str) -> Iterator[None]:
-    """Name the record that an error is of; nothing where the name is empty."""
+    """Name the record in an error; nothing where the name is empty."""
     try:
         yield
     except StrainsightError as error:
         if name:
             error.what = f"record '{name}': {error.what}"
         raise
-
-
-def source_of(settings: Estimate, path: Path, labels: tuple[str, ...], known: tuple[str, ...], step: float) -> Source:
-    """The file of a record, and what was done to every channel of it.
-
-    labels: what the channels of `settings` measure; known: loads whose channels were used, behind them; step [s] of the file.
-    """
-    entries: list[Channel] = [*settings.channels, *(settings.inputs[name] for name in known)]
-    bridges = [entry.bridge for entry in entries]
-    nothing = (np.nan, np.nan)
-    return Source(
-        file=path.name,
-        sha256=sha256_of(path),
-        bytes=path.stat().st_size,
-        format=format_of(path) if settings.format == "auto" else settings.format,
-        date=settings.date or "",
-        channel=tuple(entry.channel for entry in entries),
-        measures=(*labels, *known),
-        unit=tuple(entry.unit for entry in entries),
-        bridge=tuple("" if bridge is None else bridge.arrangement for bridge in bridges),
-        gauge_factor=np.array([np.nan if bridge is None else bridge.gauge_factor for bridge in bridges]),
-        poisson_ratio=np.array([np.nan if b is None or b.poisson_ratio is None else b.poisson_ratio for b in bridges]),
-        sign=np.array([entry.sign for entry in entries]),
-        scale=np.array([entry.scale for entry in entries]),
-        offset=np.array([entry.offset for entry in entries]),
-        drift=np.array([entry.drift for entry in entries]),
-        delay=np.array([delay_in_seconds(entry.delay, step) for entry in entries]),
-        zero=np.array([nothing if entry.zero is None else entry.zero for entry in entries], dtype=float).reshape(-1, 2),
-    )
 
 
 MISSED = 0.05
@@ -106,6 +79,8 @@ FEW = 0.01
 """Share of samples beyond that, up to which they are spikes and no other unit."""
 LEAST_STRAIN = 1e-8
 """[m/m] A tenth of what amplifiers resolve."""
+STATED = ("file", "date", "format", "text", "time", "channels", "inputs")
+"""What a record may state in place of what holds for all."""
 QUANTITY = ("strain", "acceleration", "displacement")
 LONGEST_GAP = 10
 """Samples of a known load that may be missing in a row, or twice as many as are missing as a rule, as in a table of two rates."""
@@ -123,8 +98,8 @@ class Measured:
     """time (T + 1,) [s] of the samples, the first of which starts the filter; h [s] of the filter, a sample every `every`-th
     step; known (T·every, HOLD, 2 n_known) [N] loads and, behind them,
     their interpolation errors (`hold_known_loads`); values (T, m) of the samples after the first [strain, m/s² or m], NaN where
-    missing; channels (m,) rows of train.h5; labels (m,); std (m,) of a sample, NaN where the config's own holds; bias (m,)
-    σ of an unknown offset, 0 for none; notes: sentences."""
+    missing; channels (m,) rows of train.h5; labels (m,); std (m,) of a sample, NaN where that of the config holds; bias (m,)
+    σ of an unknown offset, 0 for none; notes: sentences; record: what the config states of it."""
 
     time: np.ndarray
     h: float
@@ -136,8 +111,14 @@ class Measured:
     std: np.ndarray
     bias: np.ndarray
     notes: tuple[str, ...]
+    record: RecordSettings
 
-    def by(self, which: np.ndarray) -> Measured:
+    @property
+    def step(self) -> float:
+        """Between samples [s]."""
+        return self.h * self.every
+
+    def of_channels(self, which: np.ndarray) -> Measured:
         """Some of the channels (k,)."""
         labels = tuple(self.labels[i] for i in which)
         part = {name: getattr(self, name)[which] for name in ("channels", "std", "bias")}
@@ -151,7 +132,7 @@ class Measured:
 
 
 def measured_of(
-    own: RecordSettings, path: Path, problem: Problem, gauges: Mapping[str, int], units: Mapping[str, str]
+    record: RecordSettings, path: Path, problem: Problem, gauges: Mapping[str, int], units: Mapping[str, str]
 ) -> Measured:
     """Read and calibrate the channels that `estimate` of a config names for a record.
 
@@ -160,25 +141,19 @@ def measured_of(
     Raises ConfigError for a gauge that is not there, a channel of another quantity, a known load without a channel or with
     a gap, and UserError for what the file contradicts.
     """
-    settings = own.settings
-    channels = np.array(
-        [_channel(f"{own.channels}.{i}", entry, problem, gauges) for i, entry in enumerate(settings.channels)]
-    )
-    if len(np.unique(channels)) < len(channels):
+    settings, entries, m = record.settings, record.settings.channels, len(record.settings.channels)
+    channels = np.array([_channel(f"{record.channels}.{i}", entry, problem, gauges) for i, entry in enumerate(entries)])
+    if len(np.unique(channels)) < m:
         raise ConfigError(
-            "two channels are one grid of a gauge", key=own.channels, remedy="check `gauge` and `grid` of each"
+            "two channels are one grid of a gauge", key=record.channels, remedy="check `gauge` and `grid` of each"
         )
-    _check_bridges(own.channels, settings.channels, problem.channels.bridged[channels])
-    wanted = wanted_of(own, problem.known, units)
-    signals = signals_of(settings, own.file.removesuffix(".file"), path, wanted)
-    check_quantities(
-        wanted, signals, [QUANTITY[int(problem.channels.quantity[c])] for c in channels], problem.known, units
-    )
-    m = len(channels)
-    moved = [entry.delay is not None for entry in list(wanted.values())[m:]]
-    signals = common_part(signals, m, moved, settings.start)
-    loads = signals.values[:, m:]
-    dt = float(signals.time[1] - signals.time[0])
+    _check_bridges(record.channels, entries, problem.channels.bridged[channels])
+    wanted = wanted_of(record, problem.known, units)
+    signals = signals_of(settings, record.key, path, wanted)
+    sensors = [QUANTITY[int(problem.channels.quantity[c])] for c in channels]
+    check_quantities(wanted, signals, sensors, problem.known, units)
+    signals = common_part(signals, m, [entry.delay is not None for entry in list(wanted.values())[m:]], settings.start)
+    loads, dt = signals.values[:, m:], float(signals.time[1] - signals.time[0])
     every = steps_a_sample(loads) if settings.time_step is None else round(dt / settings.time_step)
     if settings.time_step is not None and (every < 1 or abs(every * settings.time_step / dt - 1) > 1e-6):
         raise ConfigError(
@@ -186,7 +161,7 @@ def measured_of(
             key="estimate.time_step",
             remedy=f"leave it out, or give {dt / max(every, 1):.9g} s",
         )
-    known, notes = hold_known_loads(signals, loads, problem.known, own.inputs, every)
+    known, notes = hold_known_loads(signals, loads, problem.known, record.inputs, every)
     return Measured(
         time=signals.time,
         h=dt / every,
@@ -194,54 +169,75 @@ def measured_of(
         known=known,
         values=signals.values[1:, :m],
         channels=channels,
-        labels=tuple(_label(entry) for entry in settings.channels),
-        std=np.array([np.nan if e.noise_std is None else e.noise_std for e in settings.channels]),
-        bias=np.array([e.bias or 0.0 for e in settings.channels]),
+        labels=tuple(f"{entry.gauge}{f'.{entry.grid}' if entry.grid > 1 else ''}" for entry in entries),
+        std=np.array([np.nan if entry.noise_std is None else entry.noise_std for entry in entries]),
+        bias=np.array([entry.bias or 0.0 for entry in entries]),
         notes=(*signals.notes, *notes),
+        record=record,
+    )
+
+
+def source_of(test: Measured, path: Path, known: tuple[str, ...]) -> TestSource:
+    """The file of a record, and what was done to every channel of it; known: loads whose channels were used."""
+    settings = test.record.settings
+    entries: list[Channel] = [*settings.channels, *(settings.inputs[name] for name in known)]
+    nothing = (np.nan, np.nan)
+    return TestSource(
+        file=path.name,
+        sha256=sha256_of(path),
+        bytes=path.stat().st_size,
+        format=format_of(path) if settings.format == "auto" else settings.format,
+        date=settings.date or "",
+        channel=tuple(entry.channel for entry in entries),
+        measures=(*test.labels, *known),
+        unit=tuple(entry.unit for entry in entries),
+        bridge=tuple("" if entry.bridge is None else entry.bridge.arrangement for entry in entries),
+        gauge_factor=np.array([np.nan if e.bridge is None else e.bridge.gauge_factor for e in entries]),
+        poisson_ratio=np.array([e.bridge.poisson_ratio if e.bridge else None for e in entries], dtype=float),
+        delay=np.array([delay_in_seconds(entry.delay, test.step) for entry in entries]),
+        zero=np.array([nothing if entry.zero is None else entry.zero for entry in entries], dtype=float).reshape(-1, 2),
+        **{
+            name: np.array([getattr(entry, name) for entry in entries]) for name in ("sign", "scale", "offset", "drift")
+        },
     )
 
 
 def settled_in(problem: Problem, test: Measured) -> Settled:
     """The periodic motion under the loads of a record, with the frequencies that the config gives them, and amplitudes and
     phases by least squares. Raises ConfigError where that cannot be, or is not what the record holds."""
-
-    def refused(what: str) -> ConfigError:
-        return ConfigError(what, key="estimate.start", remedy="take moving, or rest where the structure stood still")
-
     unknown, tones = problem.unknowns.inputs, tones_of(list(problem.run.signals.values()))
+    duration, wrong = len(test.known) * test.h, ""
+    slowest = np.zeros(0) if tones is None else tones.frequency[tones.frequency > 0]
     if problem.method != "bank":
-        raise refused(f"filter.method: {problem.method} cannot begin in a settled motion")
-    if unknown:
-        raise refused(f"a motion under an unknown load, {unknown[0]}, cannot be known to have settled")
-    if tones is None:
-        raise refused("a load of the config is no sum of sines, and has no settled motion")
-    duration, slowest = len(test.known) * test.h, tones.frequency[tones.frequency > 0]
-    if len(slowest) and duration * slowest[0] < 2 * np.pi:
-        raise refused(
-            f"the record, {duration:g} s, is shorter than a period of its loads, {2 * np.pi / slowest[0]:g} s"
-        )
-    held, missed = tones_in(test.known, test.h, tones.frequency)
-    for name, own in zip(problem.known, missed, strict=False):
-        if own > MISSED:
-            raise refused(
-                f"{100 * own:.0f} % of the record of '{name}' is not of the frequencies that the config states"
-            )
-    return settled_at(problem, tones.frequency, held)
-
-
-def _label(entry: GaugeChannel) -> str:
-    return f"{entry.gauge}{f'.{entry.grid}' if entry.grid > 1 else ''}"
+        wrong = f"filter.method: {problem.method} cannot begin in a settled motion"
+    elif unknown:
+        wrong = f"a motion under an unknown load, {unknown[0]}, cannot be known to have settled"
+    elif tones is None:
+        wrong = "a load of the config is no sum of sines, and has no settled motion"
+    elif len(slowest) and duration * slowest[0] < 2 * np.pi:
+        wrong = f"the record, {duration:g} s, is shorter than a period of its loads, {2 * np.pi / slowest[0]:g} s"
+    else:
+        held, missed = tones_in(test.known, test.h, tones.frequency)
+        for name, share in zip(problem.known, missed, strict=False):
+            if share > MISSED:
+                wrong = (
+                    f"{100 * share:.0f} % of the record of '{name}' is not of the frequencies that the config states"
+                )
+                break
+        else:
+            return settled_at(problem, tones.frequency, held)
+    raise ConfigError(wrong, key="estimate.start", remedy="take moving, or rest where the structure stood still")
 
 
 def _channel(key: str, entry: GaugeChannel, problem: Problem, gauges: Mapping[str, int]) -> int:
     """The row of train.h5 that a channel of the file measures."""
-    own = problem.channels.of(np.array([gauges[str(entry.gauge)]]))[0]
-    own = own[own >= 0]
-    if entry.grid > len(own):
+    grids = problem.channels.of(np.array([gauges[str(entry.gauge)]]))[0]
+    grids = grids[grids >= 0]
+    if entry.grid > len(grids):
         raise ConfigError(
-            f"grid {entry.grid} of a gauge that has {len(own)}", key=f"{key}.grid", remedy=f"give 1 to {len(own)}"
+            f"grid {entry.grid} of a gauge that has {len(grids)}", key=f"{key}.grid", remedy=f"give 1 to {len(grids)}"
         )
-    return int(own[entry.grid - 1])
+    return int(grids[entry.grid - 1])
 
 
 def _check_bridges(key: str, entries: Sequence[GaugeChannel], bridged: np.ndarray) -> None:
@@ -249,30 +245,30 @@ def _check_bridges(key: str, entries: Sequence[GaugeChannel], bridged: np.ndarra
     for i, (entry, several) in enumerate(zip(entries, bridged, strict=True)):
         if entry.bridge is None or (entry.bridge.arrangement == SUM) == several:
             continue
-        own, what, remedy = entry.bridge.arrangement, "one gauge", "take quarter, or how its bridge is completed"
+        what, remedy = "one gauge", "take quarter, or how its bridge is completed"
         if several:
             what = "a bridge, which reads the sum of its arms"
             remedy = f"take {SUM}: of any other arrangement ε is that of one arm"
         raise ConfigError(
-            f"the arrangement '{own}' of {entry.gauge}, which is {what}",
+            f"the arrangement '{entry.bridge.arrangement}' of {entry.gauge}, which is {what}",
             key=f"{key}.{i}.bridge.arrangement",
             remedy=remedy,
         )
 
 
-def wanted_of(own: RecordSettings, known: Sequence[str], units: Mapping[str, str]) -> dict[str, Channel]:
+def wanted_of(record: RecordSettings, known: Sequence[str], units: Mapping[str, str]) -> dict[str, Channel]:
     """Key → channel of the gauges, then of the known loads. Raises ConfigError for one of these that has none."""
-    settings = own.settings
+    inputs = record.settings.inputs
     for name in known:
-        if name not in settings.inputs:
+        if name not in inputs:
             raise ConfigError(
                 f"the known load '{name}' has no channel",
-                key=own.inputs,
+                key=record.inputs,
                 remedy=f"give inputs: {{{name}: {{channel: …, unit: {units[name]}}}}}, or set loads.{name}.known: false and "
                 "estimate it",
             )
-    wanted: dict[str, Channel] = {f"{own.channels}.{i}": entry for i, entry in enumerate(settings.channels)}
-    return wanted | {f"{own.inputs}.{name}": settings.inputs[name] for name in known}
+    wanted: dict[str, Channel] = {f"{record.channels}.{i}": entry for i, entry in enumerate(record.settings.channels)}
+    return wanted | {f"{record.inputs}.{name}": inputs[name] for name in known}
 
 
 def check_quantities(
@@ -284,38 +280,43 @@ def check_quantities(
 ) -> None:
     """sensors: what the channels of gauges are to be. Raises ConfigError for another quantity, and for a strain that no metal
     has, or no amplifier shows: its unit is another one."""
-    quantity = {unit: own for own, unit in SI.items()}
-    expected = [*sensors, *(quantity[units[name]] for name in known)]
-    for i, ((key, entry), found, should) in enumerate(zip(wanted.items(), signals.quantities, expected, strict=True)):
-        largest = float(np.nanmax(np.abs(signals.values[:, i]), initial=0.0))
-        beyond = np.flatnonzero(np.abs(signals.values[:, i]) > LARGEST_STRAIN)
-        if found == should == "strain" and 0 < len(beyond) <= FEW * np.isfinite(signals.values[:, i]).sum():
-            times = ", ".join(f"{t:.9g}" for t in signals.time[beyond[:10]])
+    of_unit = {unit: quantity for quantity, unit in SI.items()}
+    expected = [*sensors, *(of_unit[units[name]] for name in known)]
+    columns = zip(wanted.items(), signals.quantities, expected, signals.values.T, strict=True)
+    for (key, entry), quantity, should, values in columns:
+        if quantity != should:
             raise ConfigError(
-                f"{entry.channel} reads up to {largest:.3g} m/m, which is {100 * largest:.0f} %, in {len(beyond)} of "
-                f"{len(signals.time)} samples: at {times} s{' …' * (len(beyond) > 10)}",
-                key=f"{key}.missing",
-                remedy="mark these samples as missing, [[from, to], …]",
-            )
-        if found == should == "strain" and largest > LARGEST_STRAIN:
-            raise ConfigError(
-                f"{entry.channel} reads up to {largest:.3g} m/m, which is {100 * largest:.0f} %",
-                key=f"{key}.unit",
-                remedy=f"check the unit, {entry.unit}: are the readings in um/m? Or subtract what the amplifier shows without "
-                "load, with `zero` or `offset`",
-            )
-        if found == should == "strain" and 0 < largest < LEAST_STRAIN and not entry.override:
-            raise ConfigError(
-                f"{entry.channel} reads at most {largest:.3g} m/m, and no amplifier shows less than {1e6 * LEAST_STRAIN:g} um/m",
-                key=f"{key}.unit",
-                remedy=f"check the unit, {entry.unit}: are the readings in m/m (strain)? `override: true` where not",
-            )
-        if found != should:
-            raise ConfigError(
-                f"the channel is in {entry.unit}, {found}, but it is to be a {should}",
+                f"the channel is in {entry.unit}, {quantity}, but it is to be a {should}",
                 key=f"{key}.unit",
                 remedy="check the unit, and which gauge or load the channel is",
             )
+        if quantity == "strain":
+            _check_strain(key, entry, signals.time, values)
+
+
+def _check_strain(key: str, entry: Channel, time: np.ndarray, values: np.ndarray) -> None:
+    largest, beyond = float(np.nanmax(np.abs(values), initial=0.0)), np.flatnonzero(np.abs(values) > LARGEST_STRAIN)
+    what = f"{entry.channel} reads up to {largest:.3g} m/m, which is {100 * largest:.0f} %"
+    if 0 < len(beyond) <= FEW * np.isfinite(values).sum():
+        times = ", ".join(f"{t:.9g}" for t in time[beyond[:10]])
+        raise ConfigError(
+            f"{what}, in {len(beyond)} of {len(time)} samples: at {times} s{' …' * (len(beyond) > 10)}",
+            key=f"{key}.missing",
+            remedy="mark these samples as missing, [[from, to], …]",
+        )
+    if len(beyond):
+        raise ConfigError(
+            what,
+            key=f"{key}.unit",
+            remedy=f"check the unit, {entry.unit}: are the readings in um/m? Or subtract what the amplifier shows without "
+            "load, with `zero` or `offset`",
+        )
+    if 0 < largest < LEAST_STRAIN and not entry.override:
+        raise ConfigError(
+            f"{entry.channel} reads at most {largest:.3g} m/m, and no amplifier shows less than {1e6 * LEAST_STRAIN:g} um/m",
+            key=f"{key}.unit",
+            remedy=f"check the unit, {entry.unit}: are the readings in m/m (strain)? `override: true` where not",
+        )
 
 
 def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str) -> Signals:
@@ -326,11 +327,11 @@ def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str)
     """
     count, begin, end = len(signals.time), 0, len(signals.time)
     for values, delayed in zip(signals.values[:, first:].T, moved, strict=True):
-        there = np.flatnonzero(np.isfinite(values))
-        if len(there) < 2:
+        known = np.flatnonzero(np.isfinite(values))
+        if len(known) < 2:
             return signals
-        if delayed or max(there[0], count - 1 - there[-1]) <= LONGEST_GAP:
-            begin, end = max(begin, int(there[0])), min(end, int(there[-1]) + 1)
+        if delayed or max(known[0], count - 1 - known[-1]) <= LONGEST_GAP:
+            begin, end = max(begin, int(known[0])), min(end, int(known[-1]) + 1)
     if end - begin in (count, 0, 1):
         return signals
     if start == "rest" and begin:
@@ -348,8 +349,8 @@ def common_part(signals: Signals, first: int, moved: Sequence[bool], start: str)
 
 def steps_a_sample(loads: np.ndarray) -> int:
     """Steps of the filter that hold loads (T + 1, n), NaN where missing, well enough: 1 to FINEST a sample."""
-    filled = [fill_gaps(own) for own in loads.T]
-    enough = (k for k in range(1, FINEST) if all(share_above(own, k * HELD) <= SLIGHT for own in filled))
+    filled = [fill_gaps(load) for load in loads.T]
+    enough = (k for k in range(1, FINEST) if all(share_above(load, k * HELD) <= SLIGHT for load in filled))
     return next(enough, FINEST)
 
 
@@ -386,25 +387,23 @@ def hold_known_loads(
         curves.append(interpolate(filled, 2 * every))
         lines.append(join_by_lines(values, 2 * every))
     size = 2 * every * (len(loads) - 1) + 1
-    curve, line = (np.column_stack(own) if own else np.zeros((size, 0)) for own in (curves, lines))
+    curve, line = (np.column_stack(one) if one else np.zeros((size, 0)) for one in (curves, lines))
     return quadratic_hold(np.hstack([curve, line - curve])), tuple(notes)
 
 
 def _spacing(signals: Signals, name: str, values: np.ndarray, key: str) -> int:
     """The longest interval between samples of a load (T + 1,), in samples of the record. Raises ConfigError for one that is too
     long."""
-    there = np.flatnonzero(np.isfinite(values))
-    apart = np.diff(there)
-    at_ends = not len(there) or there[0] > 0 or there[-1] < len(values) - 1
+    known = np.flatnonzero(np.isfinite(values))
+    apart = np.diff(known)
+    at_ends = not len(known) or known[0] > 0 or known[-1] < len(values) - 1
     if at_ends or not len(apart) or apart.max() - 1 > max(LONGEST_GAP, 2 * (np.median(apart) - 1)):
         longest = int(np.argmax(apart)) if len(apart) else 0
+        where = "at an end of the record"
+        if not at_ends:
+            where = f"{apart[longest] - 1} in a row, the first at {signals.time[known[longest] + 1]:g} s"
         raise ConfigError(
-            f"the known load '{name}' lacks {np.isnan(values).sum()} samples, "
-            + (
-                "at an end of the record"
-                if at_ends
-                else f"{apart[longest] - 1} in a row, the first at {signals.time[there[longest] + 1]:g} s"
-            ),
+            f"the known load '{name}' lacks {np.isnan(values).sum()} samples, {where}",
             key=key,
             remedy="cut the record, or estimate this load",
         )

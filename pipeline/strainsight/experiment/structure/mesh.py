@@ -10,7 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.mesh import ElementSection, Face, Material, MaterialAxes, MeshFile, Support
+from strainsight.config.mesh import ElementSection, Face, MaterialAxes, MaterialSection, MeshFile, Support
 from strainsight.config.placement import PlacementConfig
 from strainsight.decks.faults import LINEAR, PRELOAD, short, spelt
 from strainsight.decks.reader import read_mesh
@@ -116,11 +116,7 @@ def heavy_points(mesh: Mesh) -> tuple[str, ...]:
 
 
 def mesh_of(
-    config: MeshFile,
-    path: Path,
-    key: str = "mesh",
-    base: Path | None = None,
-    loads: Collection[str] | None = None,
+    config: MeshFile, path: Path, key: str = "mesh", base: Path | None = None, loads: Collection[str] | None = None
 ) -> Mesh:
     """The mesh of a file and of what the config (its section at `key`) says beside it; base: the folder that paths start from;
     loads: names of those of the deck that are used, whose gravity is looked at, None for all."""
@@ -245,7 +241,7 @@ def model_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", fr
     )
 
 
-def _with_material(mesh: Mesh, material: Material, name: str) -> Mesh:
+def _with_material(mesh: Mesh, material: MaterialSection, name: str) -> Mesh:
     regions = None if material.regions == "all" else material.regions
     E, nu, G = material.youngs_modulus, material.poisson_ratio, material.shear_modulus
     if isinstance(E, float) and isinstance(nu, float):
@@ -383,7 +379,7 @@ def contact_warnings(config: PlacementConfig, mesh: Mesh, facets: Facets, faces:
     with suppress(InfeasibleError):  # no facet at all: `train` names that
         free, _, _ = admissible(mesh, facets, **sites_of(gauges))
     contact = contact_faces(mesh, facets, faces)
-    named = {name: {*facet_key(*gauges.T).tolist()} for name, gauges in mesh.faces.items()}
+    named = {name: {*facet_key(*face.T).tolist()} for name, face in mesh.faces.items()}
     for i, face in enumerate(contact.face):
         if not (faces.of[free] == face).any():
             continue

@@ -16,7 +16,7 @@ from strainsight.fem.pieces import parts
 from strainsight.fem.support import EXACT, links
 from strainsight.fem.thin import thin_mass
 from strainsight.mesh.anisotropic import CompositeSolid
-from strainsight.mesh.joins import PointMass, Springs
+from strainsight.mesh.joins import NodalForces, PointMass, Springs
 from strainsight.mesh.kinds import kind_of
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import lost
@@ -131,46 +131,47 @@ def _constraints(mesh: Mesh) -> list[Row]:
     rows = [("fixed", _number(len(mesh.fixed), "component"), _number(held, "node"))]
     if mesh.axes:
         rows.append(("own displacement systems", _number(len(mesh.axes), "node"), ""))
-    for kind, elements in (("rigid element", mesh.rigid), ("averaging element", mesh.averaging)):
-        ties = [
-            (str(e), _number(len(e.nodes), "node"), f"reference node {mesh.node_ids[e.reference]}") for e in elements
+    ties = {
+        kind: [
+            (str(tie), _number(len(tie.nodes), "node"), f"reference node {mesh.node_ids[tie.reference]}")
+            for tie in elements
         ]
-        rows += _shortened(ties, f"{kind}s")
-    relations = [
-        (
-            str(relation),
-            _number(len(relation.node), "motion"),
-            f"node {mesh.node_ids[node]} component {component + 1} follows",
-        )
-        for relation, (node, component) in ((relation, relation.follower) for relation in mesh.relations)
-    ]
-    rows += _shortened(relations, "relations")
-    masses = [
-        (f"point mass {p.id}", f"{p.mass:.6g} kg", f"node {mesh.node_ids[p.node]}" + _lever(p))
-        for p in mesh.point_masses
-    ]
-    rows += _shortened(masses, "point masses")
-    springs = [
-        (
-            str(group),
-            _number(len(group.stiffness), "spring"),
-            f"{_number(len(np.unique(group.node)), 'node')}{_total(group)}",
-        )
-        for group in mesh.springs
-    ]
-    rows += _shortened(springs, "springs")
-    loads = [
-        (
-            f"load {name}",
-            _number(len(load.nodes), "node"),
-            "resultant ({:.4g}, {:.4g}, {:.4g}) N".format(*load.force.sum(axis=0))
-            + (
-                "" if load.moment is None else ", moments ({:.4g}, {:.4g}, {:.4g}) N m".format(*load.moment.sum(axis=0))
-            ),
-        )
-        for name, load in mesh.loads.items()
-    ]
-    return rows + _shortened(loads, "loads")
+        for kind, elements in (("rigid elements", mesh.rigid), ("averaging elements", mesh.averaging))
+    }
+    kinds: dict[str, list[Row]] = {
+        **ties,
+        "relations": [
+            (
+                str(relation),
+                _number(len(relation.node), "motion"),
+                f"node {mesh.node_ids[relation.follower[0]]} component {relation.follower[1] + 1} follows",
+            )
+            for relation in mesh.relations
+        ],
+        "point masses": [
+            (f"point mass {p.id}", f"{p.mass:.6g} kg", f"node {mesh.node_ids[p.node]}{_lever(p)}")
+            for p in mesh.point_masses
+        ],
+        "springs": [
+            (
+                str(group),
+                _number(len(group.stiffness), "spring"),
+                f"{_number(len(np.unique(group.node)), 'node')}{_total(group)}",
+            )
+            for group in mesh.springs
+        ],
+        "loads": [
+            (f"load {name}", _number(len(load.nodes), "node"), _resultant(load)) for name, load in mesh.loads.items()
+        ],
+    }
+    return [*rows, *(row for what, listed in kinds.items() for row in _shortened(listed, what))]
+
+
+def _resultant(load: NodalForces) -> str:
+    force = "resultant ({:.4g}, {:.4g}, {:.4g}) N".format(*load.force.sum(axis=0))
+    if load.moment is None:
+        return force
+    return force + ", moments ({:.4g}, {:.4g}, {:.4g}) N m".format(*load.moment.sum(axis=0))
 
 
 def _total(springs: Springs) -> str:

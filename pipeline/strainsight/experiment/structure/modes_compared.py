@@ -58,18 +58,18 @@ class Compared:
 
 def modes_of_file(path: Path, step: int | None) -> list[Response]:
     """Its modes, the lowest first. Raises DeckError where there are none, or several steps have some and none is chosen."""
-    modes = [own for own in read_responses(path, KNOWN) if own.kind == "mode" and step in (None, own.step)]
+    modes = [mode for mode in read_responses(path, KNOWN) if mode.kind == "mode" and step in (None, mode.step)]
     if not modes:
         asked = "" if step is None else f" in step {step}"
         raise DeckError(f"no modes{asked} in the file", where=str(path), remedy="give the results of normal modes")
-    steps = sorted({own.step for own in modes})
+    steps = sorted({mode.step for mode in modes})
     if len(steps) > 1:
         raise DeckError(
             f"steps {', '.join(map(str, steps[:8]))} have modes",
             where=str(path),
             remedy=f"choose one, --step {steps[0]}",
         )
-    return sorted(modes, key=lambda own: own.frequency)[:MOST]
+    return sorted(modes, key=lambda mode: mode.frequency)[:MOST]
 
 
 def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Response]) -> Compared:
@@ -79,22 +79,21 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
     without shapes in the order of frequencies. Rigid motions of a free structure are left out on both sides. Raises DeckError
     where nothing is left, or no node of the file is in the mesh.
     """
-    if config.mesh.matrices is not None or config.mesh.results is not None:
-        key = "mesh.matrices" if config.mesh.matrices is not None else "mesh.results"
-        raise ConfigError(
-            "modes are compared with those of a deck, and this model comes from another program",
-            key=key,
-            remedy="compare the model of a deck",
-        )
+    for key in ("matrices", "results"):
+        if getattr(config.mesh, key) is not None:
+            raise ConfigError(
+                "modes are compared with those of a deck, and this model comes from another program",
+                key=f"mesh.{key}",
+                remedy="compare the model of a deck",
+            )
     with blame("mesh.file"), mesh.located():
         model = build_model(mesh, free=config.mesh.free)
-    own_rigid = 0 if model.rigid is None else model.rigid.shape[1]
-    massive = int(np.count_nonzero(model.mass.constant.diagonal() > 0)) - own_rigid
+    rigid = 0 if model.rigid is None else model.rigid.shape[1]
+    massive = int(np.count_nonzero(model.mass.constant.diagonal() > 0)) - rigid
     wanted = min(len(theirs) + MORE, massive)
     frequency, shape = lowest_modes(model.stiffness.constant, model.mass.constant, wanted, rigid=model.rigid)
-    still = [own for own in theirs if own.frequency < RIGID * frequency[0]]
-    theirs = [own for own in theirs if own.frequency >= RIGID * frequency[0]]
-    theirs = [*still[own_rigid:], *theirs]
+    still = [mode for mode in theirs if mode.frequency < RIGID * frequency[0]]
+    theirs = [*still[rigid:], *(mode for mode in theirs if mode.frequency >= RIGID * frequency[0])]
     if not theirs:
         raise DeckError(
             f"only rigid motions in the file: its {plural(len(still), 'mode')} have up to {still[-1].frequency:.3g} Hz, "
@@ -107,50 +106,46 @@ def modes_compared(config: PlacementConfig, mesh: Mesh, theirs: Sequence[Respons
             f"{len(theirs)} modes of a model with {massive} unknowns that have mass", remedy="compare fewer"
         )
     notes = [
-        f"mode {own.number} of the file, {own.frequency:.3g} Hz, is a rigid motion, and the deck has "
-        + (f"{own_rigid} only" if own_rigid else "none")
-        for own in still[own_rigid:]
-        if own.frequency <= RIGID * theirs[-1].frequency  # not all of them, as with other units
+        f"mode {mode.number} of the file, {mode.frequency:.3g} Hz, is a rigid motion, and the deck has "
+        + (f"{rigid} only" if rigid else "none")
+        for mode in still[rigid:]
+        if mode.frequency <= RIGID * theirs[-1].frequency  # not all of them, as with other units
     ]
     shapes = nodal(model, shape).reshape(-1, 3, wanted)[: mesh.own_nodes]
-    theirs_at, said, over = _on_both(mesh, theirs)
-    macs = None if theirs_at is None else _macs(shapes[theirs_at[0]], frequency, theirs_at[1])
-    chosen = np.arange(len(theirs)) if macs is None else _paired(macs[0])
+    both, doubts, over = _on_both(mesh, theirs)
+    chosen, mac = np.arange(len(theirs)), np.full((wanted, len(theirs)), np.nan)
+    if both is not None:
+        by_mode, mac = _macs(shapes[both[0]], frequency, both[1])
+        mode_of, number = linear_sum_assignment(-by_mode.T)
+        chosen = number[np.argsort(mode_of)]
     pairs = tuple(
         Pair(
-            own.number,
-            own.frequency,
+            mode.number,
+            mode.frequency,
             int(i) + 1,
             float(frequency[i]),
-            float(frequency[i] / own.frequency - 1) if own.frequency > 0 else np.inf,
-            np.nan if macs is None else float(macs[1][i, j]),
+            float(frequency[i] / mode.frequency - 1) if mode.frequency > 0 else np.inf,
+            float(mac[i, j]),
         )
-        for j, (i, own) in enumerate(zip(chosen, theirs, strict=True))
+        for j, (i, mode) in enumerate(zip(chosen, theirs, strict=True))
     )
     left_out = [
         f"{card} of the deck may move frequencies and is not in ours: {lost(card)}" for card in ignored_structure(mesh)
     ]
-    return Compared(pairs, (*notes, *said, *left_out), over)
-
-
-def _paired(mac: np.ndarray) -> np.ndarray:
-    """Ours (columns of the file,) for each of theirs, one to one."""
-    of, ours = linear_sum_assignment(-mac.T)
-    return np.asarray(ours[np.argsort(of)])
+    return Compared(pairs, (*notes, *doubts, *left_out), over)
 
 
 def _on_both(
     mesh: Mesh, theirs: Sequence[Response]
 ) -> tuple[tuple[np.ndarray, np.ndarray] | None, list[str], tuple[int, int] | None]:
     """Nodes (c,) of the mesh that every mode has and translations (c, 3, modes) there, None where they are too few to
-    distinguish shapes; what to say; how many they are, and of how many."""
-    with_shape = [own for own in theirs if len(own.node_ids)]
-    if not with_shape:
-        return None, [], None
-    if lacking := [str(own.number) for own in theirs if not len(own.node_ids)]:
-        return None, [f"no MAC: mode {', '.join(lacking[:8])} of the file has no shape, others have"], None
+    distinguish shapes; notes; how many they are, and of how many."""
+    lacking = [str(mode.number) for mode in theirs if not len(mode.node_ids)]
+    if lacking:
+        some = f"no MAC: mode {', '.join(lacking[:8])} of the file has no shape, others have"
+        return None, [some] if len(lacking) < len(theirs) else [], None
     table, columns = IdTable(mesh.node_ids[: mesh.own_nodes]), []
-    ids = np.unique(np.concatenate([own.node_ids for own in theirs]))
+    ids = np.unique(np.concatenate([mode.node_ids for mode in theirs]))
     foreign = ids[table.rows(ids)[1]]
     if len(foreign) == len(ids):
         raise DeckError(
@@ -159,8 +154,8 @@ def _on_both(
             remedy="give the results of this deck, with its ids",
         )
     common = np.arange(mesh.own_nodes)
-    for own in theirs:
-        rows, missing = table.rows(own.node_ids)
+    for mode in theirs:
+        rows, missing = table.rows(mode.node_ids)
         common = np.intersect1d(common, rows[~missing])
     notes = []
     if len(foreign):
@@ -175,9 +170,9 @@ def _on_both(
             "distinguish shapes; have that program print all nodes"
         )
         return None, notes, None
-    for own in theirs:
-        rows, missing = table.rows(own.node_ids)
-        columns.append(on_nodes(mesh, own, rows, ~missing)[common, :3])
+    for mode in theirs:
+        rows, missing = table.rows(mode.node_ids)
+        columns.append(on_nodes(mesh, mode, rows, ~missing)[common, :3])
     return (common, np.stack(columns, axis=2)), notes, over
 
 
@@ -187,8 +182,8 @@ def _macs(ours: np.ndarray, frequency: np.ndarray, theirs: np.ndarray) -> tuple[
     size = np.sum(Phi**2, axis=0)[:, None] * np.sum(Psi**2, axis=0)
     mac = np.divide((Phi.T @ Psi) ** 2, size, out=np.zeros_like(size), where=size > 0)
     within = np.empty_like(mac)
-    for i, own_frequency in enumerate(frequency):
-        group = Phi[:, np.abs(frequency - own_frequency) <= ALIKE * own_frequency]
+    for i, one in enumerate(frequency):
+        group = Phi[:, np.abs(frequency - one) <= ALIKE * one]
         Q = np.linalg.qr(group)[0]
         within[i] = np.sum((Q.T @ Psi) ** 2, axis=0) / np.maximum(np.sum(Psi**2, axis=0), np.finfo(float).tiny)
     return mac, within

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from itertools import chain
 
 import numpy as np
@@ -15,9 +16,14 @@ from strainsight.experiment.layout.advice import Expectation, budget_table
 from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.output import layout_output, layout_record
 from strainsight.experiment.layout.placement import Placement, Subject, place
-from strainsight.experiment.layout.task import LoadCases, PoolRows, Readings, Task, Unknowns, layout_limits
+from strainsight.experiment.layout.task import LoadCases, PoolReadings, PoolRows, Task, UnknownStates, layout_limits
 from strainsight.experiment.resources import Resources
-from strainsight.experiment.structure.candidates import Channels, largest_of_quantity, listed_gauges
+from strainsight.experiment.structure.candidates import (
+    CandidateChannels,
+    largest_of_quantity,
+    listed_gauges,
+    of_channels,
+)
 from strainsight.experiment.structure.clearance import (
     advice_at_gauges,
     at_gauges,
@@ -88,7 +94,10 @@ def placement_of(
 
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
-    subject = _subject(config, mesh, reduced, training, screened, using)
+    subject = _Structure(config, mesh, reduced, training, screened, using)
+    model, unknowns = reduced.model, subject.problem.unknowns
+    if costs := of_pool_in_words(config, len(subject.pool.gauges), 2 * model.size + len(unknowns.state_names)):
+        using.notice(costs)
     placement = place(subject, using.progress)
     using.progress("hot spots", 0.9)
     gauges, listed = placement.gauges, placement.listed
@@ -118,9 +127,7 @@ def placement_of(
 
 @dataclass(frozen=True)
 class _Structure(Subject):
-    """Gauges on a structure: problem under the loads as stated; problems, one a load case; pool, price (p,) and limits of a
-    layout; covariance (n, n) of the coordinates in training; installation (cases, m) [unit²]: variance of errors that are
-    avoided, 0 of none."""
+    """Gauges on a structure."""
 
     config: PlacementConfig
     mesh: Mesh
@@ -128,13 +135,56 @@ class _Structure(Subject):
     training: Training
     screened: Screened
     using: Resources
-    problem: Problem
-    problems: tuple[Problem, ...]
-    pool: PoolRows
-    price: np.ndarray
-    limits: Limits
-    covariance: np.ndarray
-    installation: np.ndarray
+
+    @cached_property
+    def problem(self) -> Problem:
+        """Under the loads as stated."""
+        return problem_of(self.config, self.using.files, self.reduced, self.training, self.screened)
+
+    @cached_property
+    def problems(self) -> tuple[Problem, ...]:
+        """One a load case, or that under the loads as stated."""
+        files, parts = self.using.files, (self.reduced, self.training, self.screened)
+        runs = runs_of(self.config, self.reduced.model.inputs, files)
+        return tuple(problem_in(run, self.config, files, *parts) if run.name else self.problem for run in runs)
+
+    @cached_property
+    def pool(self) -> PoolRows:
+        """The candidates that were kept."""
+        kept, symmetry = self.screened.kept, self.config.place.symmetry
+        return pool_of(kept, self.problem.channels, self.training.candidates, symmetry)
+
+    @cached_property
+    def price(self) -> np.ndarray:
+        """Of every pool row (p,)."""
+        return prices(self.config, self.pool, self.training.candidates)
+
+    @cached_property
+    @blame("place.keep")
+    def limits(self) -> Limits:
+        """Of a layout."""
+        return layout_limits(self.config.place, self.pool, self.mesh, self.training.candidates, self.price)
+
+    @cached_property
+    def covariance(self) -> np.ndarray:
+        """Of the coordinates in training (n, n), the weighed mean over load cases."""
+        moved = [np.cov(case.x[:, : case.model.size], rowvar=False) for case in self.problems]
+        if len(moved) == 1:
+            return moved[0]
+        return np.asarray(np.average(moved, axis=0, weights=[case.run.weight for case in self.problems]))
+
+    @cached_property
+    def installation(self) -> np.ndarray:
+        """Variance of errors of installation that are avoided (cases, m) [unit²], 0 of none."""
+        if not avoids_errors(self.config):
+            return np.zeros((len(self.problems), len(self.screened.noise_std)))
+        if self.screened.installation is None:
+            raise ConfigError(
+                "the candidates were screened without their errors of installation",
+                key="place.installation",
+                remedy="screen them with this config",
+            )
+        return self.screened.installation
 
     def tasks(self) -> list[Task]:
         return [self._task(share) for share in ((0.0, COHERENCE) if self.installation.any() else (0.0,))]
@@ -179,7 +229,7 @@ class _Structure(Subject):
             pools = self.using.sweep(solved, tuple(chain(*scenarios)), unknowns.state_names)
         cases = self._cases([len(of_case) for of_case in scenarios])
         return Task(
-            Unknowns(
+            UnknownStates(
                 unknowns.names,
                 unknowns.state_names,
                 np.asarray(unknowns.position(problem.model)),
@@ -213,60 +263,12 @@ class _Structure(Subject):
             np.array([problem.unknowns.scale for problem in problems]),
         )
 
-    def _readings(self) -> Readings:
+    def _readings(self) -> PoolReadings:
         """Rows per reduced coordinate, of accelerometers at the guess."""
         p, channels = self.problem, self.pool.channels
         F = linearise(p.model, p.unknowns, p.model.reference, p.x[:1], instant_values(p.u)[:1])[0]
         every = measurement_rows(p.channels.rows, p.channels.quantity, F)[:, : p.model.size]
-        rows = np.where((channels >= 0)[..., None], every[channels], 0.0)
-        return Readings(rows, p.channels.noise_std[channels] ** 2, self.covariance)
-
-
-def _subject(
-    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, using: Resources
-) -> _Structure:
-    """The problem of every load case, and the pool of the candidates that were kept."""
-    files, inputs, candidates = using.files, reduced.model.inputs, training.candidates
-    problem = problem_of(config, files, reduced, training, screened)
-    cases = runs_of(config, inputs, files)
-    problems = tuple(problem_in(run, config, files, reduced, training, screened) for run in cases) or (problem,)
-    pool = pool_of(screened.kept, problem.channels, candidates, config.place.symmetry)
-    states = 2 * problem.model.size + len(problem.unknowns.state_names)
-    if costs := of_pool_in_words(config, len(pool.gauges), states):
-        using.notice(costs)
-    price = prices(config, pool, candidates)
-    with blame("place.keep"):
-        limits = layout_limits(config.place, pool, mesh, candidates, price)
-    moved = [np.cov(case.x[:, : case.model.size], rowvar=False) for case in problems]
-    covariance = np.average(moved, axis=0, weights=[run.weight for run in cases]) if len(moved) > 1 else moved[0]
-    return _Structure(
-        config,
-        mesh,
-        reduced,
-        training,
-        screened,
-        using,
-        problem,
-        problems,
-        pool,
-        price,
-        limits,
-        covariance,
-        _avoided(config, screened, len(problems)),
-    )
-
-
-def _avoided(config: PlacementConfig, screened: Screened, cases: int) -> np.ndarray:
-    """`screened.installation` (cases, m), zero where errors of installation are not to be avoided."""
-    if not avoids_errors(config):
-        return np.zeros((cases, len(screened.noise_std)))
-    if screened.installation is None:
-        raise ConfigError(
-            "the candidates were screened without their errors of installation",
-            key="place.installation",
-            remedy="screen them with this config",
-        )
-    return screened.installation
+        return PoolReadings(of_channels(every, channels), p.channels.noise_std[channels] ** 2, self.covariance)
 
 
 def _ringing(problem: Problem, config: PlacementConfig) -> str:
@@ -312,7 +314,9 @@ def _observability(problem: Problem, scenario: Scenario, subject: _Structure) ->
     )
 
 
-def pool_of(kept: np.ndarray, channels: Channels, candidates: Candidates, symmetry: Symmetry | None) -> PoolRows:
+def pool_of(
+    kept: np.ndarray, channels: CandidateChannels, candidates: Candidates, symmetry: Symmetry | None
+) -> PoolRows:
     """The kept gauges as pool rows: each alone, or with a plane of symmetry in mirrored pairs.
 
     kept (k,) gauge numbers. Those on the plane that are their own mirror image are alone, as are bonded ones; others without

@@ -9,16 +9,16 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.config.placement import Place, PlacementConfig
+from strainsight.config.placement import PlacementConfig, PlaceSection
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import Settled
 from strainsight.estimation.update import Form
-from strainsight.experiment.structure.candidates import Channels, channels_of
+from strainsight.experiment.structure.candidates import CandidateChannels, channels_of, of_channels
 from strainsight.experiment.structure.references import unknowns_of
 from strainsight.experiment.structure.start import Loading, motion_of
-from strainsight.experiment.structure.training import Run, run_as_stated, typical_of
+from strainsight.experiment.structure.training import TrainingRun, run_as_stated, typical_of
 from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import WALK, Unknowns
 from strainsight.loads.linearisation import (
@@ -57,13 +57,13 @@ class Problem:
 
     model: ReducedModel
     unknowns: Unknowns
-    run: Run
+    run: TrainingRun
     x: np.ndarray
     loading: Loading
     Q: np.ndarray
     frozen_Q: np.ndarray
     printed: bool
-    channels: Channels
+    channels: CandidateChannels
     scheme: Scheme
     form: Form
     iterations: int
@@ -103,7 +103,7 @@ def problem_of(
 
 
 def problem_in(
-    run: Run,
+    run: TrainingRun,
     config: PlacementConfig,
     files: Mapping[str, Path],
     reduced: Reduced,
@@ -208,9 +208,9 @@ def filter_model(
     Unknown loads are free beside a known one. Without one nothing tells parameters from them but how they move as stated, and a
     damping is seen by small differences of phase, which noise of free loads would blur.
     """
-    every, exists = problem.channels, channels >= 0
-    rows = np.where(exists[..., None], every.rows[channels], 0.0)
-    quantity = np.where(exists, every.quantity[channels], STRAIN)
+    every = problem.channels
+    rows = of_channels(every.rows, channels)
+    quantity = np.where(channels >= 0, every.quantity[channels], STRAIN)
     std = every.noise_std[channels] if stated is None else np.where(np.isnan(stated), every.noise_std[channels], stated)
     std = np.asarray(noise_factor)[..., None] * std
     H = np.concatenate(
@@ -218,7 +218,7 @@ def filter_model(
     )
     r = channel_intensity(std, problem.h, rows, quantity, problem.Q)
     fixed = {name: value for name, value in problem.model.reference.items() if name not in problem.unknowns.parameters}
-    change = every.change.of_terms(lambda X: np.where(exists[..., None], X[channels], 0.0))
+    change = every.change.of_terms(lambda X: of_channels(X, channels))
     return FilterModel(
         problem.model,
         problem.unknowns,
@@ -326,7 +326,7 @@ def initial_covariance(problem: Problem, relative_std: Mapping[str, float], movi
 def scenarios_of(
     problem: Problem,
     channels: np.ndarray,
-    settings: Place,
+    settings: PlaceSection,
     ranges: Mapping[str, Sequence[float]],
     seed: int,
     installation: np.ndarray | None = None,
@@ -350,7 +350,7 @@ def scenarios_of(
 
 
 def placed_instants(
-    problem: Problem, theta: Mapping[str, float], x: np.ndarray, settings: Place, seed: int
+    problem: Problem, theta: Mapping[str, float], x: np.ndarray, settings: PlaceSection, seed: int
 ) -> np.ndarray:
     """Indices of the instants to place for, in the motion x (steps + 1, 2n) at θ [SI]."""
     # One instant is the thesis's case: any of them, also where a parameter hardly acts.

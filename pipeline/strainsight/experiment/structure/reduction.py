@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.loads import Load
+from strainsight.config.loads import LoadSection
 from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import PlacementConfig, Train
 from strainsight.contrib.mpi.session import OverMpi
@@ -39,7 +39,7 @@ from strainsight.mesh.properties import OF_MASS, shapes, with_value
 from strainsight.mesh.units import length_factor, mass_factor
 from strainsight.parallel import Sweep, in_threads, serial, threads, watched
 from strainsight.processes import peak_memory
-from strainsight.records.reduced import FromResults, HeldOut, Misaligned, Modes, ReadyBasis, Reduced
+from strainsight.records.reduced import FromResults, Misaligned, Modes, ReadyBasis, Reduced, ReductionErrors
 from strainsight.records.training import Training
 from strainsight.rom.model import quasi_static
 from strainsight.rom.reduction import held_out_errors, held_out_samples, only_scales, reduce_model
@@ -58,7 +58,7 @@ def full_model(
     mesh: Mesh,
     parameters: Sequence[Parameter],
     files: Mapping[str, Path],
-    loads: Mapping[str, Load] | None = None,
+    loads: Mapping[str, LoadSection] | None = None,
     by: Factorise = factorise,
 ) -> FullModel:
     """Assemble, or read matrices where `mesh.matrices` says so, or results where `mesh.results` does; constrained and affine in
@@ -295,7 +295,7 @@ def reduced_of(config: PlacementConfig, mesh: Mesh, modes: Modes, using: Resourc
             static=reduction.aside.reshape(off.shape),
             missed=nodal(built.model, missed).reshape(-1, *off.shape[1:]),
         ),
-        error=HeldOut(
+        error=ReductionErrors(
             parameters=tried.reshape(len(held_out.theta), -1), frequency=held_out.frequency, static=held_out.static
         ),
         results=None if built.modes is None else FromResults(modes=built.modes, notes=built.notes),

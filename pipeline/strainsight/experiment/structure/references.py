@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.gauges import Gauges, MotionSensors
-from strainsight.config.loads import InputNoise, Load
+from strainsight.config.loads import InputNoise, LoadSection
 from strainsight.config.mesh import Matrices, MeshFile
 from strainsight.config.placement import GuessFrom, MaterialParameter, PlacementConfig
 from strainsight.errors import ArtefactError, ConfigError, InfeasibleError, UserError, blame
@@ -190,12 +190,12 @@ def unknown_units(config: PlacementConfig) -> dict[str, str]:
     }
 
 
-def load_units(loads: Mapping[str, Load]) -> str:
+def load_units(loads: Mapping[str, LoadSection]) -> str:
     """The unit of an array over these loads, or several."""
     return " or ".join(sorted({load.unit for load in loads.values()}))
 
 
-def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.ndarray:
+def load_shapes(model: FiniteElementModel, config: Mapping[str, LoadSection]) -> np.ndarray:
     """Input shape S (n_free, n_u) [-] of every load, in the order of the config."""
     columns = []
     for name, load in point_loads(config).items():
@@ -205,7 +205,7 @@ def load_shapes(model: FiniteElementModel, config: Mapping[str, Load]) -> np.nda
 
 
 def load_slopes(
-    model: FiniteElementModel, config: Mapping[str, Load], parameters: Sequence[Parameter]
+    model: FiniteElementModel, config: Mapping[str, LoadSection], parameters: Sequence[Parameter]
 ) -> dict[str, np.ndarray]:
     """∂S/∂θᵢ (n_free, n_u) [1 per unit of θ] of every density, thickness and factor of a section that a load on mass goes with: S
     is affine in them, so that a difference is exact; but for the moment of a laminate whose mass lies off its middle, which is
@@ -247,7 +247,7 @@ def _require_affine(parameter: Parameter, parameters: Sequence[Parameter]) -> No
             )
 
 
-def point_loads(config: Mapping[str, Load]) -> dict[str, PointLoad]:
+def point_loads(config: Mapping[str, LoadSection]) -> dict[str, PointLoad]:
     """The loads of the config, in its order."""
     return {
         name: PointLoad(
@@ -276,7 +276,7 @@ def families(config: PlacementConfig) -> dict[str, Gauges | MotionSensors]:
     return {"gauges": config.gauges, **others}
 
 
-def characteristic(entry: Load, signal: Signal, duration: float) -> tuple[float, float]:
+def characteristic(entry: LoadSection, signal: Signal, duration: float) -> tuple[float, float]:
     """Frequency [Hz] and amplitude that set an unknown input's process noise (5.16): as stated, else as the signal has them."""
     noise = entry.process_noise
     match signal:
@@ -296,7 +296,7 @@ def characteristic(entry: Load, signal: Signal, duration: float) -> tuple[float,
 
 def unknowns_of(
     estimate: Sequence[str],
-    loads: Mapping[str, Load],
+    loads: Mapping[str, LoadSection],
     typical: Mapping[str, tuple[float, float]],
     reference: Mapping[str, float],
 ) -> Unknowns:
@@ -390,7 +390,7 @@ def _check_mass(config: PlacementConfig, mesh: Mesh, load: NodalForces) -> None:
             )
 
 
-def on_one_node(loads: Mapping[str, Load], mesh: Mesh) -> tuple[str, ...]:
+def on_one_node(loads: Mapping[str, LoadSection], mesh: Mesh) -> tuple[str, ...]:
     """A sentence for every force on one node of a solid or a shell: the strain beside it is that of a point, which gets larger
     with every finer mesh, and no gauge should be placed by it. What a beam brings to a node of shells is left to the deck."""
     solid, shell, beam = (_nodes(blocks) for blocks in (mesh.blocks, mesh.shells, mesh.beams))

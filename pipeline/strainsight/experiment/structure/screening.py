@@ -15,7 +15,7 @@ from strainsight.experiment.structure.candidates import thickness_of_guess
 from strainsight.experiment.structure.clearance import bent_gauges, clearance_of
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.start import Loading, motion_of
-from strainsight.experiment.structure.training import Run, refuse_noise, run_as_stated, runs_of
+from strainsight.experiment.structure.training import TrainingRun, refuse_noise, runs_of
 from strainsight.experiment.system import installation_std
 from strainsight.loads.histories import instant_values
 from strainsight.mesh.facets import exterior_facets
@@ -61,7 +61,7 @@ def installation_variances(
     by name, (1, m) where there are none; zero for those that are not wanted.
     """
     pool, std, inputs = training.candidates, installation_std(tolerances_of(config.tolerances)), reduced.model.inputs
-    runs = runs_of(config, inputs, files) or (run_as_stated(config, inputs, files),)
+    runs = runs_of(config, inputs, files)
     moments = [_moments(config, reduced, training.motion_in(run.name), run) for run in runs]
     v = np.zeros((len(runs), len(pool)))
     for index, slopes in _sensitivities(config, mesh, reduced, training, gauges):
@@ -92,7 +92,7 @@ def _sensitivities(
 
 
 def _moments(
-    config: PlacementConfig, reduced: Reduced, motion: Training | CaseMotion, run: Run
+    config: PlacementConfig, reduced: Reduced, motion: Training | CaseMotion, run: TrainingRun
 ) -> tuple[np.ndarray, np.ndarray]:
     """C of [q, what is beyond], and of the second rates, which nothing beyond has."""
     n = reduced.model.size
@@ -104,7 +104,7 @@ def _moments(
 
 
 def _motions(
-    config: PlacementConfig, reduced: Reduced, motion: Training | CaseMotion, run: Run
+    config: PlacementConfig, reduced: Reduced, motion: Training | CaseMotion, run: TrainingRun
 ) -> Iterator[tuple[ReducedModel, np.ndarray, np.ndarray]]:
     """The training run, and what one σ of every misalignment adds to it: model, x (T + 1, 2n), and what it is beyond
     (T + 1, n_u, misalignments) [N rad or N m]."""
@@ -169,12 +169,7 @@ def screened_of(
 
 
 def _screened(
-    settings: Screen,
-    pool: Candidates,
-    near: np.ndarray,
-    ratio: np.ndarray,
-    strained: np.ndarray,
-    limit: np.ndarray,
+    settings: Screen, pool: Candidates, near: np.ndarray, ratio: np.ndarray, strained: np.ndarray, limit: np.ndarray
 ) -> Screening:
     """Every kind of sensor by itself: the best accelerometers would else leave no room for a gauge. ratio (k, m) [-] of signal to
     noise, of which each has its turn; near (gauges,): too near to something for the clearance; strained (m,): largest reading of
@@ -244,7 +239,7 @@ def _alone(
     of the unknowns that act in that case."""
     model, inputs = reduced.model, reduced.model.inputs
     sensing = training.candidates.quantity == ACCELERATION
-    for case, run in enumerate(runs_of(config, inputs, files) or (run_as_stated(config, inputs, files),)):
+    for case, run in enumerate(runs_of(config, inputs, files)):
         with blame(run.key):
             loading = run.loading()
         for name in config.place.estimate:

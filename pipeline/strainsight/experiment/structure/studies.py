@@ -22,7 +22,7 @@ from strainsight.experiment.structure.trial import (
     without_truth,
 )
 from strainsight.parallel import Sweep, serial
-from strainsight.records.validated import NoiseStudy, RandomSets, Starts, SweepTable
+from strainsight.records.validated import NoiseStudy, RandomSetErrors, Starts, SweepTable
 from strainsight.runner.output import Table
 
 
@@ -54,8 +54,8 @@ class Studies:
 
     noise: NoiseStudy
     repeats: Starts
-    screened: RandomSets
-    all: RandomSets
+    screened: RandomSetErrors
+    all: RandomSetErrors
     lost: int
 
 
@@ -90,7 +90,7 @@ def studies_of(
     each = _studied(trial, parts, seed, sweep)
     errors = {key: {"error": study.error, "std": study.std} for key, study in each.items()}
     random = {
-        key: RandomSets(**errors[key], candidate=parts[key].channels, estimate=each[key].estimate)
+        key: RandomSetErrors(**errors[key], candidate=parts[key].channels, estimate=each[key].estimate)
         for key in ("screened", "all")
     }
     start = {name: starts[:, i] for i, name in enumerate(trial.names)}
@@ -116,7 +116,7 @@ class Rank:
     correlation: float
 
 
-def rank_of(random: RandomSets, name: str, real: float, claimed: float) -> Rank | None:
+def rank_of(random: RandomSetErrors, name: str, real: float, claimed: float) -> Rank | None:
     """By the errors of one unknown; None among too few sets."""
     errors = np.array([np.append(random.error[name], real), np.append(random.std[name], claimed)])
     known = np.isfinite(errors).all(axis=0)

@@ -43,7 +43,7 @@ from strainsight.sensors.walk import skin_of
 
 
 @dataclass(frozen=True)
-class Run:
+class TrainingRun:
     """One training run.
 
     name of its load case, "" of the loads as stated; key of the config that it stands under; weight [-] of the case; duration,
@@ -65,23 +65,25 @@ class Run:
         return loading_of(self.settle, list(self.signals.values()), self.time_step, steps)
 
 
-def run_as_stated(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> Run:
+def run_as_stated(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> TrainingRun:
     """The run under the loads as stated; inputs: of the model, in its order, which may not be that of the config."""
     train = config.train
     with blame("train"):
         signals = {name: signal_of(name, config.loads[name].signal, files) for name in inputs}
-    return Run("", "train", 1.0, train.duration, train.time_step, train.settle, signals, frozenset())
+    return TrainingRun("", "train", 1.0, train.duration, train.time_step, train.settle, signals, frozenset())
 
 
-def runs_of(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> tuple[Run, ...]:
-    """Those of the load cases in the order of their names, none where the config has none."""
+def runs_of(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> tuple[TrainingRun, ...]:
+    """The runs that a layout is placed for: those of the load cases in the order of their names, else the one as stated."""
     cases = config.place.load_cases or {}
-    return tuple(_run(config, name, cases[name], inputs, files) for name in sorted(cases))
+    return tuple(_run(config, name, cases[name], inputs, files) for name in sorted(cases)) or (
+        run_as_stated(config, inputs, files),
+    )
 
 
 def _run(
     config: PlacementConfig, name: str, case: TrainingCase, inputs: Sequence[str], files: Mapping[str, Path]
-) -> Run:
+) -> TrainingRun:
     train, key, silent = config.train, f"place.load_cases.{name}", silent_in(case)
     signals: dict[str, Signal] = {}
     with blame(key):
@@ -93,7 +95,7 @@ def _run(
                 signals[load] = signal_of(load, entry.signal, files, f"{key}.loads")
             else:
                 signals[load] = signal_of(load, config.loads[load].signal, files)
-    return Run(
+    return TrainingRun(
         name,
         key,
         case.weight,
@@ -106,7 +108,7 @@ def _run(
 
 
 def typical_of(
-    config: PlacementConfig, run: Run, names: Sequence[str], files: Mapping[str, Path]
+    config: PlacementConfig, run: TrainingRun, names: Sequence[str], files: Mapping[str, Path]
 ) -> dict[str, tuple[float, float]]:
     """Frequency [Hz] and amplitude of some unknown loads in a run: as its case states them, else as process_noise of the load or
     the signal have them. A silent load has those that it has as stated: its filter does not know that it is silent."""
@@ -148,21 +150,14 @@ SIGNAL_TO_NOISE = (1e-4, 1e9)
 the Riccati equation is beyond double precision from 1e11 on."""
 
 
-@dataclass(frozen=True)
-class Trained:
-    """The training run; surface: how its candidates were found on the mesh, None where their strain rows were given."""
-
-    training: Training
-    surface: OnSurface | None
-
-
-def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resources) -> Trained:
-    """Simulate the reduced model at the guess, under the loads as stated and in every load case, and read every candidate."""
+def trained(
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resources
+) -> tuple[Training, OnSurface | None]:
+    """Simulate the reduced model at the guess, under the loads as stated and in every load case, and read every candidate; the
+    candidates on the surface, None where their strain rows are given."""
     model = reduced.model
-    stated, *cases = (
-        _Moved(run, *_motion(run, reduced))
-        for run in (run_as_stated(config, model.inputs, using.files), *runs_of(config, model.inputs, using.files))
-    )
+    runs = run_as_stated(config, model.inputs, using.files), *runs_of(config, model.inputs, using.files)
+    stated, *cases = (_Moved(run, *_motion(run, reduced)) for run in runs if run.name or run is runs[0])
     x, u, n, steps = stated.x, stated.u, model.size, len(stated.x) - 1
     using.progress("candidates", 0.3)
     surface, given_rows, change = None, None, NO_CHANGE
@@ -221,19 +216,19 @@ def trained(config: PlacementConfig, mesh: Mesh, reduced: Reduced, using: Resour
         thickness = thickness_of_guess(config, mesh, model.reference)
         most = _arm_peak(mesh, training, cases or [stated], reduced.basis, thickness)
         training = replace(training, arm_peak=most)
-    return Trained(training, surface)
+    return training, surface
 
 
 @dataclass(frozen=True)
 class _Moved:
     """A run with its motion x (steps + 1, 2n) and loads u (steps + 1, n_u) [N] at its instants."""
 
-    run: Run
+    run: TrainingRun
     x: np.ndarray
     u: np.ndarray
 
 
-def _motion(run: Run, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
+def _motion(run: TrainingRun, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
     refuse_times(reduced.frequency, run.duration, run.time_step, run.key)
     with blame(run.key):
         loading = run.loading()

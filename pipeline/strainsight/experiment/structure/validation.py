@@ -19,11 +19,16 @@ from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import disagreements_in_words, ratios
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.filtering import (
+    beyond_ranges,
+    by_bank,
     compared,
+    excluded,
+    excluded_in_words,
     histories,
     posterior_doubts,
     posterior_numbers,
     posteriors_of,
+    widen,
 )
 from strainsight.experiment.structure.nuisances import budget_of, tolerated
 from strainsight.experiment.structure.problem import (
@@ -40,7 +45,6 @@ from strainsight.experiment.structure.studies import (
     studies_of,
     sweeps_of,
 )
-from strainsight.experiment.structure.suspected import beyond_ranges, by_bank, excluded, excluded_in_words, widen
 from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.experiment.structure.truth import truth_of
 from strainsight.mesh.model import Mesh
@@ -50,7 +54,7 @@ from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.placed import budget_of_shares
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.records.validated import Channels, Consistency, Field, SweepTable, Validated
+from strainsight.records.validated import Consistency, Field, SimulatedChannels, SweepTable, Validated
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
 from strainsight.sensors.screening import CLEARANCE
@@ -181,7 +185,7 @@ def _validated(
         time=trial.time,
         truth={name: trial.history[name] for name in trial.names},
         **histories(model, run, smoothed),
-        gauge=Channels(
+        gauge=SimulatedChannels(
             time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
         ),
         consistency=Consistency(
@@ -196,6 +200,8 @@ def _validated(
         all=studies.all,
         sweep=swept,
         posterior={},
+        compared=None,
+        budget=None,
     )
 
 

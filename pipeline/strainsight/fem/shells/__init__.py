@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from strainsight.fem.shells.matrices import shell_masses, shell_stiffnesses, shell_strain_rows
+from strainsight.fem.shells.matrices import shell_masses, shell_stiffnesses
 from strainsight.fem.shells.tria import shell_axes
 
-__all__ = ["shell_axes", "shell_masses", "shell_stiffnesses", "shell_strain_rows"]
+__all__ = ["shell_axes", "shell_masses", "shell_stiffnesses"]

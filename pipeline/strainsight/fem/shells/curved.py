@@ -21,7 +21,7 @@ SIDES = np.array([-1.0, 0.0, 1.0])
 
 
 @dataclass(frozen=True, eq=False)
-class Ties:
+class TiedStrains:
     """facet: the kind with the same nodes; rule of the integrals; inner (q, 2) → N (q,) and ∂N/∂ξ (q, 2) of the motion within,
     which ψ has; completed: the functions of the nodes have a share in it that makes them hold quadratics; held: ties
     leave a motion free, which what is not tied has to hold; stretch_at (t, 2), where e_rr, e_ss, 2 e_rs are taken, and their
@@ -74,7 +74,7 @@ def _quad_inner(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return (1 - r**2) * (1 - s**2), np.stack([-2 * r * (1 - s**2), -2 * s * (1 - r**2)], axis=-1)
 
 
-QUAD = Ties(
+QUAD = TiedStrains(
     facet=QUAD8,
     rule=gauss(3, 2),
     inner=_quad_inner,
@@ -146,7 +146,7 @@ def _tri_inner(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     return 27 * r * s * (1 - r - s), 27 * np.stack([s * (1 - 2 * r - s), r * (1 - r - 2 * s)], axis=-1)
 
 
-TRIA = Ties(
+TRIA = TiedStrains(
     facet=TRI6,
     rule=(_INSIDE, _SHARE),
     inner=_tri_inner,
@@ -169,7 +169,7 @@ LEAST = 1e-13
 
 
 @dataclass(frozen=True)
-class Surface:
+class MiddleSurface:
     """Elements: position (e, k, 3) [m] of their nodes moved onto the middle surface; normal (e, k, 3) of the element there;
     turned (e, k, 3, 3) with ψ = θ × n = turned θ; arm (e, k, 3) [m] from the nodes; axes (e, 3, 3) of `shell_axes`; share (e, k)
     of each node in the motion within; ids (e,)."""
@@ -184,7 +184,7 @@ class Surface:
 
 
 @dataclass(frozen=True)
-class Points:
+class ShellPoints:
     """At q points: N (e, q, k) and dN (e, q, k, 2) of the nodes, inner (q,) and its slopes (q, 2); x_a (e, q, 2, 3) = ∂x/∂ξ_α
     [m]; normal (e, q, 3); along (e, q, 2, 3), axes x and y of the element turned the shortest way onto the tangent plane; J_αi =
     x_α · along_i (e, q, 2, 2) [m]; |J|."""
@@ -199,7 +199,7 @@ class Points:
     det: np.ndarray
 
 
-def surface_of(ties: Ties, position: np.ndarray, offset: np.ndarray, ids: np.ndarray) -> Surface:
+def surface_of(ties: TiedStrains, position: np.ndarray, offset: np.ndarray, ids: np.ndarray) -> MiddleSurface:
     """position (e, k, 3) [m]; offset (e,) [m] of the middle surface along the normal that the element has at each node."""
     kind = ties.facet
     axes, normal = shell_axes(position, ids), normals_at_nodes(kind, position)
@@ -208,7 +208,7 @@ def surface_of(ties: Ties, position: np.ndarray, offset: np.ndarray, ids: np.nda
     arm = offset[:, None, None] * normal
     middle = position + arm
     share = _share_within(kind, middle, axes) if ties.completed else np.zeros(position.shape[:2])
-    return Surface(middle, normal, _crossed(normal), arm, axes, share, ids)
+    return MiddleSurface(middle, normal, _crossed(normal), arm, axes, share, ids)
 
 
 def _share_within(kind: Kind, position: np.ndarray, axes: np.ndarray) -> np.ndarray:
@@ -225,12 +225,12 @@ def _share_within(kind: Kind, position: np.ndarray, axes: np.ndarray) -> np.ndar
     return np.asarray(np.matmul(P.swapaxes(1, 2), np.linalg.solve(square, missing[..., None]))[..., 0])
 
 
-def to_nodes(K: np.ndarray, own: Surface) -> np.ndarray:
+def to_nodes(K: np.ndarray, own: MiddleSurface) -> np.ndarray:
     """TᵀKT of matrices K (e, 6k, 6k) on the middle surface, u = u_a + θ_a × arm."""
     return rows_to_nodes(rows_to_nodes(K, own).swapaxes(1, 2), own).swapaxes(1, 2)
 
 
-def rows_to_nodes(rows: np.ndarray, own: Surface) -> np.ndarray:
+def rows_to_nodes(rows: np.ndarray, own: MiddleSurface) -> np.ndarray:
     """Rows (e, r, 6k) of motions of the middle surface as rows of motions of the nodes."""
     e, r = rows.shape[:2]
     parts = rows.reshape(e, r, -1, 6).copy()
@@ -238,7 +238,7 @@ def rows_to_nodes(rows: np.ndarray, own: Surface) -> np.ndarray:
     return parts.reshape(rows.shape)
 
 
-def points_of(ties: Ties, own: Surface, xi: np.ndarray) -> Points:
+def points_of(ties: TiedStrains, own: MiddleSurface, xi: np.ndarray) -> ShellPoints:
     """At xi (q, 2). Raises DeckError for an element that is folded there."""
     (N, dN), inner = ties.facet.functions(xi), ties.inner(xi)
     N = N + own.share[:, None] * inner[0][:, None]
@@ -253,10 +253,10 @@ def points_of(ties: Ties, own: Surface, xi: np.ndarray) -> Points:
     axes = own.axes[:, None, :, :2].swapaxes(2, 3)
     halfway = (z + normal) / (1 + height / det)[..., None]
     along = axes - np.matmul(axes, normal[..., None]) * halfway[:, :, None]
-    return Points(N, dN, inner, x_a, normal, along, np.matmul(x_a, along.swapaxes(2, 3)), det)
+    return ShellPoints(N, dN, inner, x_a, normal, along, np.matmul(x_a, along.swapaxes(2, 3)), det)
 
 
-def curved_strains(ties: Ties, own: Surface, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def curved_strains(ties: TiedStrains, own: MiddleSurface, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """The rows (ε_xx, ε_yy, γ_xy; κ_xx, κ_yy, κ_xy; γ_xz, γ_yz; θ_n − ω; ε⁰ − ε of eight nodes) of motions of the nodes and two
     inner ones.
 
@@ -265,10 +265,10 @@ def curved_strains(ties: Ties, own: Surface, xi: np.ndarray) -> tuple[np.ndarray
         e_αβ = sym(x,α · u,β),   κ_αβ = sym(n,α · u,β + x,α · ψ,β),   γ_α = x,α · ψ + n · u,α,   ω = ½ n̂ · rot u
 
     Rigid motions make none of these, whatever the shape. e and γ are taken at points where a surface that bends without
-    stretch or shear has none, and go on from there (`Ties`): γ along ξ, η, so that constant γ passes on any shape; e along
+    stretch or shear has none, and go on from there (`TiedStrains`): γ along ξ, η, so that constant γ passes on any shape; e along
     the directions that ξ and η have in the middle, turned onto the tangent plane, so that on flat elements constant strain
     passes with curved sides too, and linear strain with straight ones. ε⁰ is that of u itself: ε at four points alone would
-    leave a motion of eight nodes free. Components along `Points.along`.
+    leave a motion of eight nodes free. Components along `ShellPoints.along`.
 
     xi (q, 2) natural coordinates. Returns (e, q, 12 or 9, 6k + 2) [1/m, 1], columns 6·node + component and ψ within along
     x, y of the element; |J| (e, q) [m²]. Assumes t/R small: strain is ε + z κ in the area of
@@ -303,7 +303,7 @@ def voigt(T: np.ndarray) -> np.ndarray:
     return np.moveaxis(np.array(rows), (0, 1), (-2, -1))
 
 
-def _with_inner(at: Points) -> tuple[np.ndarray, np.ndarray]:
+def _with_inner(at: ShellPoints) -> tuple[np.ndarray, np.ndarray]:
     """N (e, q, k + 1) and ∂N/∂ξ (e, q, k + 1, 2) of the nodes, and of the motion within behind them."""
     N, dN = (np.broadcast_to(own, (len(at.N), *own.shape)) for own in at.inner)
     return np.concatenate([at.N, N[..., None]], axis=2), np.concatenate([at.dN, dN[:, :, None]], axis=2)
@@ -329,8 +329,8 @@ def _from(W: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return np.matmul(W.reshape(q * r, t * c), rows.reshape(e, t * c, 3 * m)).reshape(e, q, r, m, 3)
 
 
-def _tied_stretch(ties: Ties, own: Surface, xi: np.ndarray, inverse: np.ndarray) -> np.ndarray:
-    """ε (e, q, 3, m, 3) of functions of u along `Points.along` at xi; inverse (e, q, 2, 2) J⁻¹ there."""
+def _tied_stretch(ties: TiedStrains, own: MiddleSurface, xi: np.ndarray, inverse: np.ndarray) -> np.ndarray:
+    """ε (e, q, 3, m, 3) of functions of u along `ShellPoints.along` at xi; inverse (e, q, 2, 2) J⁻¹ there."""
     J = points_of(ties, own, ties.facet.centre[None]).J
     parts = [points_of(ties, own, points) for points in (ties.stretch_at, ties.rule[0])]
     tied, full = (_times(np.matmul(voigt(J), voigt(np.linalg.inv(at.J))), _stretch(at.x_a, at.dN)) for at in parts)
@@ -342,8 +342,10 @@ def _tied_stretch(ties: Ties, own: Surface, xi: np.ndarray, inverse: np.ndarray)
     return _times(back, _from(ties.stretch(xi), tied) + mean[:, None])
 
 
-def _tied_shear(ties: Ties, own: Surface, xi: np.ndarray, inverse: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """γ (e, q, 2, m, 3) of functions of u and of ψ along `Points.along` at xi."""
+def _tied_shear(
+    ties: TiedStrains, own: MiddleSurface, xi: np.ndarray, inverse: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """γ (e, q, 2, m, 3) of functions of u and of ψ along `ShellPoints.along` at xi."""
     at = points_of(ties, own, ties.shear_at)
     n = np.matmul(at.N, own.normal)
     u = at.dN.swapaxes(2, 3)[..., None] * n[:, :, None, None]
@@ -352,7 +354,7 @@ def _tied_shear(ties: Ties, own: Surface, xi: np.ndarray, inverse: np.ndarray) -
     return _times(inverse, _from(W, u)), _times(inverse, _from(W, psi))
 
 
-def _place(G: np.ndarray, own: Surface, k: int, u: np.ndarray, psi: np.ndarray | None) -> None:
+def _place(G: np.ndarray, own: MiddleSurface, k: int, u: np.ndarray, psi: np.ndarray | None) -> None:
     """Rows of functions of u (e, q, r, k, 3) and ψ (e, q, r, k + 1, 3) into rows G (e, q, r, 6k + 2)."""
     e, q, r = G.shape[:3]
     nodes = np.zeros((e, q, r, k, 6))

@@ -9,14 +9,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from strainsight.fem.shells.curved import TIES, curved_strains, points_of, rows_to_nodes, surface_of, to_nodes
+from strainsight.fem.shells.curved import TIES, curved_strains, points_of, surface_of, to_nodes
 from strainsight.fem.shells.tria import (
     POINTS,
     WEIGHTS,
     linear_turn,
     place_curvature,
     plane_of,
-    rows_to_basic,
     to_basic,
     tria_strains,
 )
@@ -208,34 +207,6 @@ def shell_masses(
     return to_basic(M.reshape(e, 6 * k, 6 * k), plane)
 
 
-def shell_strain_rows(
-    position: np.ndarray, at: np.ndarray, height: np.ndarray, offset: np.ndarray, ids: np.ndarray, nu: float = 0.3
-) -> np.ndarray:
-    """Rows of ε_xx, ε_yy, γ_xy along the axes of `shell_axes` at a height z above the middle surface, ε + z κ.
-
-    position (e, k, 3) [m]; at (e, 2) natural coordinates, ξ, η in −1 … 1 of four corners, area coordinates of the second and
-    third of three corners, of second-order elements the same for all; height z (e,) [m]; offset (e,) [m] as in
-    `shell_stiffnesses`; ids (e,); nu Poisson's ratio. At the centre of an element, (0, 0) or (1/3, 1/3), these are the strains
-    of its stiffness and nu is without effect; elsewhere those of an isotropic one without the curvature that varies within a
-    triangle, whose mean is zero. Returns (e, 3, 6k) [1/m, 1].
-    Raises what `shell_axes` does.
-    """
-    e, k = position.shape[:2]
-    C = np.zeros((e, 9, 9))
-    C[:, :3, :3] = np.array([[1, nu, 0], [nu, 1, 0], [0, 0, (1 - nu) / 2]])
-    if k in TIES:
-        return _curved_rows(position, at, height, offset, ids, C)
-    plane = plane_of(position, offset, ids)
-    if k == 4:
-        inside, weight = quad_strains(plane.xy, GAUSS[None])
-        K = _integral(inside, C, weight)
-        G = quad_strains(plane.xy, at[:, None])[0][:, 0, :6]
-        rows = G[..., :24] - G[..., 24:] @ np.linalg.solve(K[:, 24:, 24:], K[:, 24:, :24])
-    else:
-        rows = tria_strains(plane.xy, at[:, None], np.full(e, nu), np.zeros(e))[0][:, 0, :6, :18]
-    return rows_to_basic(rows[:, :3] + height[:, None, None] * rows[:, 3:], plane)
-
-
 def _drilling(A: np.ndarray, D: np.ndarray, weight: np.ndarray) -> np.ndarray:
     """c (e,) of θ_z − ω; weight (e, q) [m²]."""
     inside = in_shear(A)
@@ -269,27 +240,6 @@ def _curved_masses(
         M[:, :, c, :, c] = per_area[:, None, None] * m
     M[:, :, 3:, :, 3:] = np.einsum("e,eab,eaci,ebcj->eaibj", rotary, m, own.turned, own.turned, optimize=True)
     return to_nodes(M.reshape(e, 6 * k, 6 * k), own)
-
-
-def _curved_rows(
-    position: np.ndarray, at: np.ndarray, height: np.ndarray, offset: np.ndarray, ids: np.ndarray, C: np.ndarray
-) -> np.ndarray:
-    ties = TIES[position.shape[1]]
-    own = surface_of(ties, position, offset, ids)
-    G, det = curved_strains(ties, own, ties.rule[0])
-    kept = 6 * position.shape[1]
-    # inner motions follow as in a shell that is a tenth as thick as it is wide
-    C[:, 3:6, 3:6] = C[:, :3, :3] * (det @ ties.rule[1])[:, None, None] / 1200
-    C[:, [6, 7], [6, 7]] = 5 / 6 * C[:, 2, 2, None]
-    if ties.held:
-        C = _with_held(C, np.full(len(C), MOST_DRILLING))
-    K = _integral(G, C, det * ties.rule[1])
-    inner = -np.linalg.solve(K[:, kept:, kept:], K[:, kept:, :kept])
-    if not (at == at[0]).all():
-        raise ValueError("second-order shells are asked at one point of all")
-    rows = curved_strains(ties, own, at[:1])[0][:, 0, :6]
-    rows = rows[..., :kept] + rows[..., kept:] @ inner
-    return rows_to_nodes(rows[:, :3] + height[:, None, None] * rows[:, 3:], own)
 
 
 def _twist(xy: np.ndarray, D: np.ndarray, S: np.ndarray) -> np.ndarray:

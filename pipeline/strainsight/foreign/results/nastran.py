@@ -33,6 +33,7 @@ from strainsight.foreign.results.response import (
     natural_frequency,
     padded,
     reals,
+    result_lines,
     unsupported,
 )
 
@@ -296,8 +297,6 @@ def _modal_masses(op2: Op2File, record: Record) -> dict[tuple[int, float], float
 
 _WIDTH, _ID, _FIRST, _NUMBER = 72, 10, 18, 18
 """Columns of a line, of an id, in front of the first component, and of each."""
-_LONGEST = 4096
-"""[bytes] read as one line."""
 _PUNCH_ROUNDING = 5e-7
 """Of a number with seven digits."""
 _WORDS = {"EIGENVECTOR", "DISPLACEMENTS"}
@@ -330,26 +329,20 @@ def punch_responses(path: Path) -> Iterator[Response]:
 def _blocks(path: Path) -> Iterator[_Block]:
     """The blocks of eigenvectors and displacements, one in memory at a time."""
     block = _Block({}, bytearray(), 0)
-    number, in_comments = 0, False
-    with opened(path) as file:
-        while line := file.readline(_LONGEST):
-            number += 1
-            if b"\0" in line or len(line) == _LONGEST:
-                raise DeckError(
-                    "no line of a punch file", where=f"{path}:{number}", remedy="give the .pch file that Nastran wrote"
-                )
-            is_comment = line.startswith(b"$")
-            if is_comment and not in_comments:
-                if block.lines:
-                    yield block
-                block = _Block({}, bytearray(), 0)
-            if is_comment:
-                key, _, value = line[1:_WIDTH].decode("latin-1").partition("=")
-                block.says[" ".join(key.split())] = " ".join(value.split())
-            elif _WORDS & block.says.keys():
-                block = block if block.lines else block._replace(number=number)
-                block.lines.extend(padded(line, _WIDTH))
-            in_comments = is_comment
+    in_comments = False
+    for number, line in result_lines(path, "a punch file", "give the .pch file that Nastran wrote"):
+        is_comment = line.startswith(b"$")
+        if is_comment and not in_comments:
+            if block.lines:
+                yield block
+            block = _Block({}, bytearray(), 0)
+        if is_comment:
+            key, _, value = line[1:_WIDTH].decode("latin-1").partition("=")
+            block.says[" ".join(key.split())] = " ".join(value.split())
+        elif _WORDS & block.says.keys():
+            block = block if block.lines else block._replace(number=number)
+            block.lines.extend(padded(line, _WIDTH))
+        in_comments = is_comment
     if block.lines:
         yield block
 

@@ -92,6 +92,21 @@ def unsupported(what: str, where: str) -> DeckError:
 T = TypeVar("T")
 
 
+LONGEST = 4096
+"""[bytes] read as one line."""
+
+
+def result_lines(path: Path, what: str, remedy: str) -> Iterator[tuple[int, bytes]]:
+    """Number and content of every line of a text file. Raises DeckError where one is no line of text, in the words of `what`."""
+    with opened(path) as file:
+        number = 0
+        while line := file.readline(LONGEST):
+            number += 1
+            if b"\0" in line or len(line) == LONGEST:
+                raise DeckError(f"no line of {what}", where=f"{path}:{number}", remedy=remedy)
+            yield number, line
+
+
 def padded(line: bytes, width: int) -> bytes:
     """A line without its end, cut or filled with blanks to so many columns."""
     return line.rstrip(b"\r\n")[:width].ljust(width)
@@ -131,8 +146,6 @@ def _checked(parse: Callable[[str], T | None], word: bytes, place: Callable[[int
 
 ROUNDING = 5e-7
 """Of a number with seven digits."""
-_LONGEST = 4096
-"""[bytes] read as one line."""
 _VECTOR = re.compile(r"R E A L\s+E I G E N V E C T O R\s+N O ?\.\s*(\d+)")
 _TABLE = re.compile(r"R E A L\s+E I G E N V A L U E S")
 _SUBCASE = re.compile(r"\bSUBCASE\s+(\d+)")
@@ -183,13 +196,8 @@ def printed_modes(path: Path) -> Iterator[Response]:
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
     """Number and text of every line."""
-    with opened(path) as file:
-        number = 0
-        while line := file.readline(_LONGEST):
-            number += 1
-            if b"\0" in line or len(line) == _LONGEST:
-                raise DeckError("no line of printed output", where=f"{path}:{number}", remedy="give the text file")
-            yield number, line.decode("latin-1")
+    for number, line in result_lines(path, "printed output", "give the text file"):
+        yield number, line.decode("latin-1")
 
 
 def _of_nastran(path: Path) -> list[_Step]:

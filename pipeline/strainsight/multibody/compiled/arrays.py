@@ -31,7 +31,7 @@ class Moments(NamedTuple):
     rotation: np.ndarray
 
 
-class Pattern(NamedTuple):
+class Sparsity(NamedTuple):
     """What the matrix of a step needs: body, dt and feels of `Arrays`; joints: how many are held; tied, pushed (nb, any): the
     bodies that a body shares a joint with, an element with, itself too; reached (nb, any): those that a row of the matrix reaches
     through both; held (nb, any): the joint rows of a body. place (N,): where in the matrix the unknowns (nt, μ, λ) stand; low
@@ -80,7 +80,7 @@ class Arrays(NamedTuple):
     drives: int
 
 
-class Point(NamedTuple):
+class StepPoint(NamedTuple):
     """What a step starts from and under what: q, v (n,) at its start, h, u with p and ṗ behind the loads, θ, K(θ), C(θ) (n, n),
     w (n,) or (0,); of every element the address of its law and where its numbers begin; the numbers."""
 
@@ -97,7 +97,7 @@ class Point(NamedTuple):
     numbers: np.ndarray
 
 
-class Trial(NamedTuple):
+class TrialState(NamedTuple):
     """A state that an iteration tries: q (n,), ζ (nt,), μ, λ (m,)."""
 
     q: np.ndarray
@@ -106,7 +106,7 @@ class Trial(NamedTuple):
     lam: np.ndarray
 
 
-class Change(NamedTuple):
+class StateChange(NamedTuple):
     """Of a trial state: y and that of ζ (nt, k), of μ and λ (joints, k)."""
 
     y: np.ndarray
@@ -134,7 +134,7 @@ class Terms(NamedTuple):
     by_drive: np.ndarray
 
 
-def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Pattern]:
+def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Sparsity]:
     """Over minimal coordinates. memory: numbers that every element's law keeps from one trial state to the next."""
     names = [body.name for body in system.bodies]
     body, inertia, flat = np.zeros((len(names), 6), dtype=np.int64), {x.at: x for x in system.inertia}, [np.zeros(0)]
@@ -192,7 +192,7 @@ def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Pattern]:
         ),
         joints, rigid, driven, drives.at, len(drives.names),
     )  # fmt: skip
-    pattern = Pattern(
+    pattern = Sparsity(
         body,
         scale,
         feeling,
@@ -308,14 +308,14 @@ class Compiled:
         self.arrays, self.pattern = arrays(system, kept)
         self.natural: Arrays = natural(system, self.arrays)
         self.memory = sum(kept)
-        self._prepared: dict[bytes, Point] = {}
+        self._prepared: dict[bytes, StepPoint] = {}
         self._numbers: list[tuple[bytes, np.ndarray] | None] = [None] * len(laws)
 
     def failure(self) -> Exception | None:
         """The error of a law in Python at which compiled code stopped."""
         return next(filter(None, [law.taken() for law in self.in_python if law is not None]), None)
 
-    def at(self, system: System, theta: np.ndarray) -> Point:
+    def at(self, system: System, theta: np.ndarray) -> StepPoint:
         """A point with all that depends on θ (nθ,), and without a state. Raises the errors of a law that cannot have these
         parameters."""
         found = self._prepared.get(theta.tobytes())
@@ -326,7 +326,7 @@ class Compiled:
             self._prepared[theta.tobytes()] = found
         return found
 
-    def _prepare(self, system: System, theta: np.ndarray) -> Point:
+    def _prepare(self, system: System, theta: np.ndarray) -> StepPoint:
         address, begin, numbers, count = [], [], [np.zeros(0)], 0
         for e, (element, back) in enumerate(zip(system.elements, self.in_python, strict=True)):
             law = element.force.law
@@ -336,7 +336,7 @@ class Compiled:
             numbers.append(own)
             count += len(own)
         K, C = system.at(theta)
-        return Point(
+        return StepPoint(
             NONE, NONE, 1.0, NONE, theta.copy(), np.ascontiguousarray(K), np.ascontiguousarray(C), NONE,
             np.array(address, dtype=np.int64), np.array(begin, dtype=np.int64), np.concatenate(numbers),
         )  # fmt: skip

@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.compiled import inner, joined
 from strainsight.multibody.bodies import Inertia, add_inertia
-from strainsight.multibody.compiled.arrays import Arrays, Moments, Point, Terms, Trial
+from strainsight.multibody.compiled.arrays import Arrays, Moments, StepPoint, Terms, TrialState
 
 
 @joined
@@ -103,7 +103,7 @@ def inertia_of(f: np.ndarray, at: int, n0: int, n: int) -> Inertia:
 
 
 @joined
-def add_bodies(s: Arrays, p: Point, trial: Trial, v: np.ndarray, terms: Terms, tangents: bool) -> None:
+def add_bodies(s: Arrays, p: StepPoint, trial: TrialState, v: np.ndarray, terms: Terms, tangents: bool) -> None:
     """r₁ = TᵀD²((q' − q)/h − v'), r₂ = Tᵀ(M a + c + K q + C v + moments − w) (nt,), and the blocks of every body of
 
         X += TᵀD²T/h + ∂r₁ with the velocity at rest,    A += TᵀM T/h + ∂c/∂ζ + C,     K += ∂r₂ at the same ζ        (nt, nt)
@@ -215,7 +215,7 @@ def add_bodies(s: Arrays, p: Point, trial: Trial, v: np.ndarray, terms: Terms, t
 
 @inner
 def add_natural_bodies(
-    s: Arrays, p: Point, q: np.ndarray, v: np.ndarray, a: np.ndarray, terms: Terms, tangents: bool
+    s: Arrays, p: StepPoint, q: np.ndarray, v: np.ndarray, a: np.ndarray, terms: Terms, tangents: bool
 ) -> None:
     """r₂ = M a + c + K q + C v (n,), K += ∂r₂/∂q, A += ∂r₂/∂v, and the blocks of M, of every body."""
     for k in range(len(s.body)):

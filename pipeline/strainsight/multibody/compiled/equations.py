@@ -7,7 +7,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner, joined, kept
-from strainsight.multibody.compiled.arrays import Arrays, Point, Terms, Trial
+from strainsight.multibody.compiled.arrays import Arrays, StepPoint, Terms, TrialState
 from strainsight.multibody.compiled.blocks import add_bodies, add_natural_bodies, natural_velocity
 from strainsight.multibody.forces import ABORT, MOVING, NONE, call
 from strainsight.multibody.joints import drive_relations
@@ -143,7 +143,7 @@ SOLVED, NO_LOAD, BROKEN = 0, 1, 2
 
 
 @joined
-def equations(s: Arrays, p: Point, memory: np.ndarray, trial: Trial, tangents: bool) -> tuple[int, Terms]:
+def equations(s: Arrays, p: StepPoint, memory: np.ndarray, trial: TrialState, tangents: bool) -> tuple[int, Terms]:
     """State and terms of a trial state. memory of the laws is brought up to date."""
     vectors = carried(s.relations, s.body, trial.q, trial.z)
     values = rows(s.relations, s.body, vectors, len(s.dt), tangents)
@@ -155,7 +155,7 @@ def equations(s: Arrays, p: Point, memory: np.ndarray, trial: Trial, tangents: b
 @kept(*FILES)
 def natural_equations(
     s: Arrays,
-    p: Point,
+    p: StepPoint,
     memory: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
@@ -175,7 +175,7 @@ def natural_equations(
 
 
 @joined
-def terms_of(s: Arrays, p: Point, values: Values, tangents: bool) -> Terms:
+def terms_of(s: Arrays, p: StepPoint, values: Values, tangents: bool) -> Terms:
     """Constraints, driven as they are, and zeros for the rest."""
     rho, rho_dot, g, gr, _ = values
     nt, joints = g.shape[1], s.joints
@@ -195,7 +195,7 @@ def terms_of(s: Arrays, p: Point, values: Values, tangents: bool) -> Terms:
 @joined
 def add_forces(
     s: Arrays,
-    p: Point,
+    p: StepPoint,
     memory: np.ndarray,
     values: Values,
     vectors: Vectors,
@@ -243,7 +243,7 @@ def add_forces(
 
 @joined
 def add_element(
-    s: Arrays, p: Point, e: int, memory: np.ndarray, values: Values, F: np.ndarray, terms: Terms, tangents: bool
+    s: Arrays, p: StepPoint, e: int, memory: np.ndarray, values: Values, F: np.ndarray, terms: Terms, tangents: bool
 ) -> int:
     """The law of an element: its F, K += ∇ρᵀ(∂F/∂ρ ∇ρ + ∂F/∂ρ̇ ∂ρ̇), A += ∇ρᵀ ∂F/∂ρ̇ ∇ρ, ∂r₂/∂θ. Its answer."""
     first, n, parameters = s.element[e, 0], s.element[e, 1], s.element[e, 2]

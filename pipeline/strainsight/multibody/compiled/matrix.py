@@ -5,13 +5,13 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Change, Pattern, Terms
+from strainsight.multibody.compiled.arrays import Sparsity, StateChange, Terms
 
 TINY = float(np.finfo(float).tiny)
 
 
 @inner
-def scaled(s: Pattern, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def scaled(s: Sparsity, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """X̂ = h D⁻¹X D⁻¹, Â = h D⁻¹A D⁻¹ (in X and A); the matrix Z of
 
         D²(y/h − ζ) + … = X y − D²ζ + Jᵀμ = r₁,     K y + A ζ − Jᵀλ = r₂,     J_r y + J ζ = r₃,     J y = r₄
@@ -127,7 +127,7 @@ def scaled(s: Pattern, h: float, terms: Terms) -> tuple[np.ndarray, np.ndarray, 
 
 @inner
 def right_side(
-    s: Pattern, h: float, A: np.ndarray, J: np.ndarray, S: np.ndarray, r1: np.ndarray, r2: np.ndarray, r3: np.ndarray,
+    s: Sparsity, h: float, A: np.ndarray, J: np.ndarray, S: np.ndarray, r1: np.ndarray, r2: np.ndarray, r3: np.ndarray,
     r4: np.ndarray,
 ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
     """r̂₁ = h D⁻¹r₁ (nt, k) and the right side (N, k) of Z:  h²D⁻¹r₂ + Âr̂₁,  h S r₃ + Ĵr̂₁,  S r₄  at their places."""
@@ -239,8 +239,8 @@ def substitute(Z: np.ndarray, low: np.ndarray, pivots: np.ndarray, last: np.ndar
 
 @inner
 def expanded(
-    s: Pattern, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, own: np.ndarray, z: np.ndarray
-) -> Change:
+    s: Sparsity, h: float, X: np.ndarray, J: np.ndarray, S: np.ndarray, own: np.ndarray, z: np.ndarray
+) -> StateChange:
     """From the solution z (N, k) of Z."""
     nt, m, k = len(s.dt), s.joints, z.shape[1]
     y, zeta, mu, lam = np.empty((nt, k)), np.empty((nt, k)), np.empty((m, k)), np.empty((m, k))
@@ -273,4 +273,4 @@ def expanded(
         for c in range(k):
             y[i, c] /= s.dt[i]
             zeta[i, c] /= h * s.dt[i]
-    return Change(y, zeta, mu, lam)
+    return StateChange(y, zeta, mu, lam)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from strainsight.compiled import inner
-from strainsight.multibody.compiled.arrays import Arrays, Change, Pattern, Point, Trial
+from strainsight.multibody.compiled.arrays import Arrays, Sparsity, StateChange, StepPoint, TrialState
 from strainsight.multibody.compiled.equations import BROKEN, NO_LOAD, SOLVED, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 
@@ -40,15 +40,15 @@ TINY = float(np.finfo(float).tiny)
 @inner
 def newton(
     s: Arrays,
-    pattern: Pattern,
-    p: Point,
+    pattern: Sparsity,
+    p: StepPoint,
     memory: np.ndarray,
     q: np.ndarray,
     v: np.ndarray,
     mu: np.ndarray,
     lam: np.ndarray,
     corrections: np.ndarray,
-) -> tuple[int, int, Trial]:
+) -> tuple[int, int, TrialState]:
     """How it ended, iterations, and the state, from a trial q, v that is put on the rotations first, and μ, λ (m,).
 
     Undamped while the corrections shrink; a step after which they grow, or to where a law has no load, is halved. corrections
@@ -58,8 +58,8 @@ def newton(
     """
     nt, m = len(s.dt), s.joints
     q, z = on_rotations(s.body, nt, q, v)
-    trial = last = Trial(q, z, mu, lam)
-    change = Change(np.empty((nt, 1)), np.empty((nt, 1)), np.empty((m, 1)), np.empty((m, 1)))
+    trial = last = TrialState(q, z, mu, lam)
+    change = StateChange(np.empty((nt, 1)), np.empty((nt, 1)), np.empty((m, 1)), np.empty((m, 1)))
     before, share, begun, again = np.inf, 1.0, False, False
     iteration = 0
     while iteration < ITERATIONS:
@@ -190,7 +190,7 @@ def cofactors(R: np.ndarray, C: np.ndarray) -> None:
 
 
 @inner
-def moved(s: Arrays, trial: Trial, change: Change, share: float) -> Trial:
+def moved(s: Arrays, trial: TrialState, change: StateChange, share: float) -> TrialState:
     """The state a share of a correction further: R ← exp([ε]×) R, put back on the rotations to round-off."""
     body, q, y = s.body, trial.q.copy(), change.y
     turn = np.empty(3)
@@ -226,7 +226,9 @@ def moved(s: Arrays, trial: Trial, change: Change, share: float) -> Trial:
                 for a in range(3):
                     R[3 * i + a] -= 0.5 * dot * C[3 * j + a]
     z = further(trial.z, change.z, share, 0)
-    return Trial(q, z, further(trial.mu, change.mu, share, s.rigid), further(trial.lam, change.lam, share, s.rigid))
+    return TrialState(
+        q, z, further(trial.mu, change.mu, share, s.rigid), further(trial.lam, change.lam, share, s.rigid)
+    )
 
 
 @inner
@@ -239,7 +241,7 @@ def further(x: np.ndarray, change: np.ndarray, share: float, first: int) -> np.n
 
 
 @inner
-def correction(s: Arrays, h: float, trial: Trial, change: Change) -> tuple[float, float]:
+def correction(s: Arrays, h: float, trial: TrialState, change: StateChange) -> tuple[float, float]:
     """Largest correction of any body: of its coordinates beside these, of its velocity beside this or SLOW of them; and of all
     coordinates and velocities beside the coordinates of the whole system, [-]."""
     body, d, dt, q, z, y, dz = s.body, s.d, s.dt, trial.q, trial.z, change.y, change.z

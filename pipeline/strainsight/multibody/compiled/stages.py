@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.compiled import inner, kept
-from strainsight.multibody.compiled.arrays import Arrays, Moments, Pattern, Point, Trial
+from strainsight.multibody.compiled.arrays import Arrays, Moments, Sparsity, StepPoint, TrialState
 from strainsight.multibody.compiled.blocks import natural_velocity
 from strainsight.multibody.compiled.equations import FILES, SOLVED, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
@@ -62,8 +62,8 @@ def nothing(stages: int, n: int) -> Past:
 @kept(*FILES, "multibody/compiled/newton.py")
 def solve_stages(
     s: Arrays,
-    pattern: Pattern,
-    p: Point,
+    pattern: Sparsity,
+    p: StepPoint,
     u: np.ndarray,
     carried: float,
     memory: np.ndarray,
@@ -102,7 +102,7 @@ def solve_stages(
             for j in range(n):
                 v[j] = v0[j] + h * (rate[1, j] + ahead[1, j])
                 q[j] = q0[j] + h * (v[j] + rate[0, j] + ahead[0, j])
-        at = Point(q0, v0, h, u[i], p.theta, p.K, p.C, p.w, p.address, p.begin, p.numbers)
+        at = StepPoint(q0, v0, h, u[i], p.theta, p.K, p.C, p.w, p.address, p.begin, p.numbers)
         memory = memory.copy()
         ended, iterations[i], trial = newton(s, pattern, at, memory, q, v, mu, lam, corrections[i])
         q, z, mu, lam = trial
@@ -181,7 +181,7 @@ def noted(differences: np.ndarray, known: int, change: np.ndarray) -> int:
 
 @kept(*FILES)
 def step_slopes(
-    s: Arrays, pattern: Pattern, p: Point, memory: np.ndarray, solved: Trial, elastic: np.ndarray
+    s: Arrays, pattern: Sparsity, p: StepPoint, memory: np.ndarray, solved: TrialState, elastic: np.ndarray
 ) -> tuple[bool, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Whether the matrix is regular; A (2n, 2n), B_u (2n, all of u), B_θ (2n, nθ), B_w (2n, n) at the solved step;
     elastic (n, nθ) = ∂(Kq + Cv)/∂θ.

@@ -14,7 +14,7 @@ from strainsight.multibody.initial import constraints_at, nearest_state, static_
 from strainsight.multibody.inverse.left_out import Begun, Plant, Start, begun
 from strainsight.multibody.inverse.loads import LoadProcess
 from strainsight.multibody.inverse.parameters import ParameterCoordinates, Zero, static_response
-from strainsight.multibody.sensors import Readings
+from strainsight.multibody.sensors import CompiledSensors
 from strainsight.multibody.step import Advance, Method, advance, slopes
 from strainsight.multibody.system import System
 
@@ -61,7 +61,7 @@ class AugmentedStep:
     """
 
     system: System
-    sensors: Readings
+    sensors: CompiledSensors
     offset: np.ndarray
     method: Method
     known: np.ndarray
@@ -188,7 +188,7 @@ class AugmentedStep:
             J[:, self.xi] -= slopes
         return y, J
 
-    def read(self, sensors: Readings, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+    def read(self, sensors: CompiledSensors, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
         """What sensors of the system read at kh of x (size,), and its slopes (m, size); NaN of accelerometers of no finite x."""
         J = np.zeros((len(sensors.channels), self.size))
         if not sensors.accelerometers:

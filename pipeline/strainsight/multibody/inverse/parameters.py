@@ -15,7 +15,7 @@ from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.bodies import RigidBody
 from strainsight.multibody.coupled import tangent_space
 from strainsight.multibody.initial import CONVERGED, FREE, ROUNDING, in_the_metric, refuse_free, static_equilibrium
-from strainsight.multibody.sensors import Readings
+from strainsight.multibody.sensors import CompiledSensors
 from strainsight.multibody.system import System
 
 MICROMETRE = 1e-6
@@ -88,22 +88,22 @@ class ParameterCoordinates:
     def xi(self, theta: np.ndarray) -> np.ndarray:
         """ξ (p,) of θ (nθ,). Raises InfeasibleError for a value that has none: a modulus, a diameter or a play ≤ 0."""
         theta, xi = np.asarray(theta, dtype=float), np.empty(self.size)
-        for k, own in enumerate(self.unknowns):
-            value = float(theta[own.at])
-            if own.kind == "preload":
+        for k, unknown in enumerate(self.unknowns):
+            value = float(theta[unknown.at])
+            if unknown.kind == "preload":
                 xi[k] = value / MICROMETRE
                 continue
             inside, bound = value, "0"
-            if own.kind == "diameter":
-                inside = 2 * own.smallest / value - 1 if value > 0 else value
-                bound = f"0 or not below the {2 * own.smallest:.6g} m that the grooves leave"
-            elif own.kind == "radius":
-                ball = own.diameter if own.ball < 0 else float(theta[self.unknowns[own.ball].at])
-                inside = 2 * (value - own.oversize) / ball - 1
-                bound = f"not above the ball's radius of {0.5 * ball + own.oversize:.6g} m"
+            if unknown.kind == "diameter":
+                inside = 2 * unknown.smallest / value - 1 if value > 0 else value
+                bound = f"0 or not below the {2 * unknown.smallest:.6g} m that the grooves leave"
+            elif unknown.kind == "radius":
+                ball = unknown.diameter if unknown.ball < 0 else float(theta[self.unknowns[unknown.ball].at])
+                inside = 2 * (value - unknown.oversize) / ball - 1
+                bound = f"not above the ball's radius of {0.5 * ball + unknown.oversize:.6g} m"
             if not inside > 0:
                 raise InfeasibleError(
-                    f"{own.name} of {value:.6g} is {bound}", remedy="start from a value that can be built"
+                    f"{unknown.name} of {value:.6g} is {bound}", remedy="start from a value that can be built"
                 )
             xi[k] = np.log(inside)
         return xi
@@ -254,7 +254,7 @@ STEPS = 8
 
 def zero_at_rest(
     system: System,
-    sensors: Readings,
+    sensors: CompiledSensors,
     zeroed: np.ndarray,
     q: np.ndarray,
     u: np.ndarray,
@@ -268,7 +268,7 @@ def zero_at_rest(
     are remembered, and every equilibrium is followed from the nearest.
     """
     still = np.zeros(system.size)
-    answers: OrderedDict[bytes, tuple[Rest, np.ndarray, np.ndarray]] = OrderedDict()
+    answers: OrderedDict[bytes, tuple[Equilibrium, np.ndarray, np.ndarray]] = OrderedDict()
 
     def at(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         key = xi.tobytes()
@@ -289,7 +289,7 @@ def zero_at_rest(
 
 
 @dataclass(frozen=True, eq=False)
-class Rest:
+class Equilibrium:
     """q (n,), λ (m,) in equilibrium at θ (nθ,), and by_theta (n, nθ) = ∂q/∂θ."""
 
     theta: np.ndarray
@@ -298,13 +298,13 @@ class Rest:
     by_theta: np.ndarray
 
 
-def rest_at(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> Rest:
+def rest_at(system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray) -> Equilibrium:
     """The equilibrium under u near q (n,). Raises what `static_equilibrium` and `static_response` raise."""
     q, lam = static_equilibrium(system, q, u, theta, near=True)
-    return Rest(theta, q, lam, static_response(system, q, u, theta)[1])
+    return Equilibrium(theta, q, lam, static_response(system, q, u, theta)[1])
 
 
-def followed(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> Rest:
+def followed(system: System, known: Equilibrium, u: np.ndarray, theta: np.ndarray) -> Equilibrium:
     """The equilibrium at θ (nθ,), from one that is known under the same loads u, by
 
         [K  −Bᵀ] [Δq  ∂q]     [f  ∂f/∂θ]
@@ -316,7 +316,7 @@ def followed(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> R
     return _newton(system, known, u, theta) or rest_at(system, known.q, u, theta)
 
 
-def _newton(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> Rest | None:
+def _newton(system: System, known: Equilibrium, u: np.ndarray, theta: np.ndarray) -> Equilibrium | None:
     d, n, m = system.metric, system.size, system.constrained
     q, lam = known.q + known.by_theta @ (theta - known.theta), known.lam
     still, before = np.zeros(n), np.inf
@@ -334,7 +334,7 @@ def _newton(system: System, known: Rest, u: np.ndarray, theta: np.ndarray) -> Re
         q, lam = q + z[:n, 0] / d, z[n:, 0] * s
         if size <= CONVERGED * whole or (size < ROUNDING * whole and size > 0.3 * before):
             refuse_free(system, K, B)
-            return Rest(theta, q, lam, z[:n, 1:] / d[:, None])
+            return Equilibrium(theta, q, lam, z[:n, 1:] / d[:, None])
         if not size < before:
             return None
         before = size

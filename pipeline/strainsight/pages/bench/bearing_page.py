@@ -16,7 +16,7 @@ from strainsight.pages.page.markup import figure as card
 from strainsight.pages.page.markup import figures, measure, table
 from strainsight.pages.page.sections import document, section
 from strainsight.pages.text import number, quantity
-from strainsight.records.bench import BallsThen, BearingCase, Displaced, RingEstimate
+from strainsight.records.bench import BallsThen, BearingCase, BearingDisplaced, RingEstimate
 
 CONTACTS = ("inner left", "inner right", "outer left", "outer right")
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
@@ -47,7 +47,7 @@ class LoadedBearing:
 
 
 def bearing_page(
-    name: str, facts: Mapping[str, str], cases: Sequence[LoadedBearing], curves: Sequence[Displaced]
+    name: str, facts: Mapping[str, str], cases: Sequence[LoadedBearing], curves: Sequence[BearingDisplaced]
 ) -> str:
     """The page as HTML text; facts: what the bearings are, by name."""
     polar = [drawn for case in cases for drawn in ball_figures(case)]
@@ -111,7 +111,7 @@ def _polar(case: LoadedBearing, key: str, what: str, values: FloatArray, unit: s
 
 
 @styled()
-def curve_figure(curve: Displaced) -> Drawing:
+def curve_figure(curve: BearingDisplaced) -> Drawing:
     """Load along and across one displacement."""
     a = curve.along
     unit = "mm" if a < 3 else "mrad"

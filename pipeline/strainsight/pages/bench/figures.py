@@ -33,9 +33,10 @@ from strainsight.pages.chart.panels import (
     legend_of_lines,
     log_ticks,
     plain_axis,
+    shown_unit,
     time_axis,
 )
-from strainsight.pages.text import number, prefix, ratio, reading_unit, short
+from strainsight.pages.text import number, ratio, reading_unit, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -58,7 +59,7 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, H
     σ beside its error, unless σ is withheld, and what it is once it is smoothed.
     """
     (_, first), alone = lines[0], len(lines) == 1
-    factor, unit = shown_unit([history for _, history in lines])
+    factor, unit = shown_unit(*(history for _, history in lines))
     labels = [line_label(label, len(lines)) for label, _ in lines]
     known = [(place, history) for place, (_, history) in enumerate(lines) if history.truth is not None]
     claimed, smoothed = alone and bool(np.isfinite(first.std).any()), first.smoothed if alone else None
@@ -94,7 +95,7 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, H
 def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
     """A load over the one on the bench that was measured: both above, their quotient below where the other is large."""
     name = lines[0][1].name
-    factor, unit = shown_unit([unknown.history for _, unknown in lines])
+    factor, unit = shown_unit(*(unknown.history for _, unknown in lines))
     labels = [line_label(label, len(lines)) for label, _ in lines]
     drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
     text = []
@@ -146,13 +147,6 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     what = "at the end" if unknown.kind == "parameter" else "over the second half"
     caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {text}."
     return Drawing(f"runs-{unknown.name}", f"{unknown.name}: other seeds and starts", caption, caption, svg(drawn))
-
-
-def shown_unit(histories: Sequence[History]) -> tuple[float, str]:
-    """Factor and unit in which the largest of the histories reads well."""
-    unit = histories[0].unit.replace("N m", "N·m")
-    size = largest(*(h.mean if h.truth is None else h.truth for h in histories))
-    return reading_unit(size, unit) if unit == "m" else prefix(size, unit)
 
 
 def line_style(place: int) -> dict[str, Any]:

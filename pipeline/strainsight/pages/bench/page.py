@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.bench.bearing_page import balls_figures
-from strainsight.pages.bench.data import BenchMotion, BenchPageRun, BenchStress, BenchUnknown
+from strainsight.pages.bench.data import BenchMotion, BenchPageRun, BenchStress
 from strainsight.pages.bench.figures import (
     components_figure,
     consistency_figure,
@@ -24,8 +24,8 @@ from strainsight.pages.chart.panels import drawable, legend_above, plain_axis, p
 from strainsight.pages.page.markup import bullets, figures, measure, picture, plain, table
 from strainsight.pages.page.markup import figure as card
 from strainsight.pages.page.sections import advice_card, document, notes_card, panel, rests_on, section
+from strainsight.pages.page.verdicts import headline
 from strainsight.pages.placement.figures import trend_figure
-from strainsight.pages.placement.first import headline
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
 from strainsight.pages.text import number, percent, prefix, quantity, short
@@ -177,29 +177,28 @@ def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
     """Section of the page → its figures: "unknowns", "sensors", "hold-out", "placement", "motion"."""
     shown: dict[str, tuple[Drawing, ...]] = {}
     if (estimate := run.estimate) is not None:
-        shown["unknowns"] = tuple(
-            unknown_figure(f"unknown-{i}", _title(unknown), unknown.kind, [("", unknown.history)])
-            for i, unknown in enumerate(estimate.unknowns)
+        unknowns, ratios, runs = [], [], []
+        for i, unknown in enumerate(estimate.unknowns):
+            name, kind = unknown.name, "load" if unknown.kind == "input" else "parameter"
+            lines = [("", unknown.history)]
+            unknowns.append(unknown_figure(f"unknown-{i}", f"{name}, {kind}", unknown.kind, lines))
+            if unknown.there is not None:
+                ratios.append(ratio_figure(f"ratio-{i}", f"{name}: ratio of the loads", [("", unknown)]))
+            if unknown.errors is not None:
+                runs.append(runs_figure(unknown))
+        balls = [drawn for name, ring in estimate.bearings.items() for drawn in balls_figures(name, ring)]
+        shown["unknowns"] = (*unknowns, *ratios, *balls, *runs)
+        shown["sensors"] = (
+            *(
+                components_figure(f"sensor-{i}", f"{sensor.name}: measured against estimated", sensor)
+                for i, sensor in enumerate(estimate.sensors)
+            ),
+            consistency_figure(estimate, run.number("expected_nis")),
         )
-        shown["unknowns"] += tuple(
-            ratio_figure(f"ratio-{i}", f"{unknown.name}: ratio of the loads", [("", unknown)])
-            for i, unknown in enumerate(estimate.unknowns)
-            if unknown.there is not None
-        )
-        shown["unknowns"] += tuple(
-            drawn for name, ring in estimate.bearings.items() for drawn in balls_figures(name, ring)
-        )
-        shown["unknowns"] += tuple(runs_figure(unknown) for unknown in estimate.unknowns if unknown.errors is not None)
-        shown["sensors"] = tuple(
-            components_figure(f"sensor-{i}", f"{sensor.name}: measured against estimated", sensor)
-            for i, sensor in enumerate(estimate.sensors)
-        )
-        shown["sensors"] += (consistency_figure(estimate, run.number("expected_nis")),)
         shown["hold-out"] = tuple(hold_out_figures(estimate.hold_out))
     if (placement := run.placement) is not None:
-        shown["placement"] = (trend_figure(placement.trend),)
-        if placement.placed.random_std.size:
-            shown["placement"] += (random_figure(placement.placed),)
+        random = [random_figure(placement.placed)] if placement.placed.random_std.size else []
+        shown["placement"] = (trend_figure(placement.trend), *random)
     if (motion := run.motion) is not None:
         drawings = [loads_figure(motion)] if motion.inputs else []
         drawings += [stress_figure(run.stress)] if run.stress is not None else []
@@ -269,10 +268,6 @@ def _placed(run: BenchPageRun) -> str:
 def _picture(caption: str, png: bytes) -> str:
     shown = picture(png, caption, 1400, 900)
     return f'<figure class="card picture">{shown}<figcaption>{escape(caption)}</figcaption></figure>'
-
-
-def _title(unknown: BenchUnknown) -> str:
-    return f"{unknown.name}, {'load' if unknown.kind == 'input' else 'parameter'}"
 
 
 NAMES: Sequence[tuple[str, str, str]] = (

@@ -26,7 +26,7 @@ from strainsight.pages.page.markup import (
     table,
     verdict_mark,
 )
-from strainsight.pages.placement.first import accused
+from strainsight.pages.page.verdicts import accused
 from strainsight.pages.text import number
 from strainsight.runner.output import Scalar
 
@@ -186,27 +186,26 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
     """The layout's expected standard deviations beside those of random layouts, and where the gauges go; numbers: the summary of
     place."""
     placed, units = placement.placed, placement.units
-    best, random = placed.placed, placed.random_std
-    rows = []
-    for i, (name, unit) in enumerate(units.items()):
-        drawn = random[~np.isnan(random[:, i]), i].tolist()
-        cells = [measure(min(drawn), unit, 3), measure(max(drawn), unit, 3)] if drawn else ["–", "–"]
-        rows.append([escape(name), measure(float(best.std[i]), unit, 3), *cells])
+    best, rows = placed.placed, []
+    for (name, unit), std, random in zip(units.items(), best.std.tolist(), placed.random_std.T, strict=True):
+        known = random[~np.isnan(random)]
+        ends = [measure(float(end), unit, 3) for end in (known.min(), known.max())] if len(known) else ["–", "–"]
+        rows.append([escape(name), measure(std, unit, 3), *ends])
     head = ("load", "expected σ", "best random layout", "worst")
     loads = table("loads", head, rows, numeric=(1, 2, 3)) if rows else ""
-    places, symbol = decimals(best.position), escape(placement.trend.metric.symbol)
-    gauges = [
-        [
-            escape(label),
-            *axes(best.position[i], places),
-            f'<span class="whole">{" ".join(axes(best.direction[i], 3))}</span>',
-            plain(float(placed.loss[i]), 4),
-            *(measure(float(std), unit, 3) for std, unit in zip(best.without[i], units.values(), strict=True)),
-        ]
-        for i, label in enumerate(placement.labels)
+    places, symbol, gauges = decimals(best.position), escape(placement.trend.metric.symbol), []
+    for i, label in enumerate(placement.labels):
+        direction = f'<span class="whole">{" ".join(axes(best.direction[i], 3))}</span>'
+        without = [measure(std, unit, 3) for std, unit in zip(best.without[i].tolist(), units.values(), strict=True)]
+        place = axes(best.position[i], places)
+        gauges.append([escape(label), *place, direction, plain(float(placed.loss[i]), 4), *without])
+    columns = [
+        "gauge",
+        *AXES,
+        "direction",
+        f"{symbol} if it fails",
+        *(f"σ({escape(name)}) without it" for name in units),
     ]
-    without = [f"σ({escape(name)}) without it" for name in units]
-    columns = ["gauge", *AXES, "direction", f"{symbol} if it fails", *without]
     caption, gap = f"{symbol} of the layout: {plain(placement.trend.final, 4)}.", placement.trend.gap
     if gap is not None:
         of = f" of all {every} candidates" if (every := numbers.get("bounded")) else ""

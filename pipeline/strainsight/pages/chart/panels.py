@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from strainsight.pages.arrays import FloatArray, History
+from strainsight.pages.arrays import FloatArray, History, largest
 from strainsight.pages.chart.drawing import (
     BLUE,
     GREEN,
@@ -20,7 +20,7 @@ from strainsight.pages.chart.drawing import (
     svg,
     visible_instants,
 )
-from strainsight.pages.text import SUPERSCRIPTS, number, prefix, quantity, short
+from strainsight.pages.text import SUPERSCRIPTS, number, prefix, quantity, reading_unit, short
 from strainsight.records.estimated import Posterior
 
 if TYPE_CHECKING:
@@ -131,9 +131,11 @@ def log_ticks(axes: Axes, which: str = "y") -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def shown_unit(history: History) -> tuple[float, str]:
-    reference = history.mean if history.truth is None else history.truth
-    return prefix(float(np.nanmax(np.abs(reference), initial=0.0)), history.unit)
+def shown_unit(*histories: History) -> tuple[float, str]:
+    """Factor and unit in which the largest of the histories reads well."""
+    unit = histories[0].unit.replace("N m", "N·m")
+    size = largest(*(h.mean if h.truth is None else h.truth for h in histories))
+    return reading_unit(size, unit) if unit == "m" else prefix(size, unit)
 
 
 def drawable(values: FloatArray) -> FloatArray:

@@ -196,20 +196,15 @@ def stops(scale: Scale) -> NDArray[np.uint8]:
     return colours(scale, np.linspace(scale.low, scale.high, STEPS), "#000000")
 
 
-def gradient(scale: Scale) -> str:
-    """The colours from low to high, as a background of CSS."""
-    listed = ", ".join(f"#{bytes(rgb.tolist()).hex()}" for rgb in stops(scale))
-    return f"linear-gradient(to right, {listed})"
-
-
 def scale_bar(scale: Scale) -> str:
     """Colours from low to high with their values, in words for those who do not see them."""
     low, middle, high = (number(value, 3) for value in (scale.low, (scale.low + scale.high) / 2, scale.high))
     low, high = "≤\u00a0" * scale.below + low, "≥\u00a0" * scale.above + high
+    ramp = ", ".join(f"#{bytes(rgb.tolist()).hex()}" for rgb in stops(scale))
     label = escape(f"{scale.quantity} from {low} to {high} {scale.unit}")
     return (
         f'<div class="scale" role="img" aria-label="{label}"><p>{escape(scale.quantity)} [{escape(scale.unit)}]</p>'
-        f'<i style="background:{gradient(scale)}"></i><p class="ends"><span>{low}</span><span>{middle}</span>'
+        f'<i style="background:linear-gradient(to right, {ramp})"></i><p class="ends"><span>{low}</span><span>{middle}</span>'
         f"<span>{high}</span></p></div>"
     )
 

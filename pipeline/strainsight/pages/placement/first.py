@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator
 from html import escape
 
-from strainsight.estimation.decision import DIVERGED, LOST, OVERCONFIDENT, WITHHELD
+from strainsight.estimation.decision import LOST, WITHHELD
 from strainsight.pages.chart.drawing import VERMILION
 from strainsight.pages.page import markup
 from strainsight.pages.page.markup import (
@@ -26,76 +26,13 @@ from strainsight.pages.page.markup import (
     tile,
 )
 from strainsight.pages.page.sections import caution, first_screen
+from strainsight.pages.page.verdicts import HARDLY, faults, leading, not_shown
 from strainsight.pages.picture.geometry import shape
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.picture.scene import CLAMP, LINES, POOL
 from strainsight.pages.placement.data import ObservabilityCase, PlacementReport, Unknown
 from strainsight.pages.placement.gauge_table import SINGLE, expected_with_all, names_without
 from strainsight.pages.text import listed
-
-HARDLY = "the measurements hardly narrow it"
-
-
-def faults(unknown: Unknown, diverged: bool = False) -> tuple[str, ...]:
-    """What is wrong with the estimate of an unknown, empty where nothing is; diverged: whether a repeat did."""
-    wrong = [DIVERGED] * (diverged or (unknown.error is not None and not math.isfinite(unknown.error)))
-    wrong += [WITHHELD] * unknown.withheld
-    wrong += [OVERCONFIDENT] * (bool(unknown.claims) and unknown.claims[0].overconfident)
-    return (*wrong, *[LOST] * unknown.lost)
-
-
-def why(fault: str, unknown: Unknown) -> str:
-    """A fault and what it stands on, as HTML."""
-    if fault == OVERCONFIDENT:
-        return unknown.claims[0].words(plain)
-    return f"{LOST} ({HARDLY})" if fault == LOST else fault
-
-
-def headline(accusations: Iterable[tuple[str, Sequence[str]]]) -> str:
-    """Faults by unknown as the beginning of a page's title, empty where there are none."""
-    parts = [f"{name} {' and '.join(faults)}" for name, faults in accusations if faults]
-    return f"✕ {', '.join(parts)} – " if parts else ""
-
-
-def leading(unknowns: Sequence[Unknown]) -> str:
-    """What a page begins with, as HTML: what does not hold, and unknowns for which the placement gains nothing."""
-    text = ""
-    for unknown in unknowns:
-        wrong = faults(unknown)
-        off = f"; it is {share(unknown.error)} off" * (OVERCONFIDENT in wrong)
-        text += accused(unknown.name, [why(fault, unknown) for fault in wrong], off)
-    return text + no_benefit(unknowns)
-
-
-def accused(name: str, faults: Sequence[str], more: str = "") -> str:
-    """What is wrong with an unknown, as HTML; empty where nothing is."""
-    return f'<strong class="bad">{escape(name)}: {", ".join(faults)}{more}.</strong> ' if faults else ""
-
-
-def no_benefit(unknowns: Sequence[Unknown]) -> str:
-    """That random layouts do as well, of which unknowns, as HTML; empty where none is so."""
-    judged = [unknown for unknown in unknowns if unknown.benefit is not None]
-    none = [unknown for unknown in judged if unknown.benefit is not None and unknown.benefit.verdict == "none"]
-    if not none:
-        return ""
-    of = "" if len(none) == len(unknowns) else f" for {' and '.join(escape(unknown.name) for unknown in none)}"
-    counts = " and ".join(
-        f"{plain(benefit.as_well)} of {plain(benefit.sets)}" + f" ({escape(unknown.name)})" * (len(none) > 1)
-        for unknown in none
-        if (benefit := unknown.benefit) is not None
-    )
-    text = f"Placement brings no benefit here{of}: {counts} random layouts of the same size do as well."
-    return f'<strong class="bad">{text}</strong> '
-
-
-def not_shown(unknowns: Sequence[Unknown]) -> list[str]:
-    """Sentences, as HTML: of which unknowns too many random layouts do as well to tell."""
-    return [
-        f"That the placement helps {escape(unknown.name)} is not shown: {plain(benefit.as_well)} of {plain(benefit.sets)} random "
-        "layouts of the same size do as well."
-        for unknown in unknowns
-        if (benefit := unknown.benefit) is not None and benefit.verdict == "not shown"
-    ]
 
 
 def denominator(unknown: Unknown) -> str:

@@ -9,7 +9,7 @@ from html import escape
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.page.markup import axes, badge, data, decimals, measure, plain, share, table
+from strainsight.pages.page.markup import axes, badge, data, decimals, items, measure, plain, share, table
 from strainsight.pages.picture.layout import Gauge, PositionAxes
 from strainsight.pages.placement.data import Criteria, MetricWords, ObservabilityCase, PlacementReport, Trend
 from strainsight.pages.text import number, percent, reading_unit
@@ -95,10 +95,9 @@ def given(gauges: tuple[Gauge, ...]) -> bool:
 
 def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
     """What the columns of places mean, as far as they occur."""
-    text = [
-        f"Places and measuring directions are in {frame.in_words()}"
-        + ("; a rosette's or triaxial sensor's further directions stand below." if _several(gauges) else ".")
-    ]
+    text = [f"Places and measuring directions are in {frame.in_words()}."]
+    if any(len(gauge.channels) > 1 for gauge in gauges):
+        text[0] = f"{text[0][:-1]}; a rosette's or triaxial sensor's further directions stand below."
     if any(gauge.arms for gauge in gauges):
         text.append("The arms of a bridge stand below one another, in the order of the signs beside its kind.")
     if any(len(gauge.edges) for gauge in gauges):
@@ -132,10 +131,6 @@ def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
     if any(math.isinf(value) for gauge in gauges for value in gauge.without.values()):
         text.append("∞: without that gauge the unknown can no longer be observed.")
     return " ".join(text)
-
-
-def _several(gauges: tuple[Gauge, ...]) -> bool:
-    return any(len(gauge.channels) > 1 for gauge in gauges)
 
 
 def _kind(gauge: Gauge) -> str:
@@ -231,35 +226,33 @@ def criteria_table(
     chosen = criteria[0].chosen if criteria else trend.final
     scale = chosen if 0 < chosen < math.inf else math.nan
     names = [name for name in unit if any(name in entry.std for entry in criteria)]
-    full = bool(criteria)
-    others = metrics[1:] if full else ()
+    others = metrics[1:] if criteria else ()
 
     def row(title: str, value: float, entry: Criteria | None) -> list[str]:
         cells = [title, plain(value), plain(value / scale)]
         if entry is None:
             return cells + ["–"] * (len(others) + len(names))
-        cells += map(plain, entry.values[1:])
-        return cells + [_sigma(entry.std.get(name), unit[name]) for name in names]
+        return [*cells, *map(plain, entry.values[1:]), *(_sigma(entry.std.get(name), unit[name]) for name in names)]
 
-    rule = f" ({escape(criteria[0].rule)})" if full else ""
-    rows = [row(f"<strong>chosen set</strong>{rule}", chosen, criteria[0] if full else None)]
+    rule = f" ({escape(criteria[0].rule)})" if criteria else ""
+    rows = [row(f"<strong>chosen set</strong>{rule}", chosen, criteria[0] if criteria else None)]
     if trend.lower_bound is not None:
         rows.append(row("certified lower bound", trend.lower_bound, None))
     rules = sorted(criteria[1:], key=lambda entry: (math.isnan(entry.chosen), entry.chosen))
     rows += [row(escape(entry.rule), entry.chosen, entry) for entry in rules]
     head = ["layout by", escape(trend.metric.symbol), "times the chosen", *(escape(m.symbol) for m in others)]
     head += [f"steady-state σ({escape(name)})" for name in names]
-    caption = "Layouts of the same size from the same pool"
-    caption += ", all scored by the same covariance" if full else ""
-    caption += (
-        ". The other rules know no limits of the layout, such as a budget, spacing or zones: "
-        "what they choose may not be allowed."
-        if rules
-        else "."
+    caption = (
+        "Layouts of the same size from the same pool" + ", all scored by the same covariance" * bool(criteria) + "."
     )
+    if rules:
+        caption += f" {LIMITS}"
     if any(math.isinf(value) for entry in criteria for value in (*entry.values, *entry.std.values())):
         caption += " ∞: that layout cannot observe all unknowns."
     return table("layouts by rule", head, rows, caption=caption, numeric=range(1, len(head)))
+
+
+LIMITS = "The other rules know no limits of the layout, such as a budget, spacing or zones: what they choose may not be allowed."
 
 
 def criteria_meaning(metrics: Sequence[MetricWords]) -> str:
@@ -268,11 +261,10 @@ def criteria_meaning(metrics: Sequence[MetricWords]) -> str:
         (metric.symbol, metric.meaning + "; what this placement makes small" * (i == 0))
         for i, metric in enumerate(metrics)
     ]
-    items = "".join(
-        f"<li><strong>{escape(name)}</strong>: {escape(text)}.</li>"
-        for name, text in [*words, ("steady-state σ", STEADY)]
-    )
-    return f"<h3>Criteria, smaller is better in all</h3><ul>{items}</ul>"
+    meanings = [
+        f"<strong>{escape(name)}</strong>: {escape(text)}." for name, text in (*words, ("steady-state σ", STEADY))
+    ]
+    return f"<h3>Criteria, smaller is better in all</h3>{items(meanings)}"
 
 
 def load_cases_table(report: PlacementReport) -> str:
@@ -280,15 +272,10 @@ def load_cases_table(report: PlacementReport) -> str:
     cases, names = report.load_cases, list(report.units)
     if cases is None:
         return ""
-    rows = [
-        [
-            escape(case),
-            plain(float(cases.weight[i])),
-            plain(float(cases.metric[i])),
-            *(share(float(cases.std[name][i])) if cases.acts[name][i] else "silent" for name in names),
-        ]
-        for i, case in enumerate(cases.name)
-    ]
+    rows = []
+    for i, case in enumerate(cases.name):
+        sigma = [share(float(cases.std[name][i])) if cases.acts[name][i] else "silent" for name in names]
+        rows.append([escape(case), plain(float(cases.weight[i])), plain(float(cases.metric[i])), *sigma])
     expected = [f"expected σ({escape(name)})" for name in names]
     head = ["load case", "weight", escape(report.trend.metric.symbol), *expected]
     caption = (
@@ -304,21 +291,16 @@ def cases_table(cases: Sequence[ObservabilityCase]) -> str:
     grid: dict[tuple[str, ...], dict[str, ObservabilityCase]] = {}
     for case in cases:
         grid.setdefault(case.unknowns, {})[case.excitation] = case
-
-    def row(unknowns: tuple[str, ...], cases_of: dict[str, ObservabilityCase]) -> list[str]:
-        cells = [escape(", ".join(unknowns)) or "none"]
-        for excitation in excitations:
-            case = cases_of.get(excitation)
-            cells.append("–" if case is None else plain(case.condition, 3))
-        return [*cells, _lost(cases_of, len(excitations))]
-
-    head = ["unknown together", *map(escape, excitations)]
+    rows = []
+    for unknowns, by in grid.items():
+        conditions = [plain(by[name].condition, 3) if name in by else "–" for name in excitations]
+        rows.append([escape(", ".join(unknowns)) or "none", *conditions, _lost(by, len(excitations))])
+    head = ["unknown together", *map(escape, excitations), "what is lost"]
     caption = (
         "Condition number of the Popov-Belevitch-Hautus matrix at λ = 0, the larger the harder to distinguish. "
         "States are scaled by their sizes in the training run, so that rows can be compared at the same excitation."
     )
-    rows = [row(unknowns, cases_of) for unknowns, cases_of in grid.items()]
-    return table("sets of unknowns", [*head, "what is lost"], rows, caption=caption, numeric=range(1, len(head)))
+    return table("sets of unknowns", head, rows, caption=caption, numeric=range(1, len(head) - 1))
 
 
 def _sigma(value: float | None, unit: str) -> str:
@@ -328,9 +310,9 @@ def _sigma(value: float | None, unit: str) -> str:
     return '<data value="inf">cannot observe</data>' if math.isinf(value) else measure(value, unit, 3)
 
 
-def _lost(cases: dict[str, ObservabilityCase], excitations: int) -> str:
+def _lost(cases: Mapping[str, ObservabilityCase], excitations: int) -> str:
     """What is lost, once where it is the same at every excitation."""
-    text = [(case.excitation, case.lost) for case in cases.values() if case.lost]
-    if len(text) == excitations and len({lost for _, lost in text}) == 1:
-        return escape(text[0][1])
-    return "<br>".join(f"{escape(excitation)}: {escape(lost)}" for excitation, lost in text)
+    lost = {name: escape(case.lost) for name, case in cases.items() if case.lost}
+    if len(lost) == excitations and len(set(lost.values())) == 1:
+        return next(iter(lost.values()))
+    return "<br>".join(f"{escape(name)}: {text}" for name, text in lost.items())

@@ -18,8 +18,9 @@ from strainsight.pages.page.sections import (
     section,
     warnings_section,
 )
+from strainsight.pages.page.verdicts import faults, headline
 from strainsight.pages.placement.data import PlacementReport
-from strainsight.pages.placement.first import answer, faults, headline, placement_screen
+from strainsight.pages.placement.first import answer, placement_screen
 from strainsight.pages.placement.gauge_table import (
     cases_table,
     criteria_meaning,

@@ -44,7 +44,8 @@ STEPS = (5.0, 2.0, 1.0)
 def sheet_svg(sheet: Sheet) -> str:
     """The sheet as an SVG text that stands alone."""
     paper = Paper()
-    paper.path(_box(EDGE, EDGE, WIDTH - EDGE, HEIGHT - EDGE), THICK)
+    right, bottom = WIDTH - EDGE, HEIGHT - EDGE
+    paper.path([(EDGE, EDGE), (right, EDGE), (right, bottom), (EDGE, bottom), (EDGE, EDGE)], THICK)
     paper.path([(COLUMN, EDGE), (COLUMN, HEIGHT - EDGE)])
     ratio = _views(paper, sheet)
     enlarged = _detail(paper, sheet)
@@ -185,10 +186,6 @@ def _vector(d: FloatArray) -> str:
 
 def _numbers(values: FloatArray) -> str:
     return " ".join(f"{round(float(v), 4) + 0.0:g}" for v in values).replace("-", MINUS)
-
-
-def _box(left: float, top: float, right: float, bottom: float) -> list[tuple[float, float]]:
-    return [(left, top), (right, top), (right, bottom), (left, bottom), (left, top)]
 
 
 LARGEST = 2_000_000

@@ -204,10 +204,11 @@ def suite_figures(report: Suite) -> tuple[Drawing, ...]:
     drawings = []
     if series := series_of(report):
         drawings.append(pbh_figure(series))
-    if rows := [(index, result) for index, run in report.placements for result in results_of(run) if _drawn(result)]:
+    results = [(index, result) for index, run in report.placements for result in results_of(run)]
+    if rows := [row for row in results if row[1].error is not None and np.isfinite(row[1].error)]:
         drawings.append(errors_figure(rows))
-    trends = [(i, run, run.trend) for i, run in report.placements if run.trend is not None]
-    if lines := [(i, run, trend) for i, run, trend in trends if _start(trend) is not None]:
+    trends = [(i, run, run.trend) for i, run in report.placements if run.trend is not None and len(run.trend.value)]
+    if lines := [line for line in trends if 0 < line[2].value[0] < np.inf]:
         drawings.append(trends_figure(lines))
     for index, run in report.placements:
         drawings += [run_estimate(index, run, history) for history in run.histories]
@@ -371,18 +372,8 @@ def _power(value: float) -> str:
     return f"10{str(power).translate(SUPERSCRIPTS)}" if power not in (0, 1) else str(10**power)
 
 
-def _drawn(result: Result) -> bool:
-    return result.error is not None and bool(np.isfinite(result.error))
-
-
 def _reach(result: Result) -> float | None:
     """The largest error that the claimed σ allows."""
     shown = "smoothed" if result.smoothed else "test"
     claim = next((claim for claim in result.unknown.claims if claim.of == shown), None)
     return claim.band[1] * result.std if claim and result.std and np.isfinite(result.std) else None
-
-
-def _start(trend: Trend) -> float | None:
-    """The metric of the whole pool, if there is a number to divide by."""
-    first = float(trend.value[0]) if len(trend.value) else np.nan
-    return first if np.isfinite(first) and first > 0 else None

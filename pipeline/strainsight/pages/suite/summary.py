@@ -24,8 +24,8 @@ from strainsight.pages.page.markup import (
     verdict_mark,
 )
 from strainsight.pages.page.sections import section
+from strainsight.pages.page.verdicts import accused, faults, no_benefit, why
 from strainsight.pages.placement.data import ObservabilityCase, Unknown
-from strainsight.pages.placement.first import accused, faults, no_benefit, why
 from strainsight.pages.suite.data import PlacementRun, Suite, SuiteRun, metric_name, metric_words, metrics_of
 from strainsight.pages.text import listed
 

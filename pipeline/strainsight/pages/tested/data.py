@@ -14,7 +14,7 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray, History, Reading
 from strainsight.pages.picture.layout import PictureLayout
-from strainsight.records.estimated import Compared, Posterior, Source
+from strainsight.records.estimated import Compared, Posterior, TestSource
 from strainsight.runner.output import Table
 
 
@@ -99,7 +99,7 @@ class SurfaceMoment:
 class File:
     """The file of the test as it was read: rate [Hz], first instant [s] and duration [s] of the samples; how many there are."""
 
-    source: Source
+    source: TestSource
     rate: float
     start: float
     duration: float

@@ -50,7 +50,7 @@ from strainsight.pages.tested.data import Findings, Map, TestedUnknown, peak_of
 from strainsight.pages.tested.figures import hold_out_section, reading
 from strainsight.pages.text import listed, number, quantity
 from strainsight.pages.view.viewing import FACETS, Panel, View
-from strainsight.records.estimated import Source
+from strainsight.records.estimated import TestSource
 
 LOUD = 1.5
 """RMS of what is left over the stated noise from which it is marked."""
@@ -282,7 +282,7 @@ def _size_in_words(size: int) -> str:
     return f"{number(size, 12)} bytes"
 
 
-def _calibration_in_words(source: Source, i: int) -> str:
+def _calibration_in_words(source: TestSource, i: int) -> str:
     """What was done to channel i of the file, in the order in which it was done."""
     unit, parts = source.unit[i], []
     if source.offset[i]:

@@ -17,8 +17,7 @@ ON_DEMAND = ("statics", "modes")
 def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
     """From the decks to a simulation in time and its page; with its bearings alone, a placement, a truth by another integrator,
     an estimate and a field where the config has them."""
-    from strainsight.stages.bench.import_bodies import IMPORT
-    from strainsight.stages.bench.reduce import REDUCE
+    from strainsight.stages.bench.import_bodies import IMPORT, REDUCE
     from strainsight.stages.bench.simulate import SIMULATE
 
     stages = [*((BEARING,) if config["bearings"] else ()), IMPORT, REDUCE]
@@ -52,8 +51,7 @@ def demanded(stage: str, config: Mapping[str, Any]) -> tuple[Stage, ...]:
     if stage not in ON_DEMAND:
         return ()
     from strainsight.stages.bench.at_rest import MODES, STATICS
-    from strainsight.stages.bench.import_bodies import IMPORT
-    from strainsight.stages.bench.reduce import REDUCE
+    from strainsight.stages.bench.import_bodies import IMPORT, REDUCE
 
     asked = MODES if stage == MODES.name else STATICS
     if not _takes_over(config):

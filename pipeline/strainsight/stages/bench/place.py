@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.bodies import FlexibleBody
+from strainsight.config.bench.bodies import FlexibleBodySection
 from strainsight.experiment.bench.layout.placement import placement_of, placement_output
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
@@ -18,7 +18,7 @@ def run(context: Context[BenchConfig]) -> Output:
     placement = placement_of(config, mesh_of, bodies(context), context)
     assert config.place is not None
     body = config.bodies[config.place.body]
-    assert isinstance(body, FlexibleBody)
+    assert isinstance(body, FlexibleBodySection)
     return placement_output(placement, mesh_of[config.place.body], body.mesh.length_unit)
 
 

@@ -8,7 +8,7 @@ from typing import Any, Literal
 import numpy as np
 
 from strainsight import __version__
-from strainsight.config.loads import Load
+from strainsight.config.loads import LoadSection
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.estimation.decision import benefit_of, claims_of, word_of
@@ -42,7 +42,7 @@ from strainsight.records.placed import Observed, Placed, PlacedLayout, metric_ke
 from strainsight.records.record import read, unit_of
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
-from strainsight.records.validated import RandomSets as Drawn
+from strainsight.records.validated import RandomSetErrors as Drawn
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.stage import Context
@@ -93,7 +93,9 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
     )
 
 
-def warnings_of(up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads: Mapping[str, Load]) -> tuple[str, ...]:
+def warnings_of(
+    up: Mapping[str, Artefact], names: list[str], mesh: Mesh, loads: Mapping[str, LoadSection]
+) -> tuple[str, ...]:
     """What a reader has to know: of the model, and once they were validated, of the estimates."""
     reduced = read(Reduced, up["rom"]) if "rom" in up else None
     ready = None if reduced is None else reduced.results or reduced.matrices

@@ -75,7 +75,8 @@ def bare(mesh: Mesh, loads: Mapping[str, Any]) -> PictureLayout:
     faces = exterior_facets(mesh).nodes if mesh.has_surface else np.full((0, 8), -1)
     arrows = [(name, *_point_and_direction(mesh, entry), bool(entry.known)) for name, entry in loads.items()]
     nodes = [b.nodes[(b.on_sides < 0).all(axis=(1, 2))] if len(b.on_sides) else b.nodes for b in mesh.beams]
-    bars = [ends[:, piece] for ends in nodes for piece in _pieces(ends)]
+    # straight lines between the nodes of beams, through the one in the middle where they have three
+    bars = [n[:, ends] for n in nodes for ends in (((0, 2), (2, 1)) if n.shape[1] == 3 else ((0, 1),))]
     nothing = np.empty((0, 3))
     return PictureLayout(
         mesh.position,
@@ -87,11 +88,6 @@ def bare(mesh: Mesh, loads: Mapping[str, Any]) -> PictureLayout:
         nothing if mesh.has_surface else loose_nodes(mesh),
         np.concatenate([np.zeros((0, 2), dtype=np.int64), *bars]),
     )
-
-
-def _pieces(nodes: np.ndarray) -> tuple[list[int], ...]:
-    """Between which nodes of beams (n, k) straight lines are drawn."""
-    return ([0, 2], [2, 1]) if nodes.shape[1] == 3 else ([0, 1],)
 
 
 def layout_of_test(

@@ -9,8 +9,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
-from strainsight.experiment.structure.contour import SurfaceStrain, surface_strains
-from strainsight.experiment.structure.surface import largest_principal
+from strainsight.experiment.structure.surface import SurfaceStrain, largest_principal, surface_strains
 from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.pages.space.model import ShownState, contour_of

@@ -10,7 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
-from strainsight.config.bench.bench import StrainSensor
+from strainsight.config.bench.bench import StrainSensorSection
 from strainsight.config.bench.estimate import FromFile
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.experiment.bench.bench import Bench
@@ -78,7 +78,7 @@ class FilteredBench:
         for name, channels in self.trial.problem.used.channels.items():
             sensor = self.trial.problem.config.sensors[name]
             grids = np.ones(channels.stop - channels.start, dtype=int)
-            if isinstance(sensor, StrainSensor) and sensor.gauges:
+            if isinstance(sensor, StrainSensorSection) and sensor.gauges:
                 grids = np.array([len(gauge.angles) if gauge.angles else 1 for gauge in sensor.gauges])
             parts += np.split(np.arange(channels.start, channels.stop), np.cumsum(grids)[:-1])
         return parts

@@ -10,8 +10,8 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.connections import Driven, Load
-from strainsight.config.bench.estimate import Estimate, EstimatedParameter
-from strainsight.config.loads import Sine
+from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter
+from strainsight.config.loads import SineSection
 from strainsight.errors import NumericalError, UserError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
@@ -50,7 +50,7 @@ class BenchUnknowns:
     coordinates: ParameterCoordinates
 
 
-def asked(config: BenchConfig) -> Estimate:
+def asked(config: BenchConfig) -> BenchEstimateSection:
     """The section `estimate`, which is there where something is estimated."""
     assert config.estimate is not None
     return config.estimate
@@ -89,7 +89,7 @@ def has_other_poses(config: BenchConfig) -> bool:
     )
 
 
-def free_properties(estimate: Estimate) -> dict[str, tuple[str, ...]]:
+def free_properties(estimate: BenchEstimateSection) -> dict[str, tuple[str, ...]]:
     """Bearing → its properties that the estimate names, in the order of PARAMETERS."""
     free: dict[str, list[str]] = {}
     for entry in estimate.parameters.values():
@@ -179,7 +179,7 @@ def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
     """Frequency [Hz] and amplitude [N, N m] of an unknown load: as stated, else of the sine that its history is."""
     entry, force = asked(config).inputs[name], config.forces[name]
     assert isinstance(force, Load)
-    sine = force.signal if isinstance(force.signal, Sine) else None
+    sine = force.signal if isinstance(force.signal, SineSection) else None
     frequency = entry.frequency or (None if sine is None else sine.frequency)
     amplitude = entry.amplitude or (None if sine is None else sine.amplitude)
     assert frequency is not None  # checked with the config
@@ -214,7 +214,7 @@ class BenchProblem:
         return self.bench.config
 
     @property
-    def estimate(self) -> Estimate:
+    def estimate(self) -> BenchEstimateSection:
         return asked(self.config)
 
     @property

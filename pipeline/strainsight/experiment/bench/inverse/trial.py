@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import block_diag
 
 from strainsight.config.bench.bench import AccelerationSensor, MotionSensor
-from strainsight.config.bench.estimate import Estimate
+from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.errors import ConfigError, NumericalError, UserError, blame
 from strainsight.estimation.model import StepModel
 from strainsight.estimation.reduced import Biased, bordered
@@ -200,7 +200,7 @@ def _start(
 
 
 def _noise(
-    estimate: Estimate, used: Sensors, largest: np.ndarray, moved: np.ndarray
+    estimate: BenchEstimateSection, used: Sensors, largest: np.ndarray, moved: np.ndarray
 ) -> tuple[np.ndarray, tuple[str, ...]]:
     """σ of every channel (m,), and which were raised; moved (m,): by one σ of an unknown."""
     noise, notes = np.empty(len(largest)), []

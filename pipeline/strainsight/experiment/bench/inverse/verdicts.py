@@ -8,7 +8,7 @@ from functools import cached_property
 
 import numpy as np
 
-from strainsight.config.bench.estimate import Estimate, FromFile
+from strainsight.config.bench.estimate import BenchEstimateSection, FromFile
 from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.decision import (
     BEYOND,
@@ -60,7 +60,7 @@ class Evidence:
     beyond: Mapping[str, str]
 
     @property
-    def estimate(self) -> Estimate:
+    def estimate(self) -> BenchEstimateSection:
         return self.estimation.problem.estimate
 
     @property
@@ -260,7 +260,7 @@ COLUMNS = {
 """Numbers in the table of the unknowns."""
 
 
-def loud_sensors(estimate: Estimate, record: BenchEstimated) -> Iterator[str]:
+def loud_sensors(estimate: BenchEstimateSection, record: BenchEstimated) -> Iterator[str]:
     """Of the sensors whose noise exceeds everything that they read by the estimate."""
     for name, settings in estimate.sensors.items():
         noise, largest = (
@@ -272,7 +272,7 @@ def loud_sensors(estimate: Estimate, record: BenchEstimated) -> Iterator[str]:
             yield f"the noise of {name}, {noise:.3g}, exceeds its largest reading, {largest:.3g}: check {key}"
 
 
-def bench_disagreements(estimate: Estimate, estimation: BenchEstimation) -> list[str]:
+def bench_disagreements(estimate: BenchEstimateSection, estimation: BenchEstimation) -> list[str]:
     """Where the extended filter does not allow for what the bank finds, and when it is the bank that is wrong."""
     words = disagreements_in_words(estimation.filtered.compared)
     if words and estimate.inputs:
@@ -309,7 +309,7 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
     }
 
 
-def _truth(estimate: Estimate) -> str:
+def _truth(estimate: BenchEstimateSection) -> str:
     if isinstance(estimate.measured, FromFile):
         return f"measured in {estimate.measured.file}"
     if estimate.measured is not None:

@@ -14,20 +14,16 @@ from strainsight.experiment.bench.inverse.problem import asked, free_properties,
 from strainsight.experiment.bench.layout.pool import (
     GaugePool,
     MotionCandidates,
-    PlacedBody,
     gauge_pool,
     installation_offs,
-    known_of,
     motion_candidates,
-    poses_of,
-    zeroed,
 )
-from strainsight.experiment.bench.layout.strained import Strained
+from strainsight.experiment.bench.layout.strained import PlacedBody, Strained, known_of, poses_of, zeroed
 from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list
 from strainsight.experiment.layout.output import layout_output, layout_record
 from strainsight.experiment.layout.placement import Placement, Subject, place
-from strainsight.experiment.layout.task import PoolRows, Readings, Task, Unknowns, Whole, layout_limits
+from strainsight.experiment.layout.task import PoolReadings, PoolRows, Task, UnknownStates, Whole, layout_limits
 from strainsight.experiment.resources import Resources
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.linear import LinearBench
@@ -50,7 +46,7 @@ PERIODS = (1e-6, 1e6)
 
 
 @dataclass(frozen=True)
-class BenchPlacement(Placement):
+class BodyPlacement(Placement):
     """The result of a placement; σ is in the unit of each unknown, inputs before parameters.
 
     units of the unknowns; pool: the body's gauges; layouts: the placed one and those drawn at random, by name; time (poses,) [s]
@@ -67,7 +63,7 @@ class BenchPlacement(Placement):
 
 def placement_of(
     config: BenchConfig, meshes: Mapping[str, Mesh], reduced: Mapping[str, ReducedBody], using: Resources
-) -> BenchPlacement:
+) -> BodyPlacement:
     """Linearise about the static equilibria, screen, eliminate, exchange, prove; draw layouts to compare with.
 
     Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
@@ -127,7 +123,7 @@ def placement_of(
         advice = (sentence, *advice)
     if known is not None and off.any():
         advice = (EXACT, *advice)
-    return BenchPlacement(
+    return BodyPlacement(
         **vars(replace(placement, advice=advice)),
         units=body.units,
         pool=subject.pool,
@@ -163,7 +159,7 @@ class _Body(Subject):
             whole = Whole(*self.every, gauges)
         at = np.arange(2 * modes, 2 * modes + len(inputs))
         return Task(
-            Unknowns(inputs, inputs, at, self.strained.scale, linear.increment),
+            UnknownStates(inputs, inputs, at, self.strained.scale, linear.increment),
             solved,
             candidates,
             PoolRows(gauges[:, None], gauges[:, None]),
@@ -171,7 +167,7 @@ class _Body(Subject):
             limits,
             self.body.place,
             # rules that look at readings alone take the first pose
-            Readings(
+            PoolReadings(
                 self.strained.readings[0][gauges][:, None, :modes],
                 self.strained.noise[gauges, None] ** 2,
                 moved @ moved.T,
@@ -282,7 +278,7 @@ def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -
             )
 
 
-def placement_output(placement: BenchPlacement, mesh: Mesh, length_unit: str) -> Output:
+def placement_output(placement: BodyPlacement, mesh: Mesh, length_unit: str) -> Output:
     """Datasets, tables and files; gauges.csv has σ without each gauge in N or N m, and as peak the strain at the start.
 
     mesh of the body that the gauges are on; length_unit of its deck.

@@ -1,23 +1,110 @@
-"""What gauges of a body mean for the bench: scenarios that rank them, and what a filter on them comes to claim."""
+"""A body of a bench at rest, linearised: scenarios that rank gauges on it, and what a filter on them comes to claim."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.multibody.inverse.linear import LinearBench, in_steps, in_time
+from strainsight.config.bench.bench import BenchConfig, BenchPlace, StrainSensorSection
+from strainsight.errors import InfeasibleError, NumericalError, blame
+from strainsight.experiment.bench.bench import Bench, start_of
+from strainsight.experiment.bench.inverse.problem import BenchUnknowns, asked, corrects_in_a_test, parameter_units
+from strainsight.experiment.bench.loads import load_units, loads_of
+from strainsight.mesh.model import Mesh
+from strainsight.multibody.initial import static_equilibrium
+from strainsight.multibody.inverse.linear import LinearBench, in_steps, in_time, linear_bench
 from strainsight.placement.criteria import Metric
 from strainsight.placement.riccati import factor_after, steady_factor
 from strainsight.placement.scenario import Aggregate, Scenario, solve_pool
 
+Pose = tuple[np.ndarray, np.ndarray]
+"""Coordinates q and inputs u of the system at rest."""
 UNTOLD = 0.9
 """Share of σ of its guess above which the gauges tell next to nothing of a parameter."""
 DISTURBED = 1e-3
 """[m/s²] White acceleration of every body that gauges are ranked with where the filter has none or less: without any, motions
 that nothing damps have no steady covariance."""
+
+
+@dataclass(frozen=True)
+class PlacedBody:
+    """The bench of a body that gauges are placed on, at the guess of its parameters.
+
+    files of the config; unknowns of the filter and its step h [s]; mesh of the body and basis (3 nodes, r) displacement per
+    coordinate.
+    """
+
+    config: BenchConfig
+    place: BenchPlace
+    files: Mapping[str, Path]
+    bench: Bench
+    unknowns: BenchUnknowns
+    h: float
+    mesh: Mesh
+    basis: np.ndarray
+
+    @property
+    def loads(self) -> tuple[str, ...]:
+        """The unknown loads in the order of the system."""
+        return tuple(name for name in self.bench.system.inputs if name in asked(self.config).inputs)
+
+    @property
+    def inputs(self) -> tuple[str, ...]:
+        """All unknowns, loads before parameters."""
+        return (*self.loads, *self.unknowns.free)
+
+    @property
+    def units(self) -> tuple[str, ...]:
+        """Of `inputs`: Pa of a modulus, m of what a bearing has."""
+        of_parameters = parameter_units(self.config, self.unknowns.free)
+        return (*load_units(self.config, self.loads).values(), *of_parameters.values())
+
+    @property
+    def duration(self) -> float:
+        """Of the run of the filter [s]."""
+        return float(asked(self.config).duration or self.config.simulate.duration)
+
+    @property
+    def modal(self) -> slice:
+        """Coordinates of the body among those of the system."""
+        return self.bench.system.modal(self.place.body)
+
+    @property
+    def columns(self) -> tuple[list[int], np.ndarray]:
+        """Places of the loads in the system's inputs, and ∂θ/∂ξ (nθ, p)."""
+        coordinates, inputs = self.unknowns.coordinates, self.bench.system.inputs
+        by_xi = coordinates.theta(coordinates.xi(self.bench.theta))[1]
+        return [inputs.index(name) for name in self.loads], by_xi
+
+    def linear(self, pose: Pose, increment: np.ndarray) -> LinearBench:
+        """The bench about a pose; increment (unknowns,) of each in a step."""
+        config, (places, by_xi) = self.config, self.columns
+        corrected, method = corrects_in_a_test(config), config.simulate.method
+        printed, (q, u) = asked(config).method.noise == "as_printed", pose
+        theta, h = self.bench.theta, self.h
+        return linear_bench(self.bench.system, q, u, theta, places, increment, h, method, corrected, printed, by_xi)
+
+
+def poses_of(body: PlacedBody, instants: Sequence[float]) -> list[Pose]:
+    """The static equilibrium at each instant [s], whatever the simulation starts from, with its loads and drives at rest; each is
+    sought from the one before."""
+    bench = body.bench
+    u = loads_of(bench, body.files)(np.array(instants))
+    u[:, bench.system.drives.rates] = 0.0
+    with blame("simulate"):
+        q = start_of(bench.simulated(start="equilibrium"), u[0])[0]
+    poses = [(q, u[0])]
+    for instant, held in zip(instants[1:], u[1:], strict=True):
+        try:
+            q = static_equilibrium(bench.system, q, held, bench.theta)[0]
+        except (InfeasibleError, NumericalError) as error:
+            raise type(error)(f"at {instant:.4g} s {error.what}", key="place.poses", remedy=error.remedy) from error
+        poses.append((q, held))
+    return poses
 
 
 @dataclass(frozen=True)
@@ -29,6 +116,42 @@ class Known:
     drawn: np.ndarray
     slopes: np.ndarray
     steps: tuple[int, ...]
+
+
+def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarray]:
+    """What parameters add to a placement, None without any; and σ (unknowns,) of the change in a step that gauges are ranked
+    with, loads before ξ: as stated, of a constant one as much as leads to σ of its guess over the run.
+
+    The run is in each pose from half-way to the one before until half-way to the next; time (poses,) [s].
+    """
+    unknowns, theta = body.unknowns, body.bench.theta
+    order = [list(asked(body.config).inputs).index(name) for name in body.loads]
+    of_loads = unknowns.increment_u[order]
+    if not unknowns.free:
+        return None, of_loads
+    coordinates = unknowns.coordinates
+    between = np.concatenate([[0.0], 0.5 * (time[1:] + time[:-1]), [body.duration]])
+    steps = np.maximum(1, np.diff(np.round(between / body.h).astype(int)))
+    covariance = coordinates.covariance(theta, unknowns.std)
+    moved = np.sqrt(np.diag(coordinates.covariance(theta, unknowns.increment)))
+    known = Known(
+        block_diag(np.diag(unknowns.std_u[order]), np.linalg.cholesky(covariance)),
+        np.concatenate([of_loads, moved]),
+        body.columns[1][coordinates.free],
+        tuple(int(count) for count in steps),
+    )
+    stand_in = np.sqrt(np.diag(covariance) / steps.sum())
+    return known, np.concatenate([of_loads, np.where(moved > 0, moved, stand_in)])
+
+
+def zeroed(config: BenchConfig) -> bool:
+    """Whether the filter has the layout by a sensor that is zeroed at a start at rest: it tells nothing of what deformed the
+    bench then."""
+    sensors = (config.sensors[name] for name in asked(config).sensors)
+    takes = any(
+        isinstance(sensor, StrainSensorSection) and sensor.layout == "place" and sensor.zeroed for sensor in sensors
+    )
+    return takes and config.simulate.start == "equilibrium"
 
 
 @dataclass(frozen=True)
@@ -130,11 +253,7 @@ def scenario_of(
 
 
 def expected_std(
-    bench: LinearBench,
-    H: np.ndarray,
-    noise: np.ndarray | float,
-    acceleration: float,
-    off: np.ndarray | float = 0.0,
+    bench: LinearBench, H: np.ndarray, noise: np.ndarray | float, acceleration: float, off: np.ndarray | float = 0.0
 ) -> np.ndarray:
     """σ (nu,) [N, N m] of the inputs after an update, that the filter with these gauges comes to claim,
     where the samples begin long ago; off (k,): σ of a constant error of each reading, of which the gain knows nothing (Schmidt):

@@ -1,1 +1,0 @@
-"""A layout as files for other programs."""

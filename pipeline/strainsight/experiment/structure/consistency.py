@@ -1,0 +1,417 @@
+"""Whether measurements are consistent with the model: the bank that judges a record, the fault of a channel or a known load that
+explains it, with the key that undoes it, and whether records of one test agree with each other."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.config.estimate import Channel, DelayInSeconds
+from strainsight.config.placement import PlacementConfig
+from strainsight.estimation.conditional import Nuisances
+from strainsight.estimation.decision import INCONSISTENT
+from strainsight.estimation.faults import ANGLES, MARGIN, Explained, Fault, at_limit
+from strainsight.estimation.load_faults import ResidualPattern
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.peak import peak_of_records
+from strainsight.estimation.record_check import RecordCheck, check_record
+from strainsight.estimation.suspect import ShiftedMode, Suspect
+from strainsight.experiment.recorded import delay_in_seconds
+from strainsight.experiment.structure.measured import Measured
+from strainsight.experiment.structure.nuisances import nuisances_of, on_average, tolerated
+from strainsight.experiment.structure.problem import Problem
+from strainsight.experiment.structure.record_filter import RecordFilter
+from strainsight.measurements.records import required_unit
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import Thickness
+from strainsight.records.estimated import ChannelsChecked
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training
+from strainsight.rom.model import modal_basis
+from strainsight.sensors.candidates import STRAIN, UNITS, Candidates
+from strainsight.sensors.rows import channel_rows, fits
+from strainsight.sensors.surface import turned
+
+MOST_TIMES = 20
+"""Spans of a fault that are named one by one."""
+LEAST_SHARE = 0.1
+"""Of a channel in the pattern of an additional load, to be named."""
+OTHER_STEP = 100.0
+"""Factor between the sampling interval of a record and `train.time_step`, from which the unit of its time is asked about."""
+
+
+@dataclass(frozen=True)
+class Turning:
+    """What gauges would read turned on the surface.
+
+    rows (m, angles, n): of channels by ANGLES, per reduced coordinate, NaN where a channel cannot be turned; missed
+    (m, angles, n_u, misalignments): likewise, of misaligned loads.
+    """
+
+    rows: np.ndarray
+    missed: np.ndarray
+
+
+def turning_of(
+    mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray, thickness: Thickness | None = None
+) -> Turning:
+    """Of channels (m,) of train.h5; only gauges of strain on the mesh can be turned, whose grid then stays on the surface, and no
+    bridges, the arms of which would be turned each by itself. thickness: of shells at the guess, where it is free."""
+    n, missed = training.rows.shape[1], reduced.misaligned.missed
+    rows = np.full((len(channels), len(ANGLES), n), np.nan)
+    more = np.zeros((*rows.shape[:2], *missed.shape[1:]))
+    pool = training.candidates
+    single = np.flatnonzero((pool.quantity == STRAIN)[channels] & ~pool.bridged[channels] & (training.given is None))
+    if len(single):
+        both = np.hstack([reduced.basis, missed.reshape(len(missed), -1)])
+        facets = exterior_facets(mesh)
+        for k, angle in enumerate(ANGLES):
+            # every channel as a gauge of one grid
+            part = replace(_turned(pool.take(channels[single]), angle), gauge=np.arange(len(single)))
+            well = np.flatnonzero(fits(mesh.position, part, facets))
+            read = channel_rows(mesh.position, part.take(well), both, facets=facets, thickness=thickness)
+            rows[single[well], k], more[single[well], k] = read[:, :n], read[:, n:].reshape(-1, *missed.shape[1:])
+    return Turning(rows, more)
+
+
+def _turned(pool: Candidates, angle: float | np.ndarray) -> Candidates:
+    each = np.broadcast_to(np.asarray(angle, dtype=float), (len(pool),))
+    return replace(pool, direction=turned(pool.direction, pool.normal, each))
+
+
+def suspect_of(
+    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, record: RecordFilter, turning: Turning
+) -> Suspect:
+    """A record by the bank, whatever filter estimates: no other takes the tolerances in."""
+    model, test, channels = record.model, record.test, record.test.channels
+    Q, at = np.array(model.Q), model.parameter_states
+    Q[..., at, :], Q[..., :, at] = 0.0, 0.0
+    constant = replace(model, Q=Q)
+    wide = np.full((*turning.rows.shape[:2], model.size), 0.0)
+    wide[..., : turning.rows.shape[-1]] = turning.rows
+    moving, motion = np.array(record.covariance), model.motion
+    moving[motion, motion] = np.diag(np.abs(record.problem.x).max(axis=0) ** 2)
+
+    def with_turned(j: int, angle: float) -> tuple[FilterModel, Nuisances]:
+        k, channel = ANGLES.index(angle), channels[j]
+        H = np.array(constant.H)
+        H[j] = wide[j, k]
+        # rows of the guess: how they change with a thickness is known of the channel as it was meant
+        change = constant.change.of_terms(lambda X: np.where((np.arange(len(X)) == j)[:, None], 0.0, X))
+        one = np.zeros(len(training.candidates))
+        one[channel] = angle
+        rows, missed = np.array(training.rows), np.array(training.missed)
+        rows[channel], missed[channel] = turning.rows[j, k], turning.missed[j, k]
+        as_turned = replace(training, candidates=_turned(training.candidates, one), rows=rows, missed=missed)
+        tolerances = tolerated(config, mesh, reduced, as_turned, channels)
+        # the others have what they read on average over their installations already
+        H[j] = on_average(tolerances, replace(constant, H=H), channels).H[j]
+        changed = replace(constant, H=H, change=change)
+        return changed, nuisances_of(tolerances, changed, channels)
+
+    return Suspect(
+        model=constant,
+        mean=np.zeros(len(record.covariance)),
+        covariance=record.covariance,
+        known=test.known,
+        samples=test.values,
+        nuisances=nuisances_of(record.tolerances, constant, channels),
+        biased=record.biased,
+        settled=record.settled,
+        turned_rows=wide,
+        turned=with_turned,
+        load=np.tile(np.arange(len(record.problem.known)), 2)[: test.known.shape[-1]],
+        moving=moving,
+    )
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """words: why the record is inconsistent with the model, else empty; named: the fault that explains it, with the key that
+    undoes it, empty where none or several do; check: by channel; apart: it is not the model but other records that it
+    contradicts; birge_ratio: RMS of the innovations over their claim, 1 of a consistent record, and where no filter runs."""
+
+    words: str
+    named: str
+    check: ChannelsChecked
+    apart: bool = False
+    birge_ratio: float = 1.0
+
+    @property
+    def trusted(self) -> bool:
+        return not self.words
+
+
+def judgement_of(
+    test: Measured, problem: Problem, suspect: Suspect, discrepancy: float, progress: Callable[[float], None]
+) -> Judgement:
+    """Of a record and the bank that judges it, as `check_record` does; discrepancy: share of a reading that may be missed."""
+    check = check_record(suspect, discrepancy, progress)
+    finding, words, channels = check.finding, FaultInWords(test, check.stretch, problem.known), test.record.channels
+    named = "" if finding.named is None else ": ".join(words.of(finding.named))
+    # which of several it is has to be checked on the structure: the key of another one would hide it
+    candidates = (named,) if named else tuple(words.of(one)[0] for one in finding.candidates)
+    # what explains a consistent record a little better than no fault is chance, and no explanation
+    best = [finding.best_of(j) if finding.contradicts else None for j in range(len(test.labels))]
+    gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
+    by_channel = ChannelsChecked(
+        by_others=bool(len(finding.without)),
+        begin=_time_of(test, check.part[0]),
+        end=_time_of(test, check.part[1] - 1),
+        measured=finding.check.measured,
+        predicted=finding.check.predicted,
+        residual=finding.check.residual,
+        correlation=finding.check.correlation,
+        fault=tuple("" if one is None else words.of(one)[0] for one in best),
+        gain=np.minimum(gain, np.finfo(float).max),
+        candidate=candidates,
+    )
+    if not finding.contradicts:
+        return Judgement("", "", by_channel)
+    ratio, alone = finding.as_it_is.ratio, "no single fault of a channel or a known load explains it"
+    if named:
+        text = f": {named}"
+    elif candidates:
+        text = (
+            f", and which of these explains it stays open: {'; '.join(candidates[:4])}{' …' * (len(candidates) > 4)}; check on "
+            f"the structure which of them it is ({channels})"
+        )
+    elif finding.shifted is not None:
+        text = f", and {alone}: {_shift_in_words(problem, finding.shifted)}"
+    elif finding.pattern is not None:
+        text = f", and {alone}: {_pattern_in_words(finding.pattern, test.labels)}"
+    else:
+        size = f"{ratio:.3g} times as large as claimed" if np.isfinite(ratio) else "beyond all bounds"
+        text = (
+            f": innovations are {size}{_worst_in_words(check, test)}, and {alone}: check {channels}, loads, estimate.start "
+            f"and the model{_step_in_words(problem, test)}"
+        )
+    return Judgement(INCONSISTENT + text, named, by_channel, birge_ratio=max(1.0, ratio) if np.isfinite(ratio) else 1.0)
+
+
+def _worst_in_words(check: RecordCheck, test: Measured) -> str:
+    sample, channel, size = check.worst
+    if not size > 0:
+        return ""
+    return f", the largest {size:.3g} σ at {_time_of(test, sample):.6g} s ({test.labels[channel]})"
+
+
+def _time_of(test: Measured, sample: int) -> float:
+    """Of a sample behind the first [s]."""
+    return float(test.time[1 + sample])
+
+
+def clock_in_words(test: Measured, step: float) -> str:
+    """That the clock of a record is another one than that of the config, step [s]; empty where they are alike."""
+    if max(test.step / step, step / test.step) < OTHER_STEP:
+        return ""
+    return f"the record has a sample every {test.step:.3g} s, train.time_step is {step:.3g} s: check estimate.time.unit"
+
+
+@dataclass(frozen=True)
+class FaultInWords:
+    """Faults of a record, and what undoes them, with keys of the config; stretch: the samples that show them."""
+
+    test: Measured
+    stretch: Suspect
+    known: Sequence[str] = ()
+
+    def of(self, explanation: Explained) -> tuple[str, str]:
+        """What is wrong; what to check, and the key that undoes it."""
+        fault, record = explanation.fault, self.test.record
+        assert fault is not None
+        what, remedy = self._of_kind(fault, explanation.amount, explanation.std)
+        stated = record.inputs if fault.of_load else record.channels
+        if record.section != "estimate" and not stated.startswith(record.section):
+            key = f"{record.section}.{stated.split('.')[-1]}"
+            remedy += f" (state {key}, a copy of {stated}, for what this record alone needs)"
+        return what, remedy
+
+    def _of_kind(self, fault: Fault, estimate: float, std: float) -> tuple[str, str]:
+        """estimate and std of the size of an offset or drift."""
+        names, amount = self.known if fault.of_load else self.test.labels, fault.amount
+        name, (entry, key) = names[fault.channel], self._entry(fault, fault.channel)
+        raw = estimate / (entry.sign * entry.scale * required_unit(entry.unit).factor)
+        if fault.kind == "sign":
+            check = f"its direction (loads.{name})" if fault.of_load else "the wiring"
+            return f"{name} fits with sign −1", f"check {check}, or set {key}.sign: {-entry.sign}"
+        if fault.kind == "scale":
+            gauge = 0.1 < amount < 10 and not fault.of_load
+            check = "bridge and gauge factor" if gauge else f"{key}.unit (now {entry.unit})"
+            remedy = f"check {check}, or set {key}.scale: {entry.scale / amount:.9g}"
+            return f"{name} reads {amount:g} times what fits", remedy
+        if fault.kind == "swapped":
+            other = self._entry(fault, int(amount))[1]
+            return f"{name} and {names[int(amount)]} fit swapped", f"exchange {key}.channel and {other}.channel"
+        if fault.kind == "offset":
+            value = "" if entry.bridge is not None else f": {entry.offset + raw:.6g}"
+            remedy = f"set {key}.offset{value}, or {key}.zero or {key}.bias"
+            return f"{name} fits with an offset of {self._size(fault, estimate, std)}", remedy
+        if fault.kind == "drift":
+            value = "" if entry.bridge is not None else f": {entry.drift + raw / self._drifted:.6g}"
+            what = f"{name} fits with a drift of {self._size(fault, estimate, std)} in {self._drifted:.3g} s"
+            return what, f"set {key}.drift{value}"
+        if fault.kind == "late":
+            n, at_rest = abs(int(amount)), self.test.record.settings.start == "rest"
+            moving = " and estimate.start: moving" * (fault.of_load and amount < 0 and at_rest)
+            late = "late" if amount > 0 else "early"
+            what = f"{name} is {n} sample{'s' * (n > 1)} ({n * self._step:.3g} s) {late}"
+            return what, f"set {key}.delay: {_delay_in_words(entry, int(amount), n * self._step)}{moving}"
+        if fault.kind == "angle":
+            return f"{name} fits turned by {abs(amount):g}°", f"check its direction, and {key}.gauge and {key}.grid"
+        if fault.kind == "dead":
+            return f"{name} reads noise alone, it is dead", f"leave {key} out"
+        if fault.kind == "clipped":
+            count = int(at_limit(self.stretch.samples[:, fault.channel]).sum())
+            what = f"{name} is clipped, in {count} samples at least"
+            return what, f"set {key}.missing to where it is, or leave {key} out"
+        spikes = "; ".join(self._spikes(fault, channel) for channel in fault.channels)
+        what = f"samples fit no motion: {spikes}" if fault.kind == "spikes" else self._for_a_time(fault)
+        return what, "set " + " and ".join(self._missing(fault, channel) for channel in fault.channels)
+
+    def _entry(self, fault: Fault, number: int) -> tuple[Channel, str]:
+        """What the config states of a channel or a known load, and its key."""
+        record = self.test.record
+        if fault.of_load:
+            name = self.known[number]
+            return record.settings.inputs[name], f"{record.section}.inputs.{name}"
+        return record.settings.channels[number], f"{record.section}.channels.{number}"
+
+    @property
+    def _step(self) -> float:
+        """Between samples [s]."""
+        return self.stretch.model.h * self.stretch.model.every
+
+    @property
+    def _drifted(self) -> float:
+        """From the beginning of the record to the end of the stretch [s]."""
+        return (self.stretch.begin + len(self.stretch.samples)) * self._step
+
+    def _size(self, fault: Fault, amount: float, std: float | None = None) -> str:
+        quantity = self.stretch.model.quantity
+        kind = STRAIN if quantity is None else int(quantity[fault.channel])
+        factor, unit = (1e6, "µm/m") if kind == STRAIN else (1.0, UNITS[kind])
+        return f"{factor * amount:.3g} {'' if std is None else f'± {factor * std:.2g} '}{unit}"
+
+    def _for_a_time(self, fault: Fault) -> str:
+        """From when on a channel is wrong, and how."""
+        ((channel, first, behind),), name = fault.spans, self.test.labels[fault.channel]
+        ends = self.stretch.begin + behind >= len(self.test.time) - 1
+        since = f"from {self._time(first)} s on" if ends else f"from {self._time(first)} to {self._time(behind - 1)} s"
+        if fault.kind == "shift":
+            return f"{name} {since}: its zero shifts by {self._size(fault, fault.amount)}"
+        return f"{name} is stuck at {self._size(fault, float(self.stretch.samples[first, channel]))} {since}"
+
+    def _spikes(self, fault: Fault, channel: int) -> str:
+        spans = [span[1:] for span in fault.spans if span[0] == channel]
+        times = [self._time(a) if b - a == 1 else f"{self._time(a)} to {self._time(b - 1)}" for a, b in spans]
+        if (more := len(times) - MOST_TIMES) > 0:
+            return f"{self.test.labels[channel]} at {', '.join(times[:MOST_TIMES])} s and at {more} other times"
+        last = times.pop()
+        return f"{self.test.labels[channel]} at {', '.join(times) + ' and ' if times else ''}{last} s"
+
+    def _time(self, sample: int) -> str:
+        """Of a sample of the stretch, to the digits of the step between samples."""
+        return f"{_time_of(self.test, self.stretch.begin + sample):.{max(0, int(np.ceil(-np.log10(self._step))))}f}"
+
+    def _missing(self, fault: Fault, channel: int) -> str:
+        """The key that leaves out what is wrong for a time, half a sample beyond its ends, on the clock of the file."""
+        entry, key = self._entry(fault, channel)
+        late = delay_in_seconds(entry.delay, self._step)
+        spans = [list(span) for span in entry.missing]
+        for at, first, behind in fault.spans:
+            if at == channel:
+                ends = self.stretch.begin + first, self.stretch.begin + behind - 1
+                times = (_time_of(self.test, k) + late for k in ends)
+                spans.append(
+                    [float(f"{t + 0.5 * way * self._step:.9g}") for t, way in zip(times, (-1, 1), strict=True)]
+                )
+        return f"{key}.missing: {spans}"
+
+
+def _delay_in_words(entry: Channel, n: int, seconds: float) -> str:
+    """A delay by n samples more than the config has, in the unit that it has."""
+    if isinstance(entry.delay, DelayInSeconds):
+        return f"{{seconds: {entry.delay.seconds + np.sign(n) * seconds:.9g}}}"
+    return f"{{samples: {n + (0 if entry.delay is None else entry.delay.samples)}}}"
+
+
+def _shift_in_words(problem: Problem, shifted: ShiftedMode) -> str:
+    """How far the frequency of a mode is from the model, and what to check."""
+    lam, _ = modal_basis(problem.model, problem.model.reference)
+    modelled = float(np.sqrt(lam[shifted.mode])) / (2 * np.pi)
+    return (
+        f"mode {shifted.mode + 1} fits best at {shifted.factor * modelled:.4g} Hz, the model has {modelled:.4g} Hz, "
+        f"{shifted.size:.2g} σ of tolerances.frequency apart; check masses, supports and joints, or measure that frequency and "
+        "correct the model"
+    )
+
+
+def _pattern_in_words(pattern: ResidualPattern, labels: Sequence[str]) -> str:
+    """An additional load: the channels that show it, how much, and what to check."""
+    order = np.argsort(-pattern.share, kind="stable")
+    most = [f"{labels[j]} ({pattern.share[j]:.0%})" for j in order if pattern.share[j] >= LEAST_SHARE]
+    return (
+        f"an additional load, or another disturbance of {', '.join(most)}: mostly along one pattern of channels, "
+        f"innovations are {pattern.size:.3g} times as large as claimed and slow (correlation {pattern.correlation:.2f}); "
+        "add the missing load (loads), or check temperature, cables and supports"
+    )
+
+
+def _step_in_words(problem: Problem, test: Measured) -> str:
+    lam, _ = modal_basis(problem.model, problem.model.reference)
+    period = 2 * np.pi / float(np.sqrt(lam[0]))
+    if test.step < 0.5 * period:
+        return ""
+    return f" (its step is {test.step:.3g} s, the first mode has a period of {period:.3g} s: check estimate.time.unit)"
+
+
+@dataclass(frozen=True)
+class Together:
+    """alone: parameter → its most likely value [SI] by each record alone (R,); shared: by all records; gain: ln of how much more
+    likely all records are with one set of parameters and bonded gauges than each with its own; words: that they contradict each
+    other, empty where they do not."""
+
+    alone: dict[str, np.ndarray]
+    shared: dict[str, float]
+    gain: float
+    words: str
+
+
+def together_of(filters: Sequence[RecordFilter], suspects: Sequence[Suspect]) -> Together:
+    """Records and the banks that judge them one by one.
+
+        ln p(y₁ … y_R) − Σᵣ ln p(yᵣ)
+
+    Of records of one test it is large, as parameters and constants that fit one fit all; records of other parameters, or of
+    gauges that were bonded anew in between, have one below −MARGIN. Both as of `peak_of`, which gives up on what no parameters
+    explain before a bank would.
+    """
+    unknowns = filters[0].problem.unknowns
+
+    def learning(suspect: Suspect, nuisances: Nuisances) -> Suspect:
+        return replace(suspect, nuisances=replace(nuisances, learned=True))
+
+    peaks = [peak_of_records([learning(suspect, suspect.nuisances)]) for suspect in suspects]
+    order = np.argsort([record.record for record in filters])
+    of_all = peak_of_records([learning(suspects[i], filters[i].nuisances) for i in order])
+    values = {
+        name: unknowns.guess[name] * np.exp([peak.point[i] for peak in (*peaks, of_all)])
+        for i, name in enumerate(unknowns.parameters)
+    }
+    gain = float(of_all.evidence - sum(peak.evidence for peak in peaks))
+    words, names = "", [record.test.record.name for record in filters]
+    if gain < -MARGIN:
+        each = [
+            f"{name} {', '.join(f'{value:.4g} ({of})' for value, of in zip(row[:-1], names, strict=True))}"
+            for name, row in values.items()
+        ]
+        words = f"the records contradict each other: each alone says {'; '.join(each) or 'other errors of the gauges'}"
+    alone, shared = (
+        {name: row[:-1] for name, row in values.items()},
+        {name: float(row[-1]) for name, row in values.items()},
+    )
+    return Together(alone, shared, gain, words)

@@ -1,0 +1,258 @@
+"""The filter of a record of a test: its set-up, and what it makes of the samples, of all channels or of some."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.errors import NumericalError, blame
+from strainsight.estimation.bank import BankRun, filter_records
+from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.conditional import Nuisances, each_its_own
+from strainsight.estimation.consistency import Tuning, scale_noise, tune
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.record import BankRecord, Settled
+from strainsight.estimation.reduced import driven_with_offsets
+from strainsight.estimation.run import FilterRun
+from strainsight.estimation.smoother import Smoothed, WantedCovariances, smooth
+from strainsight.experiment.structure.filtering import by_moments
+from strainsight.experiment.structure.measured import Measured, in_record, settled_in
+from strainsight.experiment.structure.nuisances import RENEWED, Shares, Tolerated, budget_of, nuisances_of, on_average
+from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance
+from strainsight.experiment.structure.tolerated_loads import with_interpolation_errors
+from strainsight.memory import require_memory
+from strainsight.records.estimated import Compared
+
+LONGEST_COMPARED = 20_000
+"""Steps of a record that is filtered by the other methods, too, and has a budget, without being asked for."""
+FILTER = 0.4
+"""Share of the time of filter and smoother that the filter takes."""
+SHORTER = "give a part of the record at a time, or a larger machine"
+FEW, TRIED = 20, 1000
+"""Samples that are filtered before, and that are timed."""
+LONG = 20_000
+"""Steps from which on a forecast is made; shorter records are done within a minute or so."""
+
+
+@dataclass(frozen=True)
+class RecordFilter:
+    """problem; tolerances, at least of the channels of the test; model at these; test; start (n*, n*) covariance of x* at t = 0;
+    settled: the motion that it begins in, None where it is not known to be periodic; record: its place among `records`,
+    which are filtered in that order; birge_ratio: as of `filter_records`, of a record that is inconsistent with the model."""
+
+    problem: Problem
+    tolerances: Tolerated
+    model: FilterModel
+    test: Measured
+    start: np.ndarray
+    settled: Settled | None
+    record: int = 0
+    records: int = 1
+    birge_ratio: float = 1.0
+
+    @property
+    def biased(self) -> np.ndarray:
+        """Channels with an unknown offset (b,)."""
+        return np.flatnonzero(self.test.bias > 0)
+
+    @property
+    def covariance(self) -> np.ndarray:
+        """That of x* at t = 0, the offsets behind it."""
+        return np.diag(np.concatenate([np.diag(self.start), self.test.bias[self.biased] ** 2]))
+
+    @property
+    def nuisances(self) -> Nuisances:
+        """Of all records; what is zeroed anew acts in this one alone."""
+        nuisances = nuisances_of(self.tolerances, self.model, self.test.channels, behind=True)
+        return each_its_own(nuisances, self.records, RENEWED)[self.record]
+
+    @property
+    def bank_record(self) -> BankRecord:
+        """What the bank is given, from a start at zero."""
+        start, test = self.covariance, self.test
+        states = self.model, np.zeros(len(start)), start
+        return BankRecord(*states, test.known, test.values, self.nuisances, self.biased, self.settled)
+
+    @property
+    def smoothed_states(self) -> int:
+        """How many states the smoother has: x*, offsets, and z where it is a bank's."""
+        return len(self.covariance) + (len(self.nuisances.load) if self.problem.method == "bank" else 0)
+
+    @property
+    def long(self) -> bool:
+        """Whether what takes several times as long as the estimate is left out unless it is asked for."""
+        return len(self.test.known) > LONGEST_COMPARED
+
+    @property
+    def noise_std(self) -> np.ndarray:
+        """σ (m,) of the noise of a sample."""
+        return np.asarray(np.sqrt(self.model.noise.reshape(-1, len(self.test.labels)).mean(axis=0)))
+
+    def of_channels(self, which: np.ndarray) -> RecordFilter:
+        """With some of the channels (k,)."""
+        return replace(self, model=self.model.of_channels(which), test=self.test.of_channels(which))
+
+
+@dataclass(frozen=True)
+class FilteredRecord:
+    """run and smoothed; compared: by other filters, where they were asked for; bank: where it is one. Offsets of channels stand
+    behind x*."""
+
+    run: FilterRun
+    smoothed: Smoothed
+    compared: Compared | None
+    bank: BankRun | None
+
+    def without_sigma(self) -> FilteredRecord:
+        """NaN for σ and covariance, so that what is computed from them is NaN; other filters are not compared by theirs."""
+        run = replace(self.run, std=np.nan * self.run.std)
+        return replace(self, run=run, smoothed=self.smoothed.without_sigma(), compared=None)
+
+
+Wants = Callable[[RecordFilter, FilterRun], WantedCovariances]
+Progress = Callable[[float], None]
+
+
+def record_filters(
+    config: PlacementConfig, problem: Problem, tolerances: Tolerated, tests: Sequence[Measured]
+) -> tuple[list[RecordFilter], Tuning | None]:
+    """The filter of every record, at the channels of its test; and how noises were tuned in the last, None where they are as
+    stated."""
+    settings = config.estimate
+    assert settings is not None
+    std = {**config.validation.initial_std, **settings.initial_std}
+    start = initial_covariance(problem, std, moving=settings.start != "rest")
+    # in the order of their names: results do not depend on that of the config
+    place = np.argsort(np.argsort([test.record.name for test in tests]))
+    filters, tuning = [], None
+    for test, record in zip(tests, place, strict=True):
+        with in_record(test.record.label):
+            settled = settled_in(problem, test) if settings.start == "settled" else None
+            # a stated σ is that of a sample of the file
+            stated = test.std * np.sqrt(test.step / problem.h)
+            model = replace(filter_model(problem, test.channels, test.h, stated=stated), every=test.every)
+            model = with_interpolation_errors(model)
+            if settings.loads_as_stated:
+                model = replace(model, free_loads=False)
+            if settings.tune.parts:
+                with blame("estimate.tune"):
+                    mean = np.zeros(model.size)
+                    tuning = tune(model, mean, start, test.known, test.values, settings.tune.parts)
+                model = scale_noise(model, tuning.factors)
+        model = on_average(tolerances, model, test.channels)
+        filters.append(RecordFilter(problem, tolerances, model, test, start, settled, int(record), len(tests)))
+    return filters, tuning
+
+
+def filter_together(
+    filters: Sequence[RecordFilter], wanted: Wants | None = None, progress: Progress = lambda share: None
+) -> tuple[FilteredRecord, ...]:
+    """Filter and smoother of records that share their parameters and what is bonded, by the bank; of one by the filter of the
+    config. Raises InfeasibleError where the memory does not hold them.
+
+    wanted: covariances that the smoother keeps of a record, by its filter, None: all of every instant; progress: called with the
+    share of the way.
+    """
+    first = filters[0]
+    _require_memory(filters, some=wanted is not None)
+    if first.problem.method != "bank":
+        known, values, biased, start = first.test.known, first.test.values, first.biased, first.covariance
+        core = driven_with_offsets(first.model, known, biased)
+        run = by_moments(first.problem, first.model, np.zeros(core.size), start, known, values, "all", biased)
+        return (FilteredRecord(run, smooth(core, run, covariance=True), None, None),)
+    banks = filter_banks(filters, lambda share: progress(FILTER * share))
+    records: list[FilteredRecord] = []
+    for each, bank in zip(filters, banks, strict=True):
+
+        def smoothing(share: float, done: int = len(records)) -> None:
+            progress(FILTER + (1 - FILTER) * (done + share) / len(filters))
+
+        kept = None if wanted is None else wanted(each, bank.run)
+        records.append(FilteredRecord(bank.run, smooth_bank(each.bank_record, bank, kept, smoothing), None, bank))
+    return tuple(records)
+
+
+def filter_by_consistency(
+    filters: Sequence[RecordFilter], consistent: Sequence[bool], wanted: Wants | None, progress: Progress
+) -> tuple[FilteredRecord, ...]:
+    """The records that are consistent with the model together, each of the others by itself: one that is not tells the others
+    nothing of their parameters, and the lattice of all would follow it to wherever no parameters explain it."""
+    parts = [[i for i, one in enumerate(consistent) if one], *([i] for i, one in enumerate(consistent) if not one)]
+    results: dict[int, FilteredRecord] = {}
+    for part in filter(None, parts):
+
+        def going(share: float, done: int = len(results), part: Sequence[int] = part) -> None:
+            progress((done + share * len(part)) / len(filters))
+
+        places = np.argsort(np.argsort([filters[i].record for i in part]))
+        some = [replace(filters[i], record=int(k), records=len(part)) for i, k in zip(part, places, strict=True)]
+        results |= dict(zip(part, filter_together(some, wanted, going), strict=True))
+    return tuple(results[i] for i in range(len(filters)))
+
+
+def filter_banks(filters: Sequence[RecordFilter], progress: Progress = lambda share: None) -> tuple[BankRun, ...]:
+    """The bank over the records, in the order of their places; progress: called with the share of the way."""
+    order = np.argsort([each.record for each in filters])
+    ratio = max(each.birge_ratio for each in filters)
+    records = [filters[i].bank_record for i in order]
+    banks = filter_records(records, "mean", progress=progress, birge_ratio=ratio)
+    return tuple(banks[i] for i in np.argsort(order))
+
+
+def _require_memory(filters: Sequence[RecordFilter], some: bool) -> None:
+    """Of what filter and smoother take at most; some: whether a bank's smoother keeps some covariances alone."""
+    first, steps = filters[0], sum(len(each.test.known) for each in filters)
+    model, m, n, k = first.model, len(first.test.labels), len(first.covariance), len(first.model.unknowns.parameters)
+    # mean and σ of filter and smoother with copies of them, and what channels read, innovate and are expected to
+    numbers = 8 * n + 12 * m
+    beyond = len(first.nuisances.load)
+    if first.problem.method != "bank":
+        numbers += (3 if k else 2) * n**2
+    elif first.nuisances.learned:
+        d, points = len(first.nuisances.sources(model.model.size)), max(1, 2 * k)
+        numbers += (2 * points + 2) * (n + beyond) ** 2 + d * (4 * n + 5 * m)
+    elif not some:
+        numbers += (n + beyond) ** 2
+    require_memory(8.0 * numbers * steps, f"{steps} steps of {n} states", SHORTER)
+
+
+def budget_in(record: RecordFilter, result: FilteredRecord) -> tuple[Shares, tuple[str, ...]]:
+    """What the variances are made of, and why there is none."""
+    if record.records > 1:
+        return {}, ("several records: no budget of the variance",)
+    if record.long:
+        return {}, (f"more than {LONGEST_COMPARED} steps: no budget of the variance",)
+    if len(record.biased):
+        return {}, ("no budget of the variance where offsets of channels are unknown",)
+    test = record.test
+    samples = test.channels, record.start, test.known, test.values
+    return budget_of(
+        record.problem, record.tolerances, record.model, *samples, result.run, result.smoothed, record.settled
+    )
+
+
+def forecast_of(filters: Sequence[RecordFilter], wanted: Wants) -> float | None:
+    """Seconds that filter and smoother take of records, once, by those of the first samples; None where it is not long."""
+    steps = sum(len(each.test.known) for each in filters)
+    if steps < LONG:
+        return None
+    few, first = (replace(filters[0], test=filters[0].test.first(count)) for count in (FEW, TRIED))
+    try:
+        filter_together([few], wanted)  # what is compiled is not timed
+        before = time.perf_counter()
+        filter_together([first], wanted)
+    except (NumericalError, np.linalg.LinAlgError):  # the estimate itself says what it cannot follow
+        return None
+    return (time.perf_counter() - before) * steps / len(first.test.known)
+
+
+def forecast_in_words(filters: Sequence[RecordFilter], seconds: float) -> str:
+    """The same as a sentence."""
+    steps = sum(len(each.test.known) for each in filters)
+    size, unit = next((one for one in ((3600.0, "h"), (60.0, "min")) if seconds >= 1.5 * one[0]), (1.0, "s"))
+    duration = f"{seconds / size:.2g} {unit}"
+    return f"filter and smoother of {steps} steps take about {duration}, by the first {TRIED} of them"
