@@ -27,7 +27,7 @@ from strainsight.estimation.fault_search import Diagnosis
 from strainsight.estimation.faults import Fault
 from strainsight.estimation.record_check import check_record
 from strainsight.estimation.suspect import Suspect
-from strainsight.experiment.structure import drawn as drawn_installations
+from strainsight.experiment.structure import truth as drawn_installations
 from strainsight.experiment.structure import truth as truths
 from strainsight.experiment.structure.consistency import Turning, suspect_of, turning_of
 from strainsight.experiment.structure.measured import Measured, RecordSettings

@@ -49,8 +49,8 @@ def full_bench(path: Path = CONFIG, free: Mapping[str, Sequence[str]] | None = N
         job = Job(loaded.data, path.parent, Path(folder), model=loaded.model)
         made = {event.stage: event.artefact for event in run((IMPORT, REDUCE), job) if event.artefact is not None}
         meshes, reduced = read(Meshes, made["import"]).bodies, read(ReducedBodies, made["reduce"]).bodies
-        bench = bench_of(loaded.model, reduced, meshes, free)
-        every = sensors_of(loaded.model, bench, reduced, meshes).readings.sensors
+        bench = bench_of(loaded.model, reduced, meshes, free=free)
+        every = sensors_of(bench).readings.sensors
     bearing = bench.system.elements[0].force
     assert isinstance(bearing, RelativeElement)
     gauges = [own for own in every if own.name == "gauges"]

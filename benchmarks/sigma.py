@@ -21,7 +21,7 @@ from strainsight.experiment.structure.nuisances import tolerated
 from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
 from strainsight.experiment.structure.start import Loading
 from strainsight.experiment.structure.trial import Trial, sample_noise, trial_of
-from strainsight.experiment.structure.truth import Motion, truth_of
+from strainsight.experiment.structure.truth import SimulatedMotion, truth_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
@@ -125,7 +125,7 @@ def table(case: str, noise: float, draws: int, settings: tuple[str, ...], pool: 
     return lines
 
 
-def none(_: Loading) -> Motion:
+def none(_: Loading) -> SimulatedMotion:
     raise AssertionError("the truth stays in the process that simulated it")
 
 

@@ -9,7 +9,7 @@ import pytest
 
 from strainsight.config.load import load_config
 from strainsight.errors import ConfigError
-from strainsight.experiment.bench.inverse.numbers import ratio_numbers
+from strainsight.experiment.bench.inverse.comparison import ratio_numbers
 from strainsight.runner.stage import Context
 from strainsight.stages.bench.report import run as report
 

@@ -156,12 +156,12 @@ def parts(folder):
     reduced, meshes = read(ReducedBodies, found[0]).bodies, read(Meshes, found[1]).bodies
     config = load_config(folder / "bench.yaml").model
     own = bench_of(config, reduced, meshes)
-    return config, own, sensors_of(config, own, reduced, meshes)
+    return config, own, sensors_of(own)
 
 
 def by_radau(folder, loads, time):
     """Readings (k, m) at time (k,) of M v̇ + c + f = Bᵀλ, B v̇ + Ḃv = 0 by the implicit method of fifth order, from rest."""
-    config, own, sensors = parts(folder)
+    _, own, sensors = parts(folder)
     system = own.system
     n, m = system.size, system.constrained
 
@@ -170,7 +170,7 @@ def by_radau(folder, loads, time):
         KKT = np.block([[at.mass, -at.B.T], [at.B, np.zeros((m, m))]])
         return np.concatenate([x[n:], np.linalg.solve(KKT, np.concatenate([-at.load, -at.B_rate @ x[n:]]))[:n]])
 
-    start = np.concatenate(start_of(own, config.simulate, loads(0.0)))
+    start = np.concatenate(start_of(own, loads(0.0)))
     x = solve_ivp(rate, (0, time[-1]), start, "Radau", rtol=1e-6, atol=1e-9, t_eval=time, max_step=5e-3).y.T
     return np.array([sensors.readings.read(own[:n], own[n:])[0] for own in x])
 

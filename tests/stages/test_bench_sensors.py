@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from strainsight.experiment.bench.inverse.trial import Offsets
+from strainsight.experiment.bench.inverse.trial import ChannelOffsets
 
 from ..models import ended
 from ..robustness.small import BENCH
@@ -99,7 +99,7 @@ def test_loads_beside_constant_offsets_keep_to_their_sigma_and_offsets_to_theirs
         assert 0.6 < found.summary[f"ratio.{name}"] < 1.4
     # what the estimate says that channels read has their offsets in it
     assert found.summary["mismatch.gauges"] < 0.3
-    drawn = Offsets(np.arange(6), np.array([2e-5] * 3 + [0.05, 0.05, 0.5]), np.zeros(6)).drawn(1, 1, 6, 0)[0, 0]
+    drawn = ChannelOffsets(np.arange(6), np.array([2e-5] * 3 + [0.05, 0.05, 0.5]), np.zeros(6)).drawn(1, 1, 6, 0)[0, 0]
     own = [found[f"/sensors/{sensor}/{what}"] for what in ("bias", "bias_std") for sensor in ("gauges", "felt")]
     score = (np.concatenate(own[:2]) - drawn) / np.concatenate(own[2:])
     assert np.abs(score).max() < 3.5

@@ -8,7 +8,7 @@ import io
 import numpy as np
 import pytest
 
-from strainsight.experiment.bench.inverse.balls import spread
+from strainsight.experiment.bench.inverse.filtering import spread
 from strainsight.multibody.bearing.element import ball_loads
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.records.bench import BenchEstimated

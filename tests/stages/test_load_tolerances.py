@@ -12,11 +12,11 @@ from scipy.spatial.transform import Rotation
 from strainsight import api
 from strainsight.estimation.conditional import linear_models
 from strainsight.experiment.structure.consistency import suspect_of, turning_of
-from strainsight.experiment.structure.drawn import installation_of, load_error_of
 from strainsight.experiment.structure.nuisances import nuisances_of, on_average, tolerated
 from strainsight.experiment.structure.problem import filter_model, problem_of
 from strainsight.experiment.structure.reduction import full_model
 from strainsight.experiment.structure.references import parameters_of
+from strainsight.experiment.structure.truth import installation_of, load_error_of
 from strainsight.fem.loads import axes_across
 from strainsight.fem.model import nodal
 from strainsight.mesh.facets import exterior_facets

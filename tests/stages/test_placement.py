@@ -8,7 +8,7 @@ import shutil
 import numpy as np
 import pytest
 
-from strainsight.experiment.structure import training
+from strainsight.experiment.structure import candidates
 from strainsight.runner.plan import plan
 from strainsight.stages.placement import PLACEMENT
 
@@ -40,7 +40,7 @@ def test_zones_of_the_config_leave_gauges_out(artefacts, config, results, tmp_pa
 def test_readings_are_sized_some_channels_at_a_time(artefacts, config, results, tmp_path, monkeypatch):
     """Of 144 channels in 211 instants, three at a time."""
     shutil.copytree(results, tmp_path / "results")
-    monkeypatch.setattr(training, "NUMBERS_AT_A_TIME", 3 * 211 + 1)
+    monkeypatch.setattr(candidates, "NUMBERS_AT_A_TIME", 3 * 211 + 1)
     stages = [stage for stage in PLACEMENT if stage.name in ("import", "modes", "rom", "train")]
     found = finished(job_of(config, tmp_path / "results", *COARSE, "train.duration=0.21"), stages)["train"][2]
     strain = found["/coordinate"] @ found["/gauges/row"].T

@@ -16,13 +16,12 @@ from strainsight import api
 from strainsight.estimation.filter import run_filter
 from strainsight.experiment.layout import placement
 from strainsight.experiment.layout.advice import Expectation, least_expected
-from strainsight.experiment.structure.drawn import installation_of, model_of
 from strainsight.experiment.structure.nuisances import on_average, tolerated
 from strainsight.experiment.structure.placement import COHERENCE
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.experiment.structure.screening import installation_variances
 from strainsight.experiment.structure.trial import trial_of
-from strainsight.experiment.structure.truth import truth_of
+from strainsight.experiment.structure.truth import installation_of, model_of, truth_of
 from strainsight.fem.affine import AffineOperator
 from strainsight.mesh.facets import exterior_facets
 from strainsight.rom.model import Damping, ReducedModel

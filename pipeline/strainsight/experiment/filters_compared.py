@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, comparison_verdict
+from strainsight.estimation.decision import DIVERGED, OVERCONFIDENT, comparison_verdict, expected_ratio
 from strainsight.records.estimated import BANK, Compared
 from strainsight.runner.output import Scalar, Table
 
@@ -15,20 +15,35 @@ WITHOUT_TOLERANCES = COMPARED.replace("compared;", "compared, σ without toleran
 """Titles of the table."""
 
 
-def _posterior(own: Compared) -> bool:
+def filters_compared(
+    filters: tuple[str, ...], names: Sequence[str], ends: np.ndarray, value: np.ndarray, std: np.ndarray
+) -> Compared:
+    """Parameters (k,) by filters (f,), the first of which is exact: ends (f, 2, k) mean and σ at the end in the coordinates that
+    they are Gaussian in, by which they are compared (`expected_ratio`); value, std (f, k) [SI]. NaN of one that diverges."""
+    return Compared(
+        filter=filters,
+        estimate=dict(zip(names, value.T, strict=True)),
+        std=dict(zip(names, std.T, strict=True)),
+        ratio={
+            name: np.array([expected_ratio(*end[:, i], *ends[0, :, i]) for end in ends]) for i, name in enumerate(names)
+        },
+    )
+
+
+def _posterior(filters: Compared) -> bool:
     """Whether the bank has one, with which the others are compared."""
-    return all(np.isfinite(own.estimate[name][own.filter.index(BANK)]) for name in own.estimate)
+    return all(np.isfinite(filters.estimate[name][filters.filter.index(BANK)]) for name in filters.estimate)
 
 
-def disagreements_in_words(own: Compared | None) -> list[str]:
+def disagreements_in_words(filters: Compared | None) -> list[str]:
     """A sentence, without a full stop, for every claim that does not allow for what the bank finds."""
-    if own is None:
+    if filters is None:
         return []
-    if not _posterior(own):
+    if not _posterior(filters):
         return ["filters are not compared: without tolerances the readings leave no posterior of the parameters"]
     words = []
-    for name, ratios_of in own.ratio.items():
-        for filter_, ratio in zip(own.filter, map(float, ratios_of), strict=True):
+    for name, ratios_of in filters.ratio.items():
+        for filter_, ratio in zip(filters.filter, map(float, ratios_of), strict=True):
             verdict = comparison_verdict(ratio) if filter_ != BANK else ""
             if verdict == OVERCONFIDENT:
                 expected = f"the bank expects an error of {ratio:.2g} times its σ"
@@ -38,35 +53,35 @@ def disagreements_in_words(own: Compared | None) -> list[str]:
     return words
 
 
-def ratios(own: Compared | None) -> dict[str, Scalar]:
+def ratios(filters: Compared | None) -> dict[str, Scalar]:
     """Numbers by name: "ratio.extended.E"."""
-    if own is None or not _posterior(own):
+    if filters is None or not _posterior(filters):
         return {}
     return {
         f"ratio.{filter_}.{name}": float(value)
-        for name, ratio in own.ratio.items()
-        for filter_, value in zip(own.filter, ratio, strict=True)
+        for name, ratio in filters.ratio.items()
+        for filter_, value in zip(filters.filter, ratio, strict=True)
         if filter_ != BANK
     }
 
 
-def comparison_table(own: Compared, units: Mapping[str, str], title: str = WITHOUT_TOLERANCES) -> Table:
+def comparison_table(filters: Compared, units: Mapping[str, str], title: str = WITHOUT_TOLERANCES) -> Table:
     """A row a parameter: value ± σ by every filter, and the verdict on the approximate ones where the bank has a posterior."""
-    rows, exact = [], _posterior(own)
-    for name, estimate in own.estimate.items():
-        std, ratio = own.std[name], own.ratio[name]
+    rows, exact = [], _posterior(filters)
+    for name, estimate in filters.estimate.items():
+        std, ratio = filters.std[name], filters.ratio[name]
         cells = [name]
-        for i, filter_ in enumerate(own.filter):
+        for i, filter_ in enumerate(filters.filter):
             value, size = f"{estimate[i]:.5g}", _spread(float(std[i]), float(estimate[i]))
             if filter_ == BANK:
                 cells.append(f"{value} {units[name]} {size}" if exact else "no posterior")
             elif not exact:
                 cells.append(f"{value} {units[name]} {size}" if np.isfinite(estimate[i]) else DIVERGED)
             else:
-                said = f"{value} {size}, {comparison_verdict(float(ratio[i]))} ({ratio[i]:.2g})"
-                cells.append(said if np.isfinite(ratio[i]) else DIVERGED)
+                claim = f"{value} {size}, {comparison_verdict(float(ratio[i]))} ({ratio[i]:.2g})"
+                cells.append(claim if np.isfinite(ratio[i]) else DIVERGED)
         rows.append(tuple(cells))
-    return Table(title, ("parameter", *own.filter), tuple(rows))
+    return Table(title, ("parameter", *filters.filter), tuple(rows))
 
 
 def _spread(std: float, estimate: float) -> str:

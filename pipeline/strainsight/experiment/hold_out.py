@@ -2,18 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from strainsight.estimation.decision import Claim, claim_in_time
+from strainsight.experiment.system import TestedSystem
+from strainsight.records.estimated import HoldOut
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import STRAIN, UNITS
 
+NOT_GIVEN = "the filter is not given it"
+
+
+def held_out(system: TestedSystem, progress: Callable[[str, float], None]) -> tuple[HoldOut, ...]:
+    """Predict the channels of every part in every record by all other channels; NaN of channels that stay in, and why they do."""
+    every = [np.full((2, *values.shape), np.nan) for values in system.measured]
+    left_in = np.where(system.available, "", NOT_GIVEN).astype(object)
+    parts = [part for part in system.parts if system.available[part].any()]
+    for i, part in enumerate(parts):
+        progress(f"without {system.labels[part[0]]}", i / len(parts))
+        predictions, why = system.by_others(part)
+        left_in[part[system.available[part]]] = why
+        for values, prediction in zip(every, predictions, strict=False):
+            values[..., part] = prediction
+    for values in every:
+        values[..., left_in != ""] = np.nan
+    return tuple(HoldOut(predicted=mean, std=std, left_in=tuple(left_in)) for mean, std in every)
+
 
 @dataclass(frozen=True)
-class Left:
+class LeftOut:
     """Of a channel that was left out: RMS of its readings, and of what the others say less these [unit of the channel]; share of
     the samples within 2σ; the verdict on error over σ, None where there is no σ or the others cannot tell; left_in: why it was
     not left out, empty where it was."""
@@ -26,48 +46,49 @@ class Left:
     left_in: str = ""
 
 
-def left_out(
-    predicted: np.ndarray, std: np.ndarray, left_in: Sequence[str], labels: Sequence[str], measured: np.ndarray
-) -> tuple[Left, ...]:
-    """Every channel by its label; predicted, std, measured (T, ..., m), NaN where there is none. Neighbouring samples are off
-    alike: as many draws as the samples are worth (`samples_alike`)."""
-    rows = []
-    for i, (label, why) in enumerate(zip(labels, left_in, strict=True)):
-        own, error = measured[..., i], predicted[..., i] - measured[..., i]
-        scaled = error / std[..., i]
-        claim = claim_in_time(error, std[..., i])
+def left_out(held: HoldOut | None, labels: Sequence[str], measured: np.ndarray) -> tuple[LeftOut, ...]:
+    """Every channel by its label, none where no channel was left out; measured (T, ..., m), NaN where nothing was. Neighbouring
+    samples are off alike: as many draws as the samples are worth (`samples_alike`)."""
+    rows: list[LeftOut] = []
+    if held is None:
+        return ()
+    for i, (label, why) in enumerate(zip(labels, held.left_in, strict=True)):
+        read, std = measured[..., i], held.std[..., i]
+        error = held.predicted[..., i] - read
+        scaled = error / std
+        claim = claim_in_time(error, std)
         inside = float(np.mean(np.abs(scaled[np.isfinite(scaled)]) < 2)) if claim is not None else np.nan
-        there = np.isfinite(error)
-        rows.append(Left(label, rms(own[there]), rms(error[there]), inside, claim, why))
+        known = np.isfinite(error)
+        rows.append(LeftOut(label, rms(read[known]), rms(error[known]), inside, claim, why))
     return tuple(rows)
 
 
-def hold_out_numbers(rows: Sequence[Left]) -> dict[str, Scalar]:
+def hold_out_numbers(rows: Sequence[LeftOut]) -> dict[str, Scalar]:
     """Share of all samples within 2σ; error over σ of every channel."""
-    inside = [own.inside for own in rows if own.claim is not None]
+    inside = [row.inside for row in rows if row.claim is not None]
     numbers: dict[str, Scalar] = {"hold_out.inside": float(np.mean(inside))} if inside else {}
-    return numbers | {f"hold_out.ratio.{own.label}": own.claim.ratio for own in rows if own.claim is not None}
+    return numbers | {f"hold_out.ratio.{row.label}": row.claim.ratio for row in rows if row.claim is not None}
 
 
-def misfits_in_words(rows: Sequence[Left], others: str) -> list[str]:
+def misfits_in_words(rows: Sequence[LeftOut], others: str) -> list[str]:
     """The channels that the others contradict, the worst first: a wrong one misleads what is predicted of others, too."""
-    off = [(own.claim.ratio, own.label) for own in rows if own.claim and own.claim.overconfident]
-    said = [f"{label} (error {ratio:.2g} σ)" for ratio, label in sorted(off, key=lambda one: -one[0])]
-    return [f"the other {others} contradict {', '.join(said)}"] if said else []
+    off = [(row.claim.ratio, row.label) for row in rows if row.claim and row.claim.overconfident]
+    channels = [f"{label} (error {ratio:.2g} σ)" for ratio, label in sorted(off, key=lambda one: -one[0])]
+    return [f"the other {others} contradict {', '.join(channels)}"] if channels else []
 
 
-def hold_out_table(rows: Sequence[Left], units: Sequence[str], each: str) -> Table:
+def hold_out_table(rows: Sequence[LeftOut], units: Sequence[str], each: str) -> Table:
     """What every channel read and what the others say of it."""
     lines = []
-    for unit, own in zip(units, rows, strict=True):
-        if own.left_in:
-            lines.append((own.label, "–", "–", "–", "–", own.left_in))
+    for unit, row in zip(units, rows, strict=True):
+        if row.left_in:
+            lines.append((row.label, "–", "–", "–", "–", row.left_in))
             continue
-        share = f"{100 * own.error / own.reading:.3g} %" if own.reading > 0 else "–"
+        share = f"{100 * row.error / row.reading:.3g} %" if row.reading > 0 else "–"
         claim = ("–", "–", "σ is withheld")
-        if own.claim is not None:
-            claim = f"{own.claim.ratio:.2g}", f"{100 * own.inside:.3g} %", own.claim.verdict
-        lines.append((own.label, size_in_words(own.reading, unit), share, *claim))
+        if row.claim is not None:
+            claim = f"{row.claim.ratio:.2g}", f"{100 * row.inside:.3g} %", row.claim.verdict
+        lines.append((row.label, size_in_words(row.reading, unit), share, *claim))
     return Table(
         f"every {each} by the others",
         ("channel", "RMS reading", "RMS error", "error over σ", "within 2σ", "verdict"),

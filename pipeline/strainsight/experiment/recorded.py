@@ -2,15 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from itertools import product
 from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.bench.connections import ConstantSection, RampSection
+from strainsight.config.base import Section
 from strainsight.config.estimate import Channel, DelayInSamples, DelayInSeconds, RecordedFile
-from strainsight.config.loads import MultiSineSection, RecordedSection, SineSection, SweepSection
+from strainsight.config.loads import RecordedSection
 from strainsight.config.mesh import RegionKey
 from strainsight.config.placement import ModalDamping, RayleighDamping
 from strainsight.errors import ConfigError, UserError, blame
@@ -50,29 +50,29 @@ def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = 
     column = config.value_column
     with blame(key):
         try:
-            found = _read(path, config.time_column, column)
+            recording = _read(path, config.time_column, column)
         except UserError as error:
             if error.key in (config.time_column, column):
                 error.key = f"{key}.{'value' if error.key == column else 'time'}_column"
             raise
-        values = found.channels[column]
+        values = recording.channels[column]
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:
             raise UserError(
                 f"no sample under {column!r}",
-                where=found.place(int(missing[0])),
+                where=recording.place(int(missing[0])),
                 remedy=NO_GAPS,
             )
-        check_marks(found, column, found.units[column] or "", NO_GAPS, negative=True)
-        back = np.flatnonzero(np.diff(found.time) <= 0)
+        check_marks(recording, column, recording.units[column] or "", NO_GAPS, negative=True)
+        back = np.flatnonzero(np.diff(recording.time) <= 0)
         if back.size:
             i = int(back[0])
             raise UserError(
-                f"the time does not increase from {found.time[i]:.9g} s to {found.time[i + 1]:.9g} s",
-                where=found.place(i + 1),
+                f"the time does not increase from {recording.time[i]:.9g} s to {recording.time[i + 1]:.9g} s",
+                where=recording.place(i + 1),
                 remedy="sort the record and drop repeated times",
             )
-        return FromSamples(found.time, values * _factor(column, found, path, of))
+        return FromSamples(recording.time, values * _factor(column, recording, path, of))
 
 
 def _read(path: Path, time: str, column: str) -> Recording:
@@ -87,10 +87,10 @@ def _read(path: Path, time: str, column: str) -> Recording:
     raise first
 
 
-def _factor(column: str, found: Recording, path: Path, of: Sequence[str]) -> float:
+def _factor(column: str, recording: Recording, path: Path, of: Sequence[str]) -> float:
     """SI units in one of the unit that the file states, 1 where it states none. Raises ConfigError for one that is not known, or
     of another quantity."""
-    stated = found.units[column] or _in_round_brackets(column)
+    stated = recording.units[column] or _in_round_brackets(column)
     if stated is None or stated in NO_UNIT:
         return 1.0
     try:
@@ -192,32 +192,34 @@ def _delay(stated: DelayInSamples | DelayInSeconds | None) -> Delay:
 
 def delay_in_seconds(stated: DelayInSamples | DelayInSeconds | None, step: float) -> float:
     """Of a channel that has a sample every `step` [s]; negative: early."""
-    own = _delay(stated)
-    return own.samples * step + own.seconds
+    delay = _delay(stated)
+    return delay.samples * step + delay.seconds
 
 
-StatedSignal = ConstantSection | RampSection | SineSection | SweepSection | MultiSineSection | RecordedSection
-"""A load history, as a config states it."""
+SIGNALS: dict[str, Callable[..., Signal]] = {
+    "constant": Constant,
+    "sine": Sine,
+    "sweep": Sweep,
+    "multisine": MultiSine,
+    "ramp": Ramp,
+}
+"""Type of a signal in a config → the history, whose fields have the names of the config's, but for FREQUENCIES."""
+FREQUENCIES = {"start_frequency": "start", "end_frequency": "stop"}
+"""Of a sweep: key of the config → field."""
 
 
-def signal_of(name: str, config: StatedSignal, files: Mapping[str, Path], section: str = "loads") -> Signal:
+def signal_of(name: str, config: Section, files: Mapping[str, Path], section: str = "loads") -> Signal:
     """A load history, of the entry `name` of a section of the config."""
     return signal_at(f"{section}.{name}.signal", config, files)
 
 
-def signal_at(key: str, config: StatedSignal, files: Mapping[str, Path], of: Sequence[str] = LOADS) -> Signal:
+def signal_at(key: str, config: Section, files: Mapping[str, Path], of: Sequence[str] = LOADS) -> Signal:
     """The history that stands at a key of the config; of: the quantities that a file may hold of it."""
-    if config.type == "constant":
-        return Constant(config.value)
-    if config.type == "sine":
-        return Sine(config.frequency, config.amplitude, config.phase)
-    if config.type == "sweep":
-        return Sweep(config.start_frequency, config.end_frequency, config.duration, config.amplitude)
-    if config.type == "multisine":
-        return MultiSine(config.lowest, config.highest, config.count, config.amplitude, config.seed)
-    if config.type == "ramp":
-        return Ramp(config.start, config.end, config.begin, config.duration)
-    return recorded(key, config, files[f"{key}.file"], of)
+    if isinstance(config, RecordedSection):
+        return recorded(key, config, files[f"{key}.file"], of)
+    stated = dict(config)
+    kind = SIGNALS[stated.pop("type")]
+    return kind(**{FREQUENCIES.get(name, name): value for name, value in stated.items()})
 
 
 def damping_of(config: ModalDamping | RayleighDamping) -> Damping:

@@ -35,7 +35,7 @@ OF_SIGMA = ("std", "smoothed_std", "ratio", "rank_claimed", "rank_correlation")
 def run(context: Context[PlacementConfig]) -> Output:
     """The validation, with the strain of every candidate as points of a grid."""
     config, training = context.config, inputs.training(context)
-    found = validation_of(
+    validation = validation_of(
         config,
         inputs.mesh(context),
         inputs.spectrum(context),
@@ -45,36 +45,41 @@ def run(context: Context[PlacementConfig]) -> Output:
         inputs.layout(context),
         context,
     )
-    labels = layout_labels(training.name, found.trial.gauges)
-    own, repeats = found.validated, found.validated.repeats
-    numbers, decision = validation_numbers(found, config.validation.truth.model), validation_decision(config, found)
+    labels = layout_labels(training.name, validation.trial.gauges)
+    shown, repeats = validation.validated, validation.validated.repeats
+    numbers, decision = (
+        validation_numbers(validation, config.validation.truth.model),
+        validation_decision(config, validation),
+    )
     claims = {}
     if decision.withheld:
         numbers = {key: value for key, value in numbers.items() if key.split(".")[0] not in OF_SIGMA}
         numbers |= {"out_of_range": decision.withheld, "verdict": WITHHELD}
-        own = validated_without_sigma(own)
+        shown = validated_without_sigma(shown)
     else:
-        claims = {name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in found.accuracy}
+        claims = {
+            name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in validation.accuracy
+        }
         numbers |= {f"claim.{name}": every[0].verdict for name, every in claims.items() if every}
     units = {name: load.unit for name, load in config.loads.items()}
-    field = {"true": own.field.true, "strain": own.field.strain, "std": own.field.std}
+    field = {"true": shown.field.true, "strain": shown.field.strain, "std": shown.field.std}
     # Where not all read strain, an array has several units.
     strains = np.all(training.candidates.quantity == STRAIN)
     grid, attributes = gauge_grid(
         training.candidates.position, field, dict.fromkeys(field, STRAIN_UNIT) if strains else {}
     )
     return Output(
-        datasets=grid | written(own, found.units),
+        datasets=grid | written(shown, validation.units),
         attributes=attributes,
         summary=numbers,
-        message=validation_message(found, claims, decision.withheld),
+        message=validation_message(validation, claims, decision.withheld),
         tables=(
-            validation_table(found, bool(decision.withheld)),
-            *budget_tables(own.budget, found.without),
-            *([] if own.compared is None else [comparison_table(own.compared, found.units)]),
-            *([] if own.sweep is None else [sweep_table(own.sweep)]),
+            validation_table(validation, bool(decision.withheld)),
+            *budget_tables(shown.budget, validation.without),
+            *([] if shown.compared is None else [comparison_table(shown.compared, validation.units)]),
+            *([] if shown.sweep is None else [sweep_table(shown.sweep)]),
         ),
-        files={"measured.csv": measured_csv(found.trial, labels, own.gauge.measured, units)},
+        files={"measured.csv": measured_csv(validation.trial, labels, shown.gauge.measured, units)},
     )
 
 

@@ -23,27 +23,27 @@ USUAL_REACH, USUAL_POINTS = 1e-4, 41
 def bearing_of(entry: BearingSection) -> Bearing:
     """A bearing of the config; angles there are in degrees."""
     angles = {"contact_angle": np.deg2rad(entry.contact_angle), "first_ball": np.deg2rad(entry.first_ball)}
-    own = {key: value for key, value in dict(entry).items() if key != "pressure_limit"}
-    return Bearing(**(own | angles))
+    geometry = {key: value for key, value in dict(entry).items() if key != "pressure_limit"}
+    return Bearing(**(geometry | angles))
 
 
 def bearings_of(stated: Mapping[str, BearingSection]) -> dict[str, Bearing]:
     """All bearings of a config, by name."""
-    found = {}
+    bearings = {}
     for name, entry in stated.items():
         with blame(f"bearings.{name}"):
-            found[name] = bearing_of(entry)
-    return found
+            bearings[name] = bearing_of(entry)
+    return bearings
 
 
 def overloaded(config: BenchConfig, pressure: Mapping[str, float]) -> list[str]:
     """What to say of forces of bearings, by name, whose highest contact pressure [Pa] is beyond the limit of the bearing."""
-    said = []
+    warnings = []
     for name, highest in pressure.items():
         force = config.forces[name]
         assert isinstance(force, BearingForce)
-        said += beyond_limit(name, highest, config.bearings[force.bearing])
-    return said
+        warnings += beyond_limit(name, highest, config.bearings[force.bearing])
+    return warnings
 
 
 def beyond_limit(what: str, pressure: float, bearing: BearingSection) -> list[str]:
@@ -72,15 +72,15 @@ def _loaded(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingC
     except StrainsightError as error:
         # a case may be of several bearings
         raise type(error)(f"'{name}': {error.what}", key=f"cases.{case}", remedy=error.remedy) from error
-    found, balls = bearing_load(bearing, q), ball_loads(bearing, q)
+    state, balls = bearing_load(bearing, q), ball_loads(bearing, q)
     return record_from(
-        BearingCase, balls, load=found.force, displacement=q, stiffness=found.tangent, station=balls.angle
+        BearingCase, balls, load=state.force, displacement=q, stiffness=state.tangent, station=balls.angle
     )
 
 
 def displaced(bearings: Mapping[str, Bearing], curves: Sequence[CurveSection]) -> list[BearingDisplaced]:
     """The curves of every bearing; usual ones along and across its axis, and tilted, where the config asks for none."""
-    found = []
+    each = []
     for name, bearing in bearings.items():
         for key, along, reach, points in _asked(name, bearing, curves):
             over = np.linspace(-reach, reach, points)
@@ -88,8 +88,8 @@ def displaced(bearings: Mapping[str, Bearing], curves: Sequence[CurveSection]) -
             q[:, along] = over
             with blame(key):
                 load = np.array([bearing_load(bearing, row, slopes=False).force for row in q])
-            found.append(BearingDisplaced(name, along, BearingCurve(displacement=over, load=load)))
-    return found
+            each.append(BearingDisplaced(name, along, BearingCurve(displacement=over, load=load)))
+    return each
 
 
 def _asked(name: str, bearing: Bearing, curves: Sequence[CurveSection]) -> list[tuple[str, int, float, int]]:

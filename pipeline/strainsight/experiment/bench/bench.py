@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.config.bench import connections as stated
-from strainsight.config.bench.bench import BenchConfig, Simulate
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import FrameSection, PoseSection, RigidBodySection
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bearings import bearings_of
@@ -34,7 +34,7 @@ from strainsight.multibody.laws import LAWS, follower_force, follower_moment, tu
 from strainsight.multibody.relations import cosine, relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.system import System, assemble
-from strainsight.records.bench import ReducedBody
+from strainsight.records.bench import BenchPlaced, ReducedBody
 
 Between = stated.Joint | stated.Law
 """What stands between two frames."""
@@ -42,24 +42,37 @@ Between = stated.Joint | stated.Law
 
 @dataclass(frozen=True)
 class Bench:
-    """system; frames and bearings by name; poses of the bodies at the start; theta (nθ,) values of the system's parameters, a
-    bearing's called BEARING.PROPERTY."""
+    """config; reduced and meshes of its flexible bodies; placed: layouts, where sensors take one; system; frames and bearings by
+    name; poses of the bodies at the start; theta (nθ,) values of the system's parameters, a bearing's called BEARING.PROPERTY."""
 
+    config: BenchConfig
+    reduced: Mapping[str, ReducedBody]
+    meshes: Mapping[str, Mesh]
+    placed: BenchPlaced | None
     system: System
     frames: Mapping[str, Frame]
     bearings: Mapping[str, Bearing]
     poses: Mapping[str, Pose]
     theta: np.ndarray
 
+    def at(self, theta: np.ndarray) -> Bench:
+        """With these values of the parameters (nθ,)."""
+        return replace(self, theta=theta)
+
+    def simulated(self, **settings: object) -> Bench:
+        """With other settings of `simulate`."""
+        simulate = self.config.simulate.model_copy(update=settings)
+        return replace(self, config=self.config.model_copy(update={"simulate": simulate}))
+
 
 def bench_of(
     config: BenchConfig,
     reduced: Mapping[str, ReducedBody],
     meshes: Mapping[str, Mesh],
+    placed: BenchPlaced | None = None,
     free: Mapping[str, Sequence[str]] | None = None,
 ) -> Bench:
-    """The whole bench; reduced and meshes: of the flexible bodies, by name; free: bearing → its properties that are
-    parameters of the system."""
+    """The whole bench; free: bearing → its properties that are parameters of the system, others as of `Bench`."""
     bodies: list[Body] = []
     poses: dict[str, Pose] = {}
     for name, entry in config.bodies.items():
@@ -90,7 +103,7 @@ def bench_of(
     for name, bearing in bearings.items():
         values |= {f"{name}.{key}": value for key, value in zip(PARAMETERS, bearing.parameters, strict=True)}
     theta = np.array([float(values[name]) for name in system.parameters])
-    return Bench(system, frames, bearings, poses, theta)
+    return Bench(config, reduced, meshes, placed, system, frames, bearings, poses, theta)
 
 
 def axes_of(pose: PoseSection) -> np.ndarray:
@@ -166,12 +179,12 @@ def _force(
             return kind(name, frames[entry.frame], direction[:, None], (name,))
         case stated.BearingForce():
             outer, inner = frames[entry.outer], frames[entry.inner]
-            own = tuple(free.get(entry.bearing, ()))
-            names = tuple(f"{entry.bearing}.{key}" for key in own)
+            properties = tuple(free.get(entry.bearing, ()))
+            names = tuple(f"{entry.bearing}.{key}" for key in properties)
             d = entry.drag
             damping = np.array([d.axial, d.radial, d.radial, d.tilt, d.tilt], dtype=float)
             drag = Drag(d.moment, d.coefficient, d.viscous, d.speed, damping)
-            law = BearingLaw(bearings[entry.bearing], own, drag)
+            law = BearingLaw(bearings[entry.bearing], properties, drag)
             return RelativeElement(name, ring_relations(outer, inner, drag), law, names, (cosine(outer, 0, inner, 0),))
         case _:
             return LAWS[entry.type](name, *_between(entry, frames), **_keys(entry))
@@ -183,16 +196,17 @@ TURNED = 0.02
 """[rad] that the joints may turn a body."""
 
 
-def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Poses and velocities put onto the joints, where they are near them; or the static equilibrium from there."""
-    given, rate = state(bench.system, bench.poses)
+    settings = bench.config.simulate
+    stated, rate = state(bench.system, bench.poses)
     with blame("joints"):
-        q = project_position(bench.system, given, u)
+        q = project_position(bench.system, stated, u)
     _refuse_opposite(bench, q, u)
     for name in bench.poses:
-        own = bench.system.of[name]
-        moved = float(np.linalg.norm((q - given)[own][:3]))
-        turned = float(np.linalg.norm((q - given)[own][3:12])) / np.sqrt(2)
+        part = bench.system.of[name]
+        moved = float(np.linalg.norm((q - stated)[part][:3]))
+        turned = float(np.linalg.norm((q - stated)[part][3:12])) / np.sqrt(2)
         if moved > settings.snap_tolerance or turned > TURNED:
             raise ConfigError(
                 f"the joints move '{name}' by {moved:.4g} m and {turned:.3g} rad from its pose, beyond "
@@ -215,8 +229,8 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
         return q, v  # the drives say how it moves
     d = bench.system.metric
     for name in bench.poses:
-        own = bench.system.of[name]
-        change, whole = (float(np.linalg.norm((d * x)[own])) for x in (v - rate, rate))
+        part = bench.system.of[name]
+        change, whole = (float(np.linalg.norm((d * x)[part])) for x in (v - rate, rate))
         if change > SLIP * max(whole, float(np.linalg.norm(d * rate)) * SLIP):
             raise ConfigError(
                 f"the joints do not let '{name}' move as its velocity and spin say: {100 * change / max(whole, change):.3g} % of "
@@ -227,12 +241,17 @@ def start_of(bench: Bench, settings: Simulate, u: np.ndarray) -> tuple[np.ndarra
     return q, v
 
 
+def unstable_in_words(rate: float, body: str) -> str:
+    """Of an equilibrium that a body leaves at a rate [1/s]."""
+    return f"the equilibrium is unstable: '{body}' falls out of it, {math.e:.1f}-fold in {1 / rate:.3g} s"
+
+
 def _refuse_unstable(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     """An equilibrium that nothing would stay in."""
     rate, body = growth(bench.system, coupled_modes(bench.system, q, np.zeros_like(q), u, bench.theta))
     if rate > 0:
         raise ConfigError(
-            f"the equilibrium is unstable: '{body}' falls out of it, {math.e:.1f}-fold in {1 / rate:.3g} s",
+            unstable_in_words(rate, body),
             key="simulate.start",
             remedy="start from a pose that is nearer to a stable one, or set simulate.start: as_given or "
             "simulate.allow_unstable: true",
@@ -265,8 +284,8 @@ def _refuse_forceless(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
     rho = relation_rows(bench.system.products, q, np.zeros_like(q))[0]
     for element in bench.system.elements:
         try:
-            own = np.concatenate([bench.theta[element.parameters], u[element.inputs]])
-            element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), own)
+            values = np.concatenate([bench.theta[element.parameters], u[element.inputs]])
+            element.force.law.load(rho[element.rows], np.zeros(len(rho[element.rows])), values)
         except NumericalError as error:
             raise ConfigError(
                 f"at the start {error.what}", key=f"forces.{element.force.name}", remedy=error.remedy

@@ -36,9 +36,9 @@ def load_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
     return {name: units[config.forces[name].type] for name in names}
 
 
-def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
+def loads_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
     """Time (k,) [s] → u (k, width): inputs [N, N m] in the order of the system, then p and ṗ of its driven joints."""
-    signals, keys = {}, {}
+    config, signals, keys = bench.config, {}, {}
     for name in bench.system.inputs:
         entry = config.forces[name]
         assert isinstance(entry, Load | GravitySection)
@@ -48,7 +48,7 @@ def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Ca
         key = keys[name] = f"forces.{name}.{'turns.' * turns}signal"
         with blame(key):
             signals[name] = signal_at(key, history.signal, files, ("angle",) if turns else LOADS)
-    drives = drives_of(config, bench, files)
+    drives = drives_of(bench, files)
 
     def at(time: np.ndarray) -> np.ndarray:
         columns = []
@@ -66,9 +66,9 @@ def loads_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Ca
     return at
 
 
-def drives_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
+def drives_of(bench: Bench, files: Mapping[str, Path]) -> Callable[[np.ndarray], np.ndarray]:
     """Time (k,) [s] → p, ṗ, p̈ of every driven joint (nd, 3, k) [m or rad]."""
-    motions = {}
+    config, motions = bench.config, {}
     for name in bench.system.drives.names:
         entry = config.joints[name]
         assert isinstance(entry, Driven)
@@ -78,10 +78,10 @@ def drives_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> C
             motions[name] = motion(signal_at(key, drive.signal, files, kinds), drive.of, drive.start)
 
     def at(time: np.ndarray) -> np.ndarray:
-        found = np.zeros((len(motions), 3, len(time)))
-        for row, (name, own) in zip(found, motions.items(), strict=True):
+        moved = np.zeros((len(motions), 3, len(time)))
+        for row, (name, history) in zip(moved, motions.items(), strict=True):
             with blame(f"joints.{name}.drive.signal"):
-                row[:] = own(time)
+                row[:] = history(time)
                 _refuse_huge(row[:2], "m or rad")
                 if isinstance(config.joints[name], DrivenDistance) and not row[0].min(initial=np.inf) > SHORTEST:
                     first = time[np.argmin(row[0])]
@@ -89,14 +89,14 @@ def drives_of(config: BenchConfig, bench: Bench, files: Mapping[str, Path]) -> C
                         f"the length is {row[0].min():.4g} m at t = {first:.4g} s",
                         remedy="keep it above zero, where it has a direction",
                     )
-        return found
+        return moved
 
     return at
 
 
 def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]:
     """Of drives from files: where the spline through the samples swings, or has none to follow."""
-    said = []
+    doubts = []
     for name, entry in config.joints.items():
         if not isinstance(entry, Driven) or entry.drive.signal.type != "csv":
             continue
@@ -106,14 +106,14 @@ def doubtful_drives(config: BenchConfig, files: Mapping[str, Path]) -> list[str]
             continue
         share, at = swing(signal)
         if share > SWING:
-            said.append(
+            doubts.append(
                 f"the spline through the samples of {name} goes {100 * share:.2g} % of their range beyond them at {at:.4g} s: a "
                 "jump, or too few samples; smooth it, or record more often"
             )
         times, begin, end = gap(signal)
         if times > GAP:
-            said.append(f"{name} has no sample from {begin:.4g} to {end:.4g} s, where a spline says how it moves")
-    return said
+            doubts.append(f"{name} has no sample from {begin:.4g} to {end:.4g} s, where a spline says how it moves")
+    return doubts
 
 
 def _refuse_huge(values: np.ndarray, unit: str) -> None:

@@ -42,7 +42,7 @@ HELD = 2.0
 
 
 @dataclass(frozen=True)
-class Reduction:
+class BodyReduction:
     """body; unknowns: of the finite-element model; frequency [Hz]: of the modes that deform it, its interfaces free."""
 
     body: ReducedBody
@@ -55,17 +55,17 @@ def flexible(config: BenchConfig) -> dict[str, FlexibleBodySection]:
     return {name: body for name, body in config.bodies.items() if isinstance(body, FlexibleBodySection)}
 
 
-def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> dict[str, Reduction]:
+def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> dict[str, BodyReduction]:
     """Body → its reduction."""
-    found, bodies = {}, flexible(config)
+    reduced, bodies = {}, flexible(config)
     for i, (name, entry) in enumerate(bodies.items()):
         using.progress(name, i / len(bodies))
         with blame(f"bodies.{name}"):
-            found[name] = _reduction(name, entry, config.frames, meshes[name])
-    return found
+            reduced[name] = _reduction(name, entry, config.frames, meshes[name])
+    return reduced
 
 
-def _reduction(name: str, entry: FlexibleBodySection, frames: Mapping[str, FrameSection], mesh: Mesh) -> Reduction:
+def _reduction(name: str, entry: FlexibleBodySection, frames: Mapping[str, FrameSection], mesh: Mesh) -> BodyReduction:
     """Assemble, constrain, reduce after Craig and Bampton; the inertia of the body in its floating frame."""
     model = build_model(mesh, moduli_of(name, entry.moduli, mesh), supported=False)
     loose = rigid_motions(model).shape[1]
@@ -99,17 +99,17 @@ def _reduction(name: str, entry: FlexibleBodySection, frames: Mapping[str, Frame
         interface={str(node): rows for node, rows in body.interface.items()},
         inertia=inertia_invariants(model, body.basis),
     )
-    return Reduction(reduced, model.size, np.sqrt(np.maximum(lam, 0.0))[loose:] / (2 * np.pi))
+    return BodyReduction(reduced, model.size, np.sqrt(np.maximum(lam, 0.0))[loose:] / (2 * np.pi))
 
 
 def moduli_of(name: str, moduli: Mapping[str, Modulus], mesh: Mesh) -> tuple[Parameter, ...]:
     """The Young's moduli of a body that stay free, each with the ids of its regions."""
-    found = []
+    parameters = []
     for key, modulus in moduli.items():
         with blame(f"bodies.{name}.moduli.{key}.region"):
             regions = region_ids(mesh, named_regions(modulus.region))
-        found.append(Parameter(key, "youngs_modulus", regions, modulus.value))
-    return tuple(found)
+        parameters.append(Parameter(key, "youngs_modulus", regions, modulus.value))
+    return tuple(parameters)
 
 
 def _interface(name: str, frames: Mapping[str, FrameSection], model: FiniteElementModel) -> list[int]:
@@ -146,14 +146,14 @@ def body_damping(body: CraigBampton, law: Damping, reference: Mapping[str, float
 
 def _cut(X: AffineOperator, stay: np.ndarray) -> AffineOperator:
     square = np.ix_(stay, stay)
-    return X.of_all(lambda own: own[square])
+    return X.of_all(lambda matrix: matrix[square])
 
 
 PICTURES = 50
 
 
 @dataclass(frozen=True)
-class Motion:
+class BodyMotion:
     """time (T,) [s]; q (T, coordinates of the body); moduli (T,) [Pa]: those that were estimated."""
 
     time: np.ndarray
@@ -165,14 +165,14 @@ class Motion:
 class Pictures:
     """facets: how many; worst: number of the picture of the largest stress, element: where."""
 
-    found: SurfaceInTime
+    record: SurfaceInTime
     grid: VtkHdf
     facets: int
     worst: int
     element: int
 
 
-def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Motion, using: Resources) -> Pictures:
+def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: BodyMotion, using: Resources) -> Pictures:
     """The surface at some instants: displacement and strain in body axes, stress with the moduli of those instants."""
     settings = config.field
     assert settings is not None
@@ -208,8 +208,8 @@ def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Moti
     )
     mises = np.stack(data["von_mises"])
     worst, where = np.unravel_index(first_of_largest(mises.astype(float).ravel()), mises.shape)
-    found = SurfaceInTime(time=time[at], von_mises=mises.max(axis=1), moduli=theta)
-    return Pictures(found, grid, len(order), int(worst), int(facets.element_id[order][where]))
+    record = SurfaceInTime(time=time[at], von_mises=mises.max(axis=1), moduli=theta)
+    return Pictures(record, grid, len(order), int(worst), int(facets.element_id[order][where]))
 
 
 def instants(count: int, settings: SurfaceField) -> np.ndarray:
@@ -226,8 +226,8 @@ def points(x: np.ndarray, shapes: np.ndarray, q: np.ndarray, modes: int) -> dict
     x (n, 3) [m]; shapes Φ (n, 3, modes); q (pictures, coordinates of the body).
     """
     u = np.einsum("nck,tk->tnc", shapes, q[:, q.shape[1] - modes :])
-    found = {"displacement": u.astype(np.float32)}
+    moved = {"displacement": u.astype(np.float32)}
     if q.shape[1] > modes:
         R = q[:, 3:RIGID].reshape(-1, 3, 3)  # its columns, one a row
-        found["motion"] = (q[:, None, :3] + np.einsum("tnc,tcd->tnd", x + u, R) - x).astype(np.float32)
-    return found
+        moved["motion"] = (q[:, None, :3] + np.einsum("tnc,tcd->tnd", x + u, R) - x).astype(np.float32)
+    return moved

@@ -1,9 +1,9 @@
-"""The sensors of a bench, compiled for its system."""
+"""The sensors of a bench, compiled for its system, and its gauges as they may be installed."""
 
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -18,6 +18,7 @@ from strainsight.config.bench.bench import (
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
 from strainsight.experiment.bench.bench import Bench
+from strainsight.experiment.system import installation_std
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import Instant, gravity_at, instant
@@ -34,10 +35,16 @@ from strainsight.multibody.sensors import (
     readings,
 )
 from strainsight.multibody.sensors import StrainSensor as StrainRows
-from strainsight.multibody.system import System
-from strainsight.records.bench import BenchPlaced, ReducedBody
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.installation import (
+    COMMON,
+    SECOND,
+    InstallationStd,
+    drawn_installation,
+    installed_rows,
+    sensitivity_rows,
+)
 from strainsight.sensors.rows import channel_rows
 
 MOTION_UNITS = {"position": "m", "velocity": "m/s"}
@@ -53,28 +60,26 @@ class Sensors:
     zeroed: np.ndarray
     moved: Mapping[str, np.ndarray]
 
+    def count(self, name: str) -> int:
+        """Channels of a sensor."""
+        return self.channels[name].stop - self.channels[name].start
 
-def sensors_of(
-    config: BenchConfig,
-    bench: Bench,
-    reduced: Mapping[str, ReducedBody],
-    meshes: Mapping[str, Mesh],
-    placed: BenchPlaced | None = None,
-) -> Sensors:
-    """All sensors of the config that see the state; placed: for those that take a layout of it."""
+
+def sensors_of(bench: Bench) -> Sensors:
+    """All sensors of the config that see the state."""
     strains, others, moved = [], [], {}
     zeroed: list[bool] = []
-    for name, entry in config.sensors.items():
+    for name, entry in bench.config.sensors.items():
         if isinstance(entry, ReactionSensor):
             continue
         if not isinstance(entry, StrainSensorSection):
             others.append(motion_sensor(name, entry, bench.frames))
             continue
-        sensor, moved[name] = _strain(name, entry, reduced[entry.body], meshes[entry.body], placed)
+        sensor, moved[name] = _strain(bench, name, entry)
         strains.append(sensor)
         zeroed += [entry.zeroed] * len(sensor.rows)
     # in the order of their rows
-    others.sort(key=lambda own: isinstance(own, Accelerometer))
+    others.sort(key=lambda sensor: isinstance(sensor, Accelerometer))
     compiled = readings(bench.system, [*strains, *others])
     still = np.zeros(len(compiled.channels), dtype=bool)
     still[: len(zeroed)] = zeroed
@@ -83,54 +88,50 @@ def sensors_of(
 
 def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
     """Those of these names."""
-    compiled = readings(bench.system, [own for own in sensors.readings.sensors if own.name in names])
-    there = _channels(compiled)
-    zeroed = np.concatenate([sensors.zeroed[sensors.channels[name]] for name in there])
-    return Sensors(compiled, there, zeroed, {})
+    compiled = readings(bench.system, [sensor for sensor in sensors.readings.sensors if sensor.name in names])
+    channels = _channels(compiled)
+    zeroed = np.concatenate([sensors.zeroed[sensors.channels[name]] for name in channels])
+    return Sensors(compiled, channels, zeroed, {})
 
 
-def gauges_of(
-    name: str, entry: StrainSensorSection, mesh: Mesh, placed: BenchPlaced | None
-) -> tuple[Candidates, Facets, np.ndarray]:
+def gauges_of(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[Candidates, Facets, np.ndarray]:
     """The gauges of a sensor on the nearest places of the body's surface, its facets, and how far (gauges,) [m] each was moved
     there."""
-    key = f"sensors.{name}.gauges"
+    key, mesh = f"sensors.{name}.gauges", bench.meshes[entry.body]
     if entry.layout is None:
         entries = [BondedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
     else:
-        assert placed is not None
-        key, own = f"sensors.{name}.layout", placed.layout(entry.layout)
-        columns = (own.position[own.bonded], own.direction[own.bonded], own.length[own.bonded])
+        assert bench.placed is not None
+        key, layout = f"sensors.{name}.layout", bench.placed.layout(entry.layout)
+        columns = (getattr(layout, part)[layout.bonded] for part in ("position", "direction", "length"))
         entries = [BondedEntry(*gauge) for gauge in zip(*columns, strict=True)]
     facets = exterior_facets(mesh)
     with blame(key):
-        there, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
-    return there, facets, moved
+        gauges, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
+    return gauges, facets, moved
 
 
-def _strain(
-    name: str, entry: StrainSensorSection, reduced: ReducedBody, mesh: Mesh, placed: BenchPlaced | None
-) -> tuple[StrainRows, np.ndarray]:
+def _strain(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[StrainRows, np.ndarray]:
     """The rows of its gauges, and how far (gauges,) [m] each was moved."""
-    there, facets, moved = gauges_of(name, entry, mesh, placed)
+    gauges, facets, moved = gauges_of(bench, name, entry)
+    position, basis = bench.meshes[entry.body].position, bench.reduced[entry.body].basis
     with blame(f"sensors.{name}.{'gauges' if entry.layout is None else 'layout'}"):
-        return StrainRows(name, entry.body, channel_rows(mesh.position, there, reduced.basis, facets=facets)), moved
+        return StrainRows(name, entry.body, channel_rows(position, gauges, basis, facets=facets)), moved
 
 
-def instants_of(
-    system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray, theta: np.ndarray, second: np.ndarray
-) -> list[Instant]:
+def instants_of(bench: Bench, q: np.ndarray, v: np.ndarray, u: np.ndarray, second: np.ndarray) -> list[Instant]:
     """Of every state in q, v (T, n) under u (T, width), p̈ of the drives second (T, nd)."""
-    return [instant(system, *now, theta, p) for now, p in zip(zip(q, v, u, strict=True), second, strict=True)]
+    states = zip(q, v, u, strict=True)
+    return [instant(bench.system, *now, bench.theta, p) for now, p in zip(states, second, strict=True)]
 
 
 def read_in_time(
-    system: System, sensors: CompiledSensors, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
+    bench: Bench, sensors: CompiledSensors, q: np.ndarray, v: np.ndarray, u: np.ndarray, instants: Sequence[Instant]
 ) -> np.ndarray:
     """What all sensors read (T, channels) in a run; instants: not read without accelerometers."""
     if not sensors.accelerometers:
         return np.array([sensors.read(*now)[0] for now in zip(q, v, strict=True)])
-    felt = (Felt(own.acceleration, gravity_at(system, at)) for own, at in zip(instants, u, strict=True))
+    felt = (Felt(now.acceleration, gravity_at(bench.system, at)) for now, at in zip(instants, u, strict=True))
     return np.array([sensors.read(*now)[0] for now in zip(q, v, felt, strict=True)])
 
 
@@ -150,20 +151,28 @@ def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -
 
 def _channels(compiled: CompiledSensors) -> dict[str, slice]:
     channels, at = {}, 0
-    for own in compiled.sensors:
-        count = len(own.rows) if isinstance(own, StrainRows) else 3
-        if isinstance(own, RelationSensor):
-            count = len(own.relations)
-        channels[own.name] = slice(at, at + count)
+    for sensor in compiled.sensors:
+        count = len(sensor.rows) if isinstance(sensor, StrainRows) else 3
+        if isinstance(sensor, RelationSensor):
+            count = len(sensor.relations)
+        channels[sensor.name] = slice(at, at + count)
         at += count
     return channels
 
 
-def units_of(entry: StatedSensor, part: slice) -> tuple[str, ...]:
-    """The unit of each of its components, whose channels are `part`."""
-    if isinstance(entry, RelativeSensor):
-        return ("m", "m", "m", "rad", "rad")
-    return (unit_of(entry),) * (part.stop - part.start)
+def channel_labels(sensors: Sensors) -> tuple[str, ...]:
+    """Sensor and component of every channel, as numbers of a summary name them."""
+    return tuple(f"{name}.{i}" for name in sensors.channels for i in range(1, 1 + sensors.count(name)))
+
+
+def channel_units(config: BenchConfig, sensors: Sensors) -> tuple[str, ...]:
+    """Unit of every channel."""
+    units: list[str] = []
+    for name in sensors.channels:
+        entry = config.sensors[name]
+        relative = isinstance(entry, RelativeSensor)
+        units += ("m", "m", "m", "rad", "rad") if relative else (unit_of(entry),) * sensors.count(name)
+    return tuple(units)
 
 
 def unit_of(entry: StatedSensor) -> str:
@@ -181,3 +190,87 @@ def dataset_units(config: BenchConfig, loads: Mapping[str, str]) -> dict[str, st
     """What records of a bench ask the unit of: its sensors, and these loads."""
     units = {f"sensor {name}": unit_of(entry) for name, entry in config.sensors.items()}
     return units | {f"input {name}": unit for name, unit in loads.items()}
+
+
+DRAWN = 5
+"""Last word of the seed by which a seed's gauges are installed."""
+
+
+@dataclass(frozen=True)
+class Toleranced:
+    """A strain sensor of the filter: its name and body, gauges, mesh and facets of that, basis (3 nodes, r); slope
+    (channels, k, r): σ times what each of k errors adds to its rows; zeroed."""
+
+    name: str
+    body: str
+    gauges: Candidates
+    mesh: Mesh
+    facets: Facets
+    basis: np.ndarray
+    slope: np.ndarray
+    zeroed: bool
+
+
+def tolerances_of_gauges(config: BenchConfig) -> InstallationStd:
+    """By `estimate.tolerances`."""
+    return installation_std(None if config.estimate is None else config.estimate.tolerances)
+
+
+def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
+    """Of every strain sensor of the filter the errors that `estimate.tolerances` leaves open, to first order: place and turn of a
+    gauge, all grids of which move as one, gain and transverse sensitivity of each grid."""
+    std = tolerances_of_gauges(bench.config)
+    sigma = {name: value for name, value in std.by_name.items() if value > 0 and name not in SECOND}
+    errors = []
+    for name in used.channels if sigma else ():
+        entry = bench.config.sensors[name]
+        if not isinstance(entry, StrainSensorSection):
+            continue
+        mesh, basis = bench.meshes[entry.body], bench.reduced[entry.body].basis
+        gauges, facets, _ = gauges_of(bench, name, entry)
+        with blame(f"sensors.{name}.gauges"):
+            felt = sensitivity_rows(mesh.position, gauges, basis, std.position, facets=facets)
+        slope: list[np.ndarray] = []
+        for key, value in sigma.items():
+            rows, owner = value * getattr(felt, key), gauges.gauge if key in COMMON else np.arange(len(gauges))
+            slope += [np.where((owner == each)[:, None], rows, 0.0) for each in np.unique(owner)]
+        felt_at_all = [rows for rows in slope if rows.any()]
+        whole = np.stack(felt_at_all, axis=1) if felt_at_all else np.zeros((len(gauges), 0, basis.shape[1]))
+        errors.append(Toleranced(name, entry.body, gauges, mesh, facets, basis, whole, entry.zeroed))
+    return tuple(errors)
+
+
+def rows_of(
+    bench: Bench, used: Sensors, sensors: tuple[Toleranced, ...], zero: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """D (m, k, n), o (m, k): what the k errors of all sensors add to every channel, in σ of them, (D q + o) ν; zero (n,): q where
+    zeroed sensors were zeroed."""
+    m, n = len(used.zeroed), bench.system.size
+    D, o = [np.zeros((m, 0, n))], [np.zeros((m, 0))]
+    for sensor in sensors:
+        rows = np.zeros((m, sensor.slope.shape[1], n))
+        rows[used.channels[sensor.name], :, bench.system.modal(sensor.body)] = sensor.slope
+        D.append(rows)
+        o.append(-rows @ zero if sensor.zeroed else np.zeros(rows.shape[:2]))
+    return np.concatenate(D, axis=1), np.concatenate(o, axis=1)
+
+
+def misread(bench: Bench, used: Sensors, errors: tuple[Toleranced, ...], q: np.ndarray, runs: int) -> np.ndarray:
+    """What gauges as they are installed read beside what they are taken for (T, runs, m), drawn anew for every run; q
+    (T + 1, 1 or runs, n): the true motion. Exact in the errors, to which the filter is linear."""
+    std = tolerances_of_gauges(bench.config)
+    added = np.zeros((len(q) - 1, runs, len(used.zeroed)))
+    for run in range(runs):
+        draw = np.random.default_rng((bench.config.seed, run, DRAWN))
+        for error in errors:
+            free = replace(error.gauges, bonded=np.zeros(len(error.gauges), dtype=bool))
+            eta = q[:, min(run, q.shape[1] - 1), bench.system.modal(error.body)]
+            rows, plain = (
+                installed_rows(error.mesh.position, free, error.basis, installation, facets=error.facets)[0]
+                for installation in (
+                    drawn_installation(free, std, draw),
+                    drawn_installation(free, InstallationStd(), draw),
+                )
+            )
+            added[:, run, used.channels[error.name]] += (eta - eta[0] * error.zeroed)[1:] @ (rows - plain).T
+    return added

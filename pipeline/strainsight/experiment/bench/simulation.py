@@ -1,58 +1,65 @@
-"""A bench in time: its start, its run, what its sensors and bearings do (thesis 1.5-1.7)."""
+"""A bench in time and at rest: its start, its run or equilibrium, sensors, bearings, coupled modes (thesis 1.5-1.7)."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor, Simulate
+from strainsight.config.bench.bench import AccelerationSensor, ReactionSensor
 from strainsight.config.bench.connections import BearingForce, Driven
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
-from strainsight.experiment.bench.bench import Bench, bench_of, start_of
+from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
 from strainsight.experiment.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
 from strainsight.experiment.resources import Resources
-from strainsight.mesh.model import Mesh
-from strainsight.multibody.accelerations import Instant, reaction
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import CellBlock
+from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
+from strainsight.multibody.accelerations import Instant, measured, reaction
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
-from strainsight.multibody.coupled import coupled_modes
+from strainsight.multibody.bodies import Frame, RigidBody
+from strainsight.multibody.coupled import CoupledModes, coupled_modes, growth
 from strainsight.multibody.initial import constraints_at, project_position
 from strainsight.multibody.laws import Friction, TurningGravity
-from strainsight.multibody.sensors import RelationSensor, readings
+from strainsight.multibody.sensors import RelationSensor, axis_sensor, position_sensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench import (
-    BenchPlaced,
+    AtRest,
+    Coupled,
     DriveMotion,
-    ReducedBody,
+    FrameAtRest,
+    FrameInModes,
+    RingAtRest,
     RingMotion,
     Simulated,
+    StateSpace,
     Violation,
     WorstInstant,
 )
 from strainsight.records.record import record_from
 
 
-def rings_in_time(config: BenchConfig, bench: Bench, found: Trajectory) -> dict[str, RingMotion]:
+def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
     """Displacement and load of every bearing in time, and its balls at the instant of the highest pressure."""
     rings = {}
     for element in bench.system.elements:
         force = element.force
-        stated = config.forces[force.name]
+        stated = bench.config.forces[force.name]
         if not isinstance(stated, BearingForce):
             continue
         bearing = bench.bearings[stated.bearing]
-        own = readings(bench.system, [RelationSensor(force.name, force.relations[:5])])
-        q = np.array([own.read(a, b)[0] for a, b in zip(found.q, found.v, strict=True)])
+        displacements = readings(bench.system, [RelationSensor(force.name, force.relations[:5])])
+        q = np.array([displacements.read(a, b)[0] for a, b in zip(run.q, run.v, strict=True)])
         balls = [ball_loads(bearing, each) for each in q]
         pressure = np.array([ball.pressure.max() for ball in balls])
         worst = first_of_largest(pressure)
         ellipse = max(float(ball.semi_axes.max()) for ball in balls)
         if ellipse > bearing.ball_diameter / 2:
             raise ConfigError(
-                f"a contact ellipse reaches {1e3 * ellipse:.4g} mm at t = {found.time[worst]:g} s, beyond the ball",
+                f"a contact ellipse reaches {1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s, beyond the ball",
                 key=f"forces.{force.name}",
                 remedy="no such bearing carries these loads: check their size and the preload",
             )
@@ -60,7 +67,7 @@ def rings_in_time(config: BenchConfig, bench: Bench, found: Trajectory) -> dict[
             displacement=q,
             load=np.array([bearing_load(bearing, each, slopes=False).force for each in q]),
             pressure=pressure,
-            worst=record_from(WorstInstant, balls[worst], time=float(found.time[worst])),
+            worst=record_from(WorstInstant, balls[worst], time=float(run.time[worst])),
         )
     return rings
 
@@ -70,14 +77,14 @@ Reading = Callable[[np.ndarray, np.ndarray, Instant], np.ndarray]
 
 
 def felt(
-    config: BenchConfig, bench: Bench, found: Trajectory, instants: Sequence[Instant], drives: np.ndarray
+    bench: Bench, run: Trajectory, instants: Sequence[Instant], drives: np.ndarray
 ) -> tuple[dict[str, np.ndarray], dict[str, DriveMotion]]:
     """Sensors of reaction (T, components), and the driven joints, drives (nd, 3, T) p, ṗ, p̈."""
     read: dict[str, np.ndarray] = {}
-    for name, entry in config.sensors.items():
+    for name, entry in bench.config.sensors.items():
         if isinstance(entry, ReactionSensor):
-            own = _reaction(config, bench, entry)
-            read[name] = np.array([own(*now) for now in zip(found.q, found.u, instants, strict=True)])
+            reaction_of = _reaction(bench, entry)
+            read[name] = np.array([reaction_of(*now) for now in zip(run.q, run.u, instants, strict=True)])
     force = np.array([now.drive for now in instants])
     return read, {
         name: DriveMotion(position=drives[i, 0], rate=drives[i, 1], force=force[:, i])
@@ -85,15 +92,17 @@ def felt(
     }
 
 
-def feels(config: BenchConfig, bench: Bench) -> bool:
+def feels(bench: Bench) -> bool:
     """Whether anything of the config asks for what (1.3) says of every instant."""
-    asking = (isinstance(own, ReactionSensor | AccelerationSensor) for own in config.sensors.values())
-    return any(asking) or bool(bench.system.drives.names)
+    sensors = bench.config.sensors.values()
+    return any(isinstance(entry, ReactionSensor | AccelerationSensor) for entry in sensors) or bool(
+        bench.system.drives.names
+    )
 
 
-def _reaction(config: BenchConfig, bench: Bench, entry: ReactionSensor) -> Reading:
-    joint = next(own for own in bench.system.joints if own.name == entry.joint)
-    i, j = (bench.frames[frame] for frame in config.joints[entry.joint].frames)
+def _reaction(bench: Bench, entry: ReactionSensor) -> Reading:
+    joint = next(joint for joint in bench.system.joints if joint.name == entry.joint)
+    i, j = (bench.frames[frame] for frame in bench.config.joints[entry.joint].frames)
     return lambda q, u, now: reaction(bench.system, joint, i, j, q, now.lam, u)
 
 
@@ -109,61 +118,50 @@ LOCKED = 0.02
 class Simulation:
     """turn [rad]: the largest angle that any body turns in a step; parts: the most that a step was divided into."""
 
-    found: Simulated
+    record: Simulated
     bench: Bench
     sensors: Sensors
     turn: float
     parts: int
 
 
-def simulation(
-    config: BenchConfig,
-    reduced: Mapping[str, ReducedBody],
-    meshes: Mapping[str, Mesh],
-    placed: BenchPlaced | None,
-    using: Resources,
-) -> Simulation:
-    """Assemble the bench, bring it to its start, step through the loads, read the sensors."""
-    bench = bench_of(config, reduced, meshes)
-    h, steps = config.simulate.time_step, round(config.simulate.duration / config.simulate.time_step)
-    loads = loads_of(config, bench, using.files)
+def simulation(bench: Bench, using: Resources) -> Simulation:
+    """Bring the bench to its start, step through the loads, read the sensors."""
+    h, steps = (settings := bench.config.simulate).time_step, round(settings.duration / settings.time_step)
+    loads = loads_of(bench, using.files)
     u = loads(h * np.arange(steps + 1))
-    refuse_spun(config, bench, u, "simulate")
+    refuse_spun(bench, u, "simulate")
     with blame("simulate"):
-        q0, v0 = start_of(bench, config.simulate, u[0])
+        q0, v0 = start_of(bench, u[0])
         frequency = coupled_modes(bench.system, q0, v0, u[0], bench.theta).held_frequency
         try:
-            found, parts = _moved(
-                config.simulate, bench, q0, v0, loads, u, lambda share: using.progress("simulation", share)
-            )
+            run, parts = _moved(bench, q0, v0, loads, u, lambda share: using.progress("simulation", share))
         except NumericalError as error:
             raise explained(error, bench, q0, u, h) from error
-    moved = drives_of(config, bench, using.files)(found.time)
-    instants = (
-        instants_of(bench.system, found.q, found.v, found.u, bench.theta, moved[:, 2].T) if feels(config, bench) else []
-    )
-    carried, driven = felt(config, bench, found, instants, moved) if instants else ({}, {})
-    sensors = sensors_of(config, bench, reduced, meshes, placed)
-    measured = read_in_time(bench.system, sensors.readings, found.q, found.v, found.u, instants)
+    moved = drives_of(bench, using.files)(run.time)
+    instants = instants_of(bench, run.q, run.v, run.u, moved[:, 2].T) if feels(bench) else []
+    carried, driven = felt(bench, run, instants, moved) if instants else ({}, {})
+    sensors = sensors_of(bench)
+    measured = read_in_time(bench, sensors.readings, run.q, run.v, run.u, instants)
     measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
-    _refuse_tilted(bench, found)
+    _refuse_tilted(bench, run)
     record = Simulated(
-        time=found.time,
-        q=found.q,
-        v=found.v,
-        violation=_violation(bench, found),
+        time=run.time,
+        q=run.q,
+        v=run.v,
+        violation=_violation(bench, run),
         frequency=frequency,
-        coordinates={name: np.array([own.start, own.stop]) for name, own in bench.system.of.items()},
+        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
         inputs=dict(zip(bench.system.inputs, u.T[: len(bench.system.inputs)], strict=True)),
-        sensors={name: measured[:, own] for name, own in sensors.channels.items()} | carried,
-        bearings=rings_in_time(config, bench, found),
+        sensors={name: measured[:, part] for name, part in sensors.channels.items()} | carried,
+        bearings=rings_in_time(bench, run),
         drives=driven,
     )
-    return Simulation(record, bench, sensors, _turn(bench, found, h), parts)
+    turn = max(turns_in_a_step(bench, run.v, h).values(), default=0.0)
+    return Simulation(record, bench, sensors, turn, parts)
 
 
 def _moved(
-    settings: Simulate,
     bench: Bench,
     q0: np.ndarray,
     v0: np.ndarray,
@@ -172,7 +170,8 @@ def _moved(
     progress: Callable[[float], None],
 ) -> tuple[Trajectory, int]:
     """The run, by steps as they are or divided by their error, and the most parts of a step."""
-    h, steps, system, theta = settings.time_step, len(u) - 1, bench.system, bench.theta
+    settings, steps, system, theta = bench.config.simulate, len(u) - 1, bench.system, bench.theta
+    h = settings.time_step
 
     def tell(k: int) -> None:
         if k % 50 == 0:
@@ -180,43 +179,43 @@ def _moved(
 
     if settings.tolerance is None:
         return simulate(system, q0, v0, u, h, theta, settings.method, tell), 1
-    found = simulate_controlled(system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, tell)
-    return found.run, int(found.parts.max())
+    controlled = simulate_controlled(system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, tell)
+    return controlled.run, int(controlled.parts.max())
 
 
-def _violation(bench: Bench, found: Trajectory) -> Violation:
+def _violation(bench: Bench, run: Trajectory) -> Violation:
     """Largest |φ| and |Bv| of every instant."""
     if not bench.system.constrained:
-        return Violation(position=np.zeros(len(found.time)), velocity=np.zeros(len(found.time)))
-    pairs = [constraints_at(bench.system, q, u) for q, u in zip(found.q, found.u, strict=True)]
+        return Violation(position=np.zeros(len(run.time)), velocity=np.zeros(len(run.time)))
+    pairs = [constraints_at(bench.system, q, u) for q, u in zip(run.q, run.u, strict=True)]
     return Violation(
         position=np.array([np.abs(phi).max() for phi, *_ in pairs]),
-        velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, found.v, strict=True)]),
+        velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, run.v, strict=True)]),
     )
 
 
-def _refuse_tilted(bench: Bench, found: Trajectory) -> None:
+def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
     """Where a force law takes the angle between axes to be small, or a drive turns about an axis of both frames, these must stay
     nearly parallel, and not opposite."""
     system = bench.system
-    held = [(f"forces.{own.name}", own.aligned) for own in (element.force for element in system.elements)]
-    held += [(f"joints.{own.name}", own.aligned) for own in system.joints if own.name in system.drives.names]
+    held = [(f"forces.{part.name}", part.aligned) for part in (element.force for element in system.elements)]
+    held += [(f"joints.{part.name}", part.aligned) for part in system.joints if part.name in system.drives.names]
     for key, aligned in ((key, aligned) for key, aligned in held if aligned):
         together = readings(system, [RelationSensor(key, aligned)])
-        cosines = np.array([together.read(q, v)[0] for q, v in zip(found.q, found.v, strict=True)])
+        cosines = np.array([together.read(q, v)[0] for q, v in zip(run.q, run.v, strict=True)])
         for relation, cosine in zip(aligned, cosines.T, strict=True):
             worst = int(np.argmin(cosine))
             if cosine[worst] < np.cos(TILT):
                 angle = float(np.arccos(np.clip(cosine[worst], -1, 1)))
                 raise ConfigError(
-                    f"{relation.name} are {angle:.3g} rad apart at t = {found.time[worst]:g} s, beyond {TILT:g} rad",
+                    f"{relation.name} are {angle:.3g} rad apart at t = {run.time[worst]:g} s, beyond {TILT:g} rad",
                     key=key,
                     remedy="turn the frames so that their axes are parallel at rest, and hold them so by a joint; this "
                     f"{'force' if key.startswith('forces') else 'drive'} holds for small tilts",
                 )
 
 
-def refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray, section: str) -> None:
+def refuse_spun(bench: Bench, u: np.ndarray, section: str) -> None:
     """An angle that moves by more than SPUN a step: of a drive, where it ends a step no longer tells from half a turn on; of
     gravity, the loads between the steps are not those of a turn. u (T + 1, width) at its instants; section of the config that
     has the step."""
@@ -225,11 +224,13 @@ def refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray, section: str) 
         (f"joints.{drives.names[k]}.drive", drives.at + int(k)) for k in np.unique(drives.which[drives.power == 0])
     ]
     laws = ((element.force, element.inputs) for element in bench.system.elements)
-    turned += [(f"forces.{own.name}.turns", int(at[0])) for own, at in laws if isinstance(own.law, TurningGravity)]
+    turned += [
+        (f"forces.{force.name}.turns", int(at[0])) for force, at in laws if isinstance(force.law, TurningGravity)
+    ]
     recorded = {
         f"joints.{name}.drive"
-        for name, own in config.joints.items()
-        if isinstance(own, Driven) and own.drive.signal.type == "csv"
+        for name, joint in bench.config.joints.items()
+        if isinstance(joint, Driven) and joint.drive.signal.type == "csv"
     }
     for key, column in turned:
         moved = np.abs(np.diff(u[:, column]))
@@ -242,11 +243,10 @@ def refuse_spun(config: BenchConfig, bench: Bench, u: np.ndarray, section: str) 
             )
 
 
-def _turn(bench: Bench, found: Trajectory, h: float) -> float:
-    """Largest angle that any body turns in a step [rad]: ‖Ṙ‖/√2 is |ω|."""
-    starts = [bench.system.of[name].start for name in bench.poses]
-    spins = [np.linalg.norm(found.v[:, at + 3 : at + 12], axis=1).max() / np.sqrt(2) for at in starts]
-    return float(h * max(spins, default=0.0))
+def turns_in_a_step(bench: Bench, v: np.ndarray, h: float) -> dict[str, float]:
+    """Body → the largest angle that it turns in a step h [s] of a run v (T + 1, n) [rad]: ‖Ṙ‖/√2 is |ω|."""
+    spins = {name: v[:, bench.system.of[name]][:, 3:12] for name in bench.poses}
+    return {name: float(h * np.nanmax(np.linalg.norm(spin, axis=1)) / np.sqrt(2)) for name, spin in spins.items()}
 
 
 def explained(error: NumericalError, bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError:
@@ -264,16 +264,16 @@ def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> Strai
     if not drives.names:
         return None
     first = 0.0
-    for k, own in enumerate(u):
+    for k, inputs in enumerate(u):
         try:
-            q = project_position(bench.system, q, own)
-            share = _independence(bench, q, own)
+            q = project_position(bench.system, q, inputs)
+            share = _independence(bench, q, inputs)
             first = share if k == 0 else first
             why = "stand at a dead centre" if share < LOCKED * first else ""
         except InfeasibleError:
             why = "do not let the drives go on"
         if why:
-            asked = ", ".join(f"{name} {own[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
+            asked = ", ".join(f"{name} {inputs[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
             return ConfigError(
                 f"at t = {k * h:g} s the joints {why}, at {asked} [m or rad]",
                 key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
@@ -293,10 +293,162 @@ def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
     sharp = {name: law.speed for name, law in laws.items() if isinstance(law, Friction) and law.coulomb > 0}
     if not sharp or "was not solved" not in error.what:
         return None
-    name = min(sharp, key=lambda own: sharp[own])
+    name = min(sharp, key=lambda force: sharp[force])
     return NumericalError(
         error.what,
         key=f"forces.{name}",
         remedy=f"its friction may be too sharp for the step: raise its speed of {sharp[name]:g}, or take a smaller "
         "simulate.time_step",
     )
+
+
+DRAWN = 20
+"""Most modes in the grid."""
+
+
+@dataclass(frozen=True)
+class BenchAtRest:
+    """The bench with its state at rest q, v (n,) under u, and how fast it would be left (0: stable) by which body."""
+
+    bench: Bench
+    q: np.ndarray
+    v: np.ndarray
+    u: np.ndarray
+    modes: CoupledModes
+    growth: float
+    body: str
+
+
+def rest_of(bench: Bench, using: Resources, balanced: bool) -> BenchAtRest:
+    """balanced: in the equilibrium under the loads at t = 0, its drives held, whatever `simulate.start` says; unstable ones,
+    too."""
+    u = loads_of(bench, using.files)(np.zeros(1))[0]
+    changed: dict[str, object] = {"allow_unstable": True}
+    if balanced:
+        u[bench.system.drives.rates] = 0.0
+        changed["start"] = "equilibrium"
+    with blame("simulate"):
+        q, v = start_of(bench.simulated(**changed), u)
+    modes = coupled_modes(bench.system, q, v, u, bench.theta)
+    return BenchAtRest(bench, q, v, u, modes, *growth(bench.system, modes))
+
+
+def at_rest(rest: BenchAtRest, using: Resources) -> AtRest:
+    """The equilibrium in numbers: frames, sensors, reactions of every joint, drives, bearings."""
+    bench, q, config = rest.bench, rest.q, rest.bench.config
+    every = {f"joint {name}": ReactionSensor(type="reaction", joint=name) for name in config.joints}
+    with_reactions = replace(bench, config=config.model_copy(update={"sensors": {**config.sensors, **every}}))
+    still = Trajectory(np.zeros(1), q[None], 0 * q[None], rest.u[None], np.zeros((0, bench.system.constrained)))
+    moved = drives_of(bench, using.files)(still.time)
+    moved[:, 1:] = 0.0
+    instants = instants_of(bench, still.q, still.v, still.u, moved[:, 2].T)
+    reactions, drives = felt(with_reactions, still, instants, moved)
+    sensors = sensors_of(bench)
+    read = read_in_time(bench, sensors.readings, still.q, still.v, still.u, instants)[0]
+    return AtRest(
+        q=q,
+        growth=rest.growth,
+        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
+        inputs=dict(zip(bench.system.inputs, rest.u.tolist(), strict=False)),
+        frames={name: _frame_at_rest(bench, frame, q) for name, frame in bench.frames.items()},
+        sensors={name: read[part] for name, part in sensors.channels.items()}
+        | {name: values[0] for name, values in reactions.items() if name in config.sensors},
+        reactions={name: reactions[f"joint {name}"][0] for name in config.joints},
+        drives={name: float(drive.force[0]) for name, drive in drives.items()},
+        bearings={
+            name: RingAtRest(displacement=ring.displacement[0], load=ring.load[0], pressure=float(ring.pressure[0]))
+            for name, ring in rings_in_time(bench, still).items()
+        },
+    )
+
+
+def coupled(rest: BenchAtRest) -> Coupled:
+    """Modes with the motion of every frame in them, and the state space from the loads to the sensors, but for reactions."""
+    bench, modes = rest.bench, rest.modes
+    sensors = sensors_of(bench)
+    none = np.zeros(len(bench.system.drives.names))
+    read = measured(bench.system, sensors.readings, rest.q, rest.v, rest.u, bench.theta, none)
+    nu, Phi = len(bench.system.inputs), modes.shapes
+    B = np.vstack([np.zeros_like(modes.B), modes.B])[:, :nu]
+    values = modes.eigenvalues
+    outputs = [f"{name} {k + 1}" for name, part in sensors.channels.items() for k in range(part.stop - part.start)]
+    return Coupled(
+        frequency=modes.frequency,
+        damping=modes.damping,
+        stiffness=modes.squares,
+        shape=Phi.T,
+        q=rest.q,
+        growth=rest.growth,
+        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
+        frames={
+            name: _frame_in_modes(bench, frame, rest.q, Phi)
+            for name, frame in bench.frames.items()
+            if frame.body is not None
+        },
+        eigenvalue=np.column_stack([values.real, values.imag]),
+        system=StateSpace(
+            A=modes.A,
+            B=B,
+            C=np.hstack([read.by_q @ Phi, read.by_v @ Phi]),
+            D=read.by_u,
+            inputs=bench.system.inputs,
+            outputs=tuple(outputs),
+        ),
+    )
+
+
+def _frame_at_rest(bench: Bench, frame: Frame, q: np.ndarray) -> FrameAtRest:
+    y = _looked_at(bench, frame, q)[0]
+    return FrameAtRest(position=y[:3], axes=y[3:].reshape(3, 3).T)
+
+
+def _frame_in_modes(bench: Bench, frame: Frame, q: np.ndarray, Phi: np.ndarray) -> FrameInModes:
+    """δp, and δθ = ½ Σ a_k × δa_k."""
+    y, by_q = _looked_at(bench, frame, q)
+    moved = by_q @ Phi
+    axes, turned = y[3:].reshape(3, 3), moved[3:].reshape(3, 3, -1)
+    rotation = 0.5 * sum(np.cross(axes[k], turned[k].T) for k in range(3))
+    return FrameInModes(displacement=moved[:3].T, rotation=np.asarray(rotation).reshape(-1, 3))
+
+
+def _looked_at(bench: Bench, frame: Frame, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Place and axes of a frame (12,), and their slopes by q (12, n)."""
+    sensors = [position_sensor(frame.name, frame), *(axis_sensor(frame.name, frame, k) for k in range(3))]
+    y, by_q, _ = readings(bench.system, sensors).read(q, np.zeros_like(q))
+    return y, by_q
+
+
+def modes_in_space(rest: BenchAtRest) -> VtkHdf:
+    """Surfaces of flexible bodies and lines from the centre of a rigid body to its frames, where they rest; `mode` in steps."""
+    bench, count = rest.bench, min(DRAWN, len(rest.modes.squares))
+    points, shapes, blocks, total = [], [], [], 0
+    for body in bench.system.bodies:
+        if isinstance(body, RigidBody):
+            at = [body.centre, *(f.origin for f in bench.frames.values() if f.body == body.name)]
+            frames = [Frame(str(k), body.name, np.asarray(x, dtype=float)) for k, x in enumerate(at)]
+            seen = [_looked_at(bench, frame, rest.q) for frame in frames]
+            points.append(np.array([y[:3] for y, _ in seen]))
+            shapes.append(np.stack([by_q[:3] @ rest.modes.shapes[:, :count] for _, by_q in seen]))
+            to = np.arange(1, len(at))
+            blocks.append(CellBlock("line", to, total + np.column_stack([0 * to, to]), 0 * to))
+        else:
+            mesh = bench.meshes[body.name]
+            used, cells, _ = facet_cells(exterior_facets(mesh))
+            part, x = bench.system.of[body.name], mesh.position[used]
+            basis = bench.reduced[body.name].basis.reshape(len(mesh.position), 3, -1)[used]
+            eta = bench.system.modal(body.name)
+            x = x + basis @ rest.q[eta]
+            phi = rest.modes.shapes[eta, :count]
+            moved = basis @ phi
+            if part.stop - part.start > eta.stop - eta.start:
+                R = rest.q[part][3:12].reshape(3, 3).T
+                turned = rest.modes.shapes[part][3:12, :count].reshape(3, 3, count)  # δR by columns
+                moved = np.einsum("ij,njc->nic", R, moved) + np.einsum("jic,nj->nic", turned, x)
+                moved += rest.modes.shapes[part][:3, :count]
+                x = rest.q[part][:3] + x @ R.T
+            points.append(x)
+            shapes.append(moved)
+            blocks += [replace(block, nodes=total + block.nodes) for block in cells]
+        total += len(points[-1])
+    data = {"mode": np.moveaxis(np.concatenate(shapes), 2, 0)}
+    return unstructured_grid(np.concatenate(points), blocks, point_data=data, steps=rest.modes.frequency[:count])

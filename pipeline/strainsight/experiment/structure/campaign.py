@@ -15,6 +15,7 @@ from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import WantedCovariances
+from strainsight.experiment.hold_out import held_out
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
@@ -27,7 +28,7 @@ from strainsight.experiment.structure.consistency import (
     turning_of,
 )
 from strainsight.experiment.structure.damage import damage_of_test
-from strainsight.experiment.structure.estimation import Common, Estimation, estimation_of_record, held_out
+from strainsight.experiment.structure.estimation import Common, Estimation, FilteredGauges, estimation_of_record
 from strainsight.experiment.structure.filtering import (
     beyond_ranges,
     by_bank,
@@ -224,7 +225,8 @@ def campaign_of(
     hold_outs: Sequence[HoldOut | None] = [None] * len(filters)
     if settings.hold_out is not None:
         # what contradicts the model is looked for there: the claim is what is tested
-        hold_outs = held_out(filters, undetectable_by, bool(decision.unfounded), progress)
+        system = FilteredGauges(filters, undetectable_by, bool(decision.unfounded))
+        hold_outs = held_out(system, lambda doing, share: progress(doing, LATER + (HELD - LATER) * share))
     progress("field", HELD if settings.hold_out else LATER)
 
     def filters_of(changed: PlacementConfig) -> list[RecordFilter]:

@@ -12,7 +12,7 @@ from strainsight.estimation.consistency import verdict
 from strainsight.estimation.decision import record_verdict
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.hold_out import (
-    Left,
+    LeftOut,
     hold_out_numbers,
     hold_out_table,
     left_out,
@@ -206,12 +206,9 @@ def _shared(campaign: Campaign, parameter: str) -> float:
     return float(np.mean(record.estimated.smoothed[parameter]))
 
 
-def without_each(estimated: Estimated) -> tuple[Left, ...]:
+def without_each(estimated: Estimated) -> tuple[LeftOut, ...]:
     """Every gauge by the others, empty where that was not asked for."""
-    if (hold_out := estimated.hold_out) is None:
-        return ()
-    gauge = estimated.gauge
-    return left_out(hold_out.predicted, hold_out.std, hold_out.left_in, gauge.label, gauge.measured)
+    return left_out(estimated.hold_out, estimated.gauge.label, estimated.gauge.measured)
 
 
 def channel_table(estimated: Estimated, units: Sequence[str]) -> Table:

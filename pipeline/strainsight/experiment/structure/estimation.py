@@ -14,11 +14,11 @@ from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import acceleration_rows, known_ends, theta_at
 from strainsight.estimation.consistency import Verdict, verdict
 from strainsight.estimation.decision import Decision
-from strainsight.estimation.model import physical, surface_reading
+from strainsight.estimation.model import surface_reading
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
 from strainsight.experiment.structure.consistency import Judgement, clock_in_words
-from strainsight.experiment.structure.filtering import posteriors_of
+from strainsight.experiment.structure.filtering import histories, posteriors_of
 from strainsight.experiment.structure.problem import judged_as_stated_in_words, rests_on_loads_in_words, scheme_in_words
 from strainsight.experiment.structure.record_filter import (
     LONGEST_COMPARED,
@@ -90,13 +90,9 @@ def estimation_of_record(
     sampled = slice(test.every - 1, None, test.every)
     offsets = slice(model.size, model.size + len(record.biased))
     mean, std = (values[-1, 0, offsets] for values in (smoothed.mean, smoothed.std))
-    estimate, later = (physical(model, each.mean[:, 0], each.std[:, 0]) for each in (run, smoothed))
     estimated = Estimated(
         time=test.time[0] + run.time,
-        estimate={name: value for name, (value, _) in estimate.items()},
-        std={name: sigma for name, (_, sigma) in estimate.items()},
-        smoothed={name: value for name, (value, _) in later.items()},
-        smoothed_std={name: sigma for name, (_, sigma) in later.items()},
+        **histories(model, run, smoothed),
         gauge=TestChannels(
             time=test.time[1:],
             label=test.labels,
@@ -151,42 +147,50 @@ def _notes(common: Common, record: RecordFilter, judgement: Judgement, no_budget
     return tuple(filter(None, notes))
 
 
-def held_out(
-    filters: Sequence[RecordFilter],
-    undetectable_by: Callable[[np.ndarray], str],
-    withheld: bool,
-    progress: Callable[[str, float], None],
-) -> tuple[HoldOut, ...]:
-    """Predict every gauge in every record by the others: all channels of one gauge are left out together, of all records.
+@dataclass(frozen=True)
+class FilteredGauges:
+    """The `System` of a test with a filter: all channels of one gauge are left out together, of all records.
 
         ŷ = H x̂ˢ,     σ² = H Pˢ Hᵀ + R + Σₖ (Dₖ x̂ˢ + Eₖ w + oₖ)² + σ_b²
 
     x̂ˢ, Pˢ smoothed from the other channels; H with the column θ ∂H/∂θ q̂ of a free thickness; R of one sample; D, E, o what
     the gauge's installation may be off by (`Nuisances`), and σ_b the σ of its unknown offset. undetectable_by: in words, what
-    some channels (k,) of train.h5 cannot tell, empty where nothing; withheld: whether σ is. NaN for a gauge without which the
-    others cannot tell the unknowns, and for a σ that is withheld.
+    some channels (k,) of train.h5 cannot tell, empty where nothing; withheld: whether σ is, which then is NaN.
     """
-    test = filters[0].test
-    owner = filters[0].problem.channels.gauge[test.channels]
-    readings = [np.full((2, *record.test.values.shape), np.nan) for record in filters]
-    left_in = [""] * len(owner)
-    gauges = np.unique(owner)
-    for i, gauge in enumerate(gauges):
-        progress(f"without {test.labels[int(np.argmax(owner == gauge))]}", 0.7 + 0.25 * i / len(gauges))
-        out, rest = np.flatnonzero(owner == gauge), np.flatnonzero(owner != gauge)
-        lost = undetectable_by(test.channels[rest]) if len(rest) else "anything"
-        results: tuple[FilteredRecord, ...] = ()
+
+    filters: Sequence[RecordFilter]
+    undetectable_by: Callable[[np.ndarray], str]
+    withheld: bool
+
+    @property
+    def labels(self) -> Sequence[str]:
+        return self.filters[0].test.labels
+
+    @property
+    def available(self) -> np.ndarray:
+        return np.ones(len(self.labels), dtype=bool)
+
+    @property
+    def parts(self) -> Sequence[np.ndarray]:
+        first = self.filters[0]
+        owner = first.problem.channels.gauge[first.test.channels]
+        return [np.flatnonzero(owner == gauge) for gauge in np.unique(owner)]
+
+    @property
+    def measured(self) -> Sequence[np.ndarray]:
+        return [record.test.values for record in self.filters]
+
+    def by_others(self, part: np.ndarray) -> tuple[Sequence[tuple[np.ndarray, np.ndarray]], str]:
+        rest = np.setdiff1d(np.arange(len(self.labels)), part)
+        lost = self.undetectable_by(self.filters[0].test.channels[rest]) if len(rest) else "anything"
+        if lost:
+            return (), f"the others cannot tell {lost}"
         try:
-            if not lost:
-                results = filter_together([record.of_channels(rest) for record in filters])
+            results = filter_together([record.of_channels(rest) for record in self.filters])
         except NumericalError as error:
-            lost = error.what
-        for j in out:
-            left_in[j] = f"the others cannot tell {lost}" if lost else ""
-        for record, result, values in zip(filters, results, readings, strict=False):
-            smoothed = (result.without_sigma() if withheld else result).smoothed
-            values[:, :, out] = _predicted(record.of_channels(out), smoothed)
-    return tuple(HoldOut(predicted=mean, std=std, left_in=tuple(left_in)) for mean, std in readings)
+            return (), f"the others cannot tell {error.what}"
+        smoothed = [(result.without_sigma() if self.withheld else result).smoothed for result in results]
+        return [_predicted(record.of_channels(part), by) for record, by in zip(self.filters, smoothed, strict=True)], ""
 
 
 def _predicted(record: RecordFilter, smoothed: Smoothed) -> tuple[np.ndarray, np.ndarray]:

@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,17 +12,16 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank import BankRun, filter_bank
-from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import no_nuisances
-from strainsight.estimation.decision import expected_ratio, out_of_range
+from strainsight.estimation.decision import out_of_range
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.mixture import Posterior, marginal
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.record import BankRecord, Settled
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.sigma_point import run_sigma_points
-from strainsight.estimation.smoother import Smoothed, smooth
-from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, on_average
+from strainsight.estimation.smoother import Smoothed
+from strainsight.experiment.filters_compared import filters_compared
 from strainsight.experiment.structure.problem import Method, Problem, exactly_damped
 from strainsight.experiment.structure.references import unknown_units
 from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
@@ -31,56 +30,6 @@ IDENTIFIED = 0.5
 """Share of its initial σ that the samples may leave of a parameter that they identify."""
 NO_OFFSETS = np.zeros(0, dtype=int)
 """Channels with an unknown offset, where there are none."""
-
-
-@dataclass(frozen=True)
-class Filtered:
-    """run: B runs of a filter; banks: that of each run, none of another filter, None for one that failed."""
-
-    run: FilterRun
-    banks: tuple[BankRun | None, ...]
-
-
-def filtered(
-    problem: Problem,
-    tolerated: Tolerated,
-    model: FilterModel,
-    channels: np.ndarray,
-    start: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measured: np.ndarray,
-    keep: Keep = "mean",
-    settled: Settled | None = None,
-    refuse: bool = True,
-) -> Filtered:
-    """Filter the measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none, as the config asks for.
-
-    start (n*,) or (B, n*), covariance (n*, n*) of x* at t = 0; known (T, HOLD, n_known) [N]; keep: whether what a smoother needs
-    is kept; with "mean" a bank under known loads has its parameters alone; settled: as of `filter_bank`; refuse: raise
-    NumericalError where every run fails, and not mark them lost.
-    """
-    if problem.method != "bank":
-        return Filtered(by_moments(problem, model, start, covariance, known, measured, keep, refuse=refuse), ())
-    data = measured if measured.ndim == 3 else measured[:, None]
-    runs = data.shape[1]
-    sets = np.broadcast_to(channels, (runs, channels.shape[-1]))
-    starts = np.broadcast_to(start, (runs, model.size))
-    kept: Keep = "parameters" if keep == "mean" and not model.unknowns.inputs else keep
-    banks: list[BankRun | None] = []
-    failure: NumericalError | None = None
-    for b in range(runs):
-        has = sets[b] >= 0
-        of_run = on_average(tolerated, _of_run(model, b, has), sets[b][has])
-        samples = known, data[:, b, has], nuisances_of(tolerated, of_run, sets[b][has])
-        try:
-            banks.append(filter_bank(BankRecord(of_run, starts[b], covariance, *samples, settled=settled), kept))
-        except NumericalError as error:
-            failure = error
-            banks.append(None)
-    if failure is not None and refuse and all(bank is None for bank in banks):
-        raise failure
-    return Filtered(_together(model, banks, sets >= 0, len(known)), tuple(banks))
 
 
 def by_moments(
@@ -103,25 +52,11 @@ def by_moments(
     return run(model, start, covariance, known, measured, keep, form=problem.form, biased=biased, refuse=refuse)
 
 
-def _of_run(model: FilterModel, b: int, there: np.ndarray) -> FilterModel:
-    """The model of one run, with the channels that it has."""
-    quantity = model.quantity
-    if model.H.ndim == 3:
-        model = replace(
-            model,
-            H=model.H[b],
-            change=model.change.of_terms(lambda X: X[b]),
-            r=model.r[b] if model.r.ndim == 2 else model.r,
-            quantity=quantity[b] if quantity is not None and quantity.ndim == 2 else quantity,
-        )
-    return model.of_channels(there)
-
-
-def _together(model: FilterModel, banks: list[BankRun | None], has: np.ndarray, steps: int) -> FilterRun:
-    """Runs of many banks as one, NaN where one failed or lacks a channel (runs, m)."""
+def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.ndarray, steps: int) -> FilterRun:
+    """Runs of many banks as one, NaN where one failed or has no channel (channels (B, m), −1 for none)."""
     if len(banks) == 1 and banks[0] is not None:
         return banks[0].run
-    runs, n, u, m = len(banks), model.size, len(model.position), has.shape[1]
+    (runs, m), n, u, has = channels.shape, model.size, len(model.position), channels >= 0
     by_state = {name: np.full((steps + 1, runs, n), np.nan) for name in ("mean", "std")}
     by_channel = {
         name: np.full((steps, runs, m), np.nan) for name in ("gauge_mean", "gauge_std", "innovation", "whitened")
@@ -148,25 +83,15 @@ def _together(model: FilterModel, banks: list[BankRun | None], has: np.ndarray, 
     )
 
 
-def smoothed(
-    problem: Problem,
-    tolerated: Tolerated,
-    model: FilterModel,
-    channels: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measured: np.ndarray,
-    run: Filtered,
-    settled: Settled | None = None,
-) -> Smoothed:
-    """The estimate of every instant from all samples; arguments as of `filtered`, whose one run begins at zero."""
-    if problem.method != "bank":
-        return smooth(model, run.run)
-    bank = run.banks[0]
-    assert bank is not None  # a bank that fails alone is refused
-    start, model = np.zeros(model.size), on_average(tolerated, model, channels)
-    nuisances = nuisances_of(tolerated, model, channels)
-    return smooth_bank(BankRecord(model, start, covariance, known, measured, nuisances, settled=settled), bank)
+def histories(model: FilterModel, run: FilterRun, smoothed: Smoothed) -> dict[str, dict[str, np.ndarray]]:
+    """The unknowns of the first run in time, by filter and smoother, as `UnknownHistories` names them."""
+    filtered, later = (physical(model, by.mean[:, 0], by.std[:, 0]) for by in (run, smoothed))
+    return {
+        "estimate": {name: value for name, (value, _) in filtered.items()},
+        "std": {name: std for name, (_, std) in filtered.items()},
+        "smoothed": {name: value for name, (value, _) in later.items()},
+        "smoothed_std": {name: std for name, (_, std) in later.items()},
+    }
 
 
 def posteriors_of(problem: Problem, covariance: np.ndarray, bank: BankRun | None) -> dict[str, Posterior]:
@@ -225,7 +150,7 @@ def compared(
     """
     if not model.unknowns.parameters:
         return None
-    model, names = exactly_damped(problem, model), model.unknowns.parameters
+    model, names, at = exactly_damped(problem, model), model.unknowns.parameters, model.parameter_states
     data = model, np.zeros(len(covariance)), covariance, known, measured
     record = BankRecord(*data, no_nuisances(model), biased)
     filters: dict[str, Callable[[], FilterRun]] = {
@@ -238,19 +163,9 @@ def compared(
         with suppress(NumericalError):
             run = run_of()
             mean[i], std[i] = run.mean[-1, 0, : model.size], run.std[-1, 0, : model.size]
-    values = physical(model, mean, std)
-    at = range(*model.parameter_states.indices(model.size))
-    return Compared(
-        filter=tuple(filters),
-        estimate={name: values[name][0] for name in names},
-        std={name: values[name][1] for name in names},
-        ratio={
-            name: np.array(
-                [expected_ratio(m, s, mean[0, k], std[0, k]) for m, s in zip(mean[:, k], std[:, k], strict=True)]
-            )
-            for name, k in zip(names, at, strict=True)
-        },
-    )
+    values, ends = physical(model, mean, std), np.stack([mean[:, at], std[:, at]], axis=1)
+    value, sigma = (np.stack([values[name][i] for name in names], axis=-1) for i in range(2))
+    return filters_compared(tuple(filters), names, ends, value, sigma)
 
 
 def beyond_ranges(config: PlacementConfig, problem: Problem, values: Mapping[str, float]) -> dict[str, str]:

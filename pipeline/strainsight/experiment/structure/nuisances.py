@@ -18,7 +18,6 @@ from strainsight.estimation.record import Settled, periodic_start
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.candidates import thickness_of_guess
-from strainsight.experiment.structure.drawn import BY_MODE, installation_std, modulus_estimated
 from strainsight.experiment.structure.problem import SILENT, Problem
 from strainsight.experiment.structure.tolerated_loads import (
     ToleratedLoads,
@@ -28,6 +27,8 @@ from strainsight.experiment.structure.tolerated_loads import (
     stacked,
     tolerated_loads,
 )
+from strainsight.experiment.structure.truth import BY_MODE, modulus_estimated
+from strainsight.experiment.system import installation_std
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
@@ -105,16 +106,19 @@ def tolerated(
     config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray
 ) -> Tolerated:
     """Of channels (any,) of train.h5, −1 for none, by the tolerances of the config."""
-    own, std, pool = tolerances_of(config.tolerances), installation_std(config), training.candidates
+    tolerances, pool = tolerances_of(config.tolerances), training.candidates
+    std = installation_std(tolerances)
     # whole gauges: a sensitivity needs all channels that move as one
     wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
     part = pool.take(wanted)
-    found, grids, n = _sensitivity(config, mesh, reduced, training, part, wanted), part.grids, reduced.model.size
+    sensitivity, grids, n = _sensitivity(config, mesh, reduced, training, part, wanted), part.grids, reduced.model.size
     free = ~grids.bonded[:, None]
     sigma = {name: value for name, value in std.by_name.items() if value > 0}
-    scaled = {name: value * getattr(found, name) * (free if name in COMMON else 1.0) for name, value in sigma.items()}
-    mean, missed = std.mean(found) * free, training.missed[wanted]
-    loads = tolerated_loads(own, reduced, missed + part.read(mean[:, n:]).reshape(missed.shape), part.quantity)
+    scaled = {
+        name: value * getattr(sensitivity, name) * (free if name in COMMON else 1.0) for name, value in sigma.items()
+    }
+    mean, missed = std.mean(sensitivity) * free, training.missed[wanted]
+    loads = tolerated_loads(tolerances, reduced, missed + part.read(mean[:, n:]).reshape(missed.shape), part.quantity)
     felt = {name: rows for name, rows in scaled.items() if rows.any()}
     return Tolerated(
         wanted,
@@ -127,11 +131,11 @@ def tolerated(
         mean[:, :n],
         _zeros(std, part),
         loads,
-        float(np.log(own.damping)),
-        _frequency(own.frequency * (config.train.model == "dynamic"), reduced, training, training.rows[wanted]),
-        0.0 if modulus_estimated(config) else own.model,
-        own.treat == "estimate",
-        own.discrepancy,
+        float(np.log(tolerances.damping)),
+        _frequency(tolerances.frequency * (config.train.model == "dynamic"), reduced, training, training.rows[wanted]),
+        0.0 if modulus_estimated(config) else tolerances.model,
+        tolerances.treat == "estimate",
+        tolerances.discrepancy,
     )
 
 
@@ -156,27 +160,27 @@ def _frequency(std: float, reduced: Reduced, training: Training, rows: np.ndarra
 def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
     each, alike, beside = np.arange(len(part)), *std.warmed
     straining, ones = part.quantity == STRAIN, np.ones(len(part.grids))
-    found = (
+    zeros = (
         Zero("offset", std.offset * straining, each, drifts=False),
         Zero("drift", std.drift * straining, each, drifts=True),
         Zero("temperature", alike * straining * part.read(ones), np.zeros_like(each), drifts=True),
         Zero("temperature", beside * straining * np.sqrt(part.added(ones)), part.gauge, drifts=True),
     )
-    return tuple(own for own in found if own.std.any())
+    return tuple(zero for zero in zeros if zero.std.any())
 
 
 def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Training) -> tuple[str, ...]:
     """Which tolerances σ does not hold, a sentence each."""
-    found, installed, own = [], installation_std(config), tolerances_of(config.tolerances)
-    if training.given is not None and (installed.position or installed.angle or installed.transverse):
-        found.append(
+    sentences, tolerances = [], tolerances_of(config.tolerances)
+    if training.given is not None and (tolerances.position or tolerances.angle or tolerances.transverse):
+        sentences.append(
             "σ holds no errors of place, direction and transverse sensitivity of the given gauges: their rows do not say how the "
             "strain is beside them (tolerances.position, angle, transverse)"
         )
     change = reduced.misaligned.shape
     for key, std, of in (
-        ("load_angle", own.load_angle, change[..., :2]),
-        ("load_position", own.load_position, change[..., 2:]),
+        ("load_angle", tolerances.load_angle, change[..., :2]),
+        ("load_position", tolerances.load_position, change[..., 2:]),
     ):
         # a moment and what pulls at all mass have no point, a pressure and a rotation no direction either
         rigid = [
@@ -188,10 +192,10 @@ def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Train
             and (key == "load_angle" or not (config.loads[name].moment or config.loads[name].gravity))
         ]
         if rigid:
-            found.append(
+            sentences.append(
                 f"σ holds no such error as tolerances.{key} states of {', '.join(rigid)}: no motion of the model follows it"
             )
-    return tuple(found)
+    return tuple(sentences)
 
 
 def exact_frequencies_in_words(config: PlacementConfig) -> str:
@@ -212,96 +216,98 @@ def _sensitivity(
     if training.given is not None:
         return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
     field = with_missed(reduced.basis, reduced.misaligned.missed)
-    std, facets = installation_std(config).position, exterior_facets(mesh)
+    std, facets = installation_std(tolerances_of(config.tolerances)).position, exterior_facets(mesh)
     thickness = thickness_of_guess(config, mesh, reduced.model.reference)
     return sensitivity_rows(mesh.position, part, field, std, facets=facets, thickness=thickness)
 
 
-def on_average(own: Tolerated, model: FilterModel, channels: np.ndarray) -> FilterModel:
+def on_average(tolerated: Tolerated, model: FilterModel, channels: np.ndarray) -> FilterModel:
     """The filter with what these channels (m,) of train.h5 read on average over their installations."""
-    at = np.searchsorted(own.channels, channels)
-    rows, n = np.zeros((len(own.channels), own.mean.shape[1])), own.mean.shape[1]
-    np.add.at(rows, own.channel_of_grid, own.sign[:, None] * own.mean)
+    at = np.searchsorted(tolerated.channels, channels)
+    rows, n = np.zeros((len(tolerated.channels), tolerated.mean.shape[1])), tolerated.mean.shape[1]
+    np.add.at(rows, tolerated.channel_of_grid, tolerated.sign[:, None] * tolerated.mean)
     H = model.H.copy()
     H[:, :n] += rows[at]
     return replace(model, H=H)
 
 
-def nuisances_of(own: Tolerated, model: FilterModel, channels: np.ndarray, behind: bool = False) -> Nuisances:
+def nuisances_of(tolerated: Tolerated, model: FilterModel, channels: np.ndarray, behind: bool = False) -> Nuisances:
     """Of a filter with these channels (m,) of train.h5: direction and point of every load, gain of every known one; place and
     turns of every gauge, gain, transverse sensitivity, offset and drift of every channel, temperature of the part. behind: with
     what misaligned loads displace beyond the coordinates behind the states of the smoother (`field_beyond`)."""
-    at = np.searchsorted(own.channels, channels)
+    at = np.searchsorted(tolerated.channels, channels)
     m, n, states = len(channels), model.model.size, model.parameter_states.start
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
-    moving = own.quantity[at] == ACCELERATION
-    sources, D, E, shape = of_loads(own.loads, model, at, moving)
-    errors = acting(own.loads, model)
-    B = [np.zeros((m, len(errors)))] * len(D)
-    offset = [np.zeros(m)] * len(D)
-    row_of = np.full(len(own.channels), -1)
+    moving = tolerated.quantity[at] == ACCELERATION
+    errors = acting(tolerated.loads, model)
+    shapes = {"D": (m, states), "E": (m, len(model.known_inputs)), "B": (m, len(errors)), "offset": (m,), "drift": (m,)}
+    sources: list[str] = []
+    columns: dict[str, list[np.ndarray]] = {key: [] for key in shapes}
+
+    def add(source: str, **rows: np.ndarray) -> None:
+        sources.append(source)
+        for key, shape in shapes.items():
+            columns[key].append(rows.get(key, np.zeros(shape)))
+
+    changes = []
+    for source, on_states, on_known, change in of_loads(tolerated.loads, model, at, moving):
+        add(source, D=on_states, E=on_known)
+        changes.append(change)
+    row_of = np.full(len(tolerated.channels), -1)
     row_of[at] = np.arange(m)
-    grids = np.flatnonzero(row_of[own.channel_of_grid] >= 0)
-    grids = grids[np.argsort(row_of[own.channel_of_grid[grids]], kind="stable")]
-    row, accelerated = row_of[own.channel_of_grid[grids]], own.quantity[own.channel_of_grid[grids]] == ACCELERATION
+    grids = np.flatnonzero(row_of[tolerated.channel_of_grid] >= 0)
+    grids = grids[np.argsort(row_of[tolerated.channel_of_grid[grids]], kind="stable")]
+    row, accelerated = (
+        row_of[tolerated.channel_of_grid[grids]],
+        tolerated.quantity[tolerated.channel_of_grid[grids]] == ACCELERATION,
+    )
 
     def read(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What grids with these rows on coordinates read of the states and of the known loads."""
         sensed, fed = np.zeros((len(grids), states)), np.zeros((len(grids), len(model.known_inputs)))
-        sensed[:, :n] = own.sign[grids, None] * rows[grids]
+        sensed[:, :n] = tolerated.sign[grids, None] * rows[grids]
         if moving.any():
             on_states, on_known = acceleration_rows(model, at_guess, rows[grids][accelerated])
             sensed[accelerated], fed[accelerated] = on_states[0], on_known[0]
         return sensed, fed
 
-    for name, rows in own.slope.items():
+    for name, rows in tolerated.slope.items():
         sensed, fed = read(rows)
-        beyond = (own.sign[:, None] * own.beyond[name][:, errors])[grids] * ~accelerated[:, None]
-        owner = own.gauge[grids] if name in COMMON else np.arange(len(grids))
+        beyond = (tolerated.sign[:, None] * tolerated.beyond[name][:, errors])[grids] * ~accelerated[:, None]
+        owner = tolerated.gauge[grids] if name in COMMON else np.arange(len(grids))
         for each in np.unique(owner):
-            there = owner == each
-            if not sensed[there].any():
-                continue
-            sources.append(SOURCE[name])
-            D.append(_rows(m, row[there], sensed[there]))
-            E.append(_rows(m, row[there], fed[there]))
-            B.append(_rows(m, row[there], beyond[there]))
-            offset.append(np.zeros(m))
-    drift = [np.zeros(m)] * len(D)
-    for zero in own.zeros:
+            part = owner == each
+            if sensed[part].any():
+                rows_of = (_rows(m, row[part], values[part]) for values in (sensed, fed, beyond))
+                add(SOURCE[name], **dict(zip("DEB", rows_of, strict=True)))
+    for zero in tolerated.zeros:
         for each in np.unique(zero.owner[at]):
-            row = np.where(zero.owner[at] == each, zero.std[at], 0.0)
-            if not row.any():
-                continue
-            sources.append(zero.source)
-            D.append(np.zeros((m, states)))
-            E.append(np.zeros((m, len(model.known_inputs))))
-            B.append(np.zeros((m, len(errors))))
-            offset.append(np.zeros(m) if zero.drifts else row)
-            drift.append(row if zero.drifts else np.zeros(m))
-    on_known, late = stacked(E, (m, len(model.known_inputs))), stacked(drift, (m,))
+            off = np.where(zero.owner[at] == each, zero.std[at], 0.0)
+            if off.any():
+                add(zero.source, **{"drift" if zero.drifts else "offset": off})
+    D, E, B, offset, drift = (stacked(columns[key], shape) for key, shape in shapes.items())
     return Nuisances(
         tuple(sources),
-        stacked(D, (m, states)),
-        np.concatenate([on_known, late[..., None]], axis=2) if late.any() else on_known,
-        stacked(offset, (m,)),
-        own.damping,
-        own.stiffness,
-        own.learned,
-        own.discrepancy,
-        stacked(shape, model.model.input_shape.shape),
-        inputs_changed(own.loads, model)[errors],
+        D,
+        np.concatenate([E, drift[..., None]], axis=2) if drift.any() else E,
+        offset,
+        tolerated.damping,
+        tolerated.stiffness,
+        tolerated.learned,
+        tolerated.discrepancy,
+        stacked(changes, model.model.input_shape.shape),
+        inputs_changed(tolerated.loads, model)[errors],
         behind,
-        stacked(B, (m, len(errors))),
-        frequency=own.frequency,
+        B,
+        frequency=tolerated.frequency,
     )
 
 
 def _rows(m: int, row: np.ndarray, values: np.ndarray) -> np.ndarray:
     """m rows, of which some, each once, have these values, and the others zero."""
-    found = np.zeros((m, values.shape[1]))
-    found[row] = values
-    return found
+    whole = np.zeros((m, values.shape[1]))
+    whole[row] = values
+    return whole
 
 
 Shares = Mapping[str, Mapping[str, float]]
@@ -345,21 +351,22 @@ def budget_of(
         return {}, ("no budget of the variance: the motion that was found is not finite",)
     u = inputs_of(model, x[:-1], known)
     theta = {name: float(value) for name, value in theta_of(model, x[-1]).items()}
-    found = {name: theta[name] for name in problem.unknowns.parameters}
-    at = replace(model, unknowns=replace(model.unknowns, guess={**model.unknowns.guess, **found}))
+    smoothed_values = {name: theta[name] for name in problem.unknowns.parameters}
+    at = replace(model, unknowns=replace(model.unknowns, guess={**model.unknowns.guess, **smoothed_values}))
     missing = np.zeros((len(u), 1, len(channels)))
     missing[model.every - 1 :: model.every, 0] = np.isnan(measured)
     at = replace(at, r=at.r * np.where(missing > 0, SILENT, 1.0) if missing.any() else at.r)
-    if problem.method == "bank":
-        motion = _motion(at, theta, u, x[:, model.motion], np.diag(covariance)[model.motion], settled)
+    by_bank = problem.method == "bank"
+    start = np.diag(covariance)[model.motion]
+    motion = _motion(at, theta, u, x[:, model.motion], start, settled if by_bank else None)
+    if by_bank:
         claim = bank_claim(at, motion, u, covariance, nuisances_of(tolerances, at, channels), settled)
     else:
-        motion = _motion(at, theta, u, x[:, model.motion], np.diag(covariance)[model.motion], None)
         claim = covariance_recursion(at, motion, u, covariance)
     whole, shares = variances(problem, claim)
     claimed = _late(problem, run.std[:, 0, problem.unknowns.position(problem.model)] ** 2)
     ratio = dict(zip(problem.unknowns.names, np.sqrt(whole[0] / claimed).tolist(), strict=True))
-    kept = {name: own for name, own in shares.items() if 1 / HOLDS <= ratio[name] <= HOLDS}
+    kept = {name: share for name, share in shares.items() if 1 / HOLDS <= ratio[name] <= HOLDS}
     return kept, tuple(
         f"no budget of {name}: about one motion its σ would be {ratio[name]:.2g} times what the filter claims"
         for name in shares

@@ -13,10 +13,10 @@ from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.structure.candidates import thickness_of_guess
 from strainsight.experiment.structure.clearance import bent_gauges, clearance_of
-from strainsight.experiment.structure.drawn import installation_std
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.training import TrainingRun, refuse_noise, runs_of
+from strainsight.experiment.system import installation_std
 from strainsight.loads.histories import instant_values
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -60,7 +60,7 @@ def installation_variances(
     gauges: those that are wanted, ascending. Returns (cases, m) [unit²] for all channels of the training run in every load case
     by name, (1, m) where there are none; zero for those that are not wanted.
     """
-    pool, std, inputs = training.candidates, installation_std(config), reduced.model.inputs
+    pool, std, inputs = training.candidates, installation_std(tolerances_of(config.tolerances)), reduced.model.inputs
     runs = runs_of(config, inputs, files)
     moments = [_moments(config, reduced, training.motion_in(run.name), run) for run in runs]
     v = np.zeros((len(runs), len(pool)))
@@ -79,7 +79,8 @@ def _sensitivities(
         channels = pool.channels(gauges)
         yield channels, given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
         return
-    field, std = with_missed(reduced.basis, reduced.misaligned.missed), installation_std(config).position
+    field = with_missed(reduced.basis, reduced.misaligned.missed)
+    std = installation_std(tolerances_of(config.tolerances)).position
     skin = surface_of(mesh.position, pool, exterior_facets(mesh))
     thickness = thickness_of_guess(config, mesh, reduced.model.reference)
     for few in np.array_split(gauges, len(gauges) // AT_A_TIME + 1):

@@ -28,25 +28,17 @@ from strainsight.runner.output import Table
 
 @dataclass(frozen=True)
 class Runs:
-    """Filter runs: channels (B, k), −1 for none; noise_factor (B,), start (B, unknowns) of [ũ, p], seed (B,) of the noise;
-    drawn (B,): number of the truth's realisation, 0 the layout's own."""
+    """Filter runs: channels (B, k), −1 for none; noise_factor (B,), start (B, unknowns) of [ũ, p]; drawn (B,): number of the
+    realisation of noise and truth, 0 the layout's own."""
 
     channels: np.ndarray
     noise_factor: np.ndarray
     start: np.ndarray
-    seed: np.ndarray
     drawn: np.ndarray
 
-
-@dataclass(frozen=True)
-class Study:
-    """What some runs found, by name: real and claimed error (B,), estimate and its σ (T + 1, B) [SI]."""
-
-    runs: Runs
-    real: dict[str, np.ndarray]
-    claimed: dict[str, np.ndarray]
-    estimate: dict[str, np.ndarray]
-    std: dict[str, np.ndarray]
+    def some(self, which: np.ndarray) -> Runs:
+        """Some of them, by number."""
+        return Runs(self.channels[which], self.noise_factor[which], self.start[which], self.drawn[which])
 
 
 @dataclass(frozen=True)
@@ -57,12 +49,14 @@ class Studies:
     repeats    other noise and other starting values, and the layout installed anew where the truth is drawn
     screened   random sets of the screened pool, on the layout's own noise
     all        random sets of all candidates
+    lost       of all of them, how many diverged
     """
 
-    noise: Study
-    repeats: Study
-    screened: Study
-    all: Study
+    noise: NoiseStudy
+    repeats: Starts
+    screened: RandomSetErrors
+    all: RandomSetErrors
+    lost: int
 
 
 CHOICES = 1 << 31
@@ -83,18 +77,29 @@ def studies_of(
     factors = np.array(settings.noise_factors, dtype=float)
     starts = scaled_truth(trial)[0] + spread * rng.standard_normal((repeats, len(spread)))
     home, others = np.zeros_like(spread), np.arange(1, repeats + 1)
-    own = np.zeros(max(len(factors), count), dtype=int)
     parts = {
-        "noise": _runs(trial.chosen, factors, home, own[: len(factors)]),
-        "repeats": replace(_runs(trial.chosen, 1.0, starts, others), drawn=others),
+        "noise": _runs(len(factors), trial.chosen, factors, home),
+        "repeats": _runs(repeats, trial.chosen, 1.0, starts, others),
     }
     every = trial.problem.channels
     size = len(np.unique(every.gauge[trial.chosen]))
     for key, pool in (("screened", kept), ("all", allowed)):
         sets = [rng.choice(pool, size, replace=False) for _ in range(count)]
         channels = every.of(np.array(sets, dtype=int).reshape(count, size))
-        parts[key] = _runs(channels.reshape(count, size * channels.shape[-1]), 1.0, home, own[:count])
-    return Studies(**_studied(trial, parts, seed, sweep))
+        parts[key] = _runs(count, channels.reshape(count, size * channels.shape[-1]), 1.0, home)
+    each = _studied(trial, parts, seed, sweep)
+    errors = {key: {"error": study.error, "std": study.std} for key, study in each.items()}
+    random = {
+        key: RandomSetErrors(**errors[key], candidate=parts[key].channels, estimate=each[key].estimate)
+        for key in ("screened", "all")
+    }
+    start = {name: starts[:, i] for i, name in enumerate(trial.names)}
+    return Studies(
+        noise=NoiseStudy(**errors["noise"], factor=factors),
+        repeats=Starts(**errors["repeats"], start=start),
+        **random,
+        lost=sum(int(np.isnan(study.error[trial.names[-1]]).sum()) for study in each.values()),
+    )
 
 
 FEWEST_SETS = 10
@@ -111,43 +116,31 @@ class Rank:
     correlation: float
 
 
-def rank_of(random: Study, name: str, real: float, claimed: float) -> Rank | None:
+def rank_of(random: RandomSetErrors, name: str, real: float, claimed: float) -> Rank | None:
     """By the errors of one unknown; None among too few sets."""
-    errors = np.array([np.append(random.real[name], real), np.append(random.claimed[name], claimed)])
+    errors = np.array([np.append(random.error[name], real), np.append(random.std[name], claimed)])
     known = np.isfinite(errors).all(axis=0)
     if known.sum() < FEWEST_SETS or not known[-1]:
         return None
     errors = errors[:, known]
     order = np.argsort(np.argsort(errors, axis=1), axis=1).astype(float)
-    by_real, by_claimed = (int(1 + np.sum(own[:-1] < own[-1])) for own in errors)
+    by_real, by_claimed = (int(1 + np.sum(each[:-1] < each[-1])) for each in errors)
     return Rank(by_real, by_claimed, float(np.corrcoef(order)[0, 1]))
 
 
-def noise_levels(study: Study) -> NoiseStudy:
-    """As it is written."""
-    return NoiseStudy(factor=study.runs.noise_factor, error=study.real, std=study.claimed)
-
-
-def repeated(study: Study) -> Starts:
-    """As it is written."""
-    start = {name: study.runs.start[:, i] for i, name in enumerate(study.real)}
-    return Starts(error=study.real, std=study.claimed, start=start)
-
-
-def random_sets(study: Study) -> RandomSetErrors:
-    """As it is written."""
-    return RandomSetErrors(candidate=study.runs.channels, error=study.real, std=study.claimed, estimate=study.estimate)
-
-
-def _runs(channels: np.ndarray, noise_factor: float | np.ndarray, start: np.ndarray, seed: np.ndarray) -> Runs:
-    """Runs with whatever is common repeated for each; seed (B,) sets their number."""
-    B = len(seed)
+def _runs(
+    count: int,
+    channels: np.ndarray,
+    noise_factor: float | np.ndarray,
+    start: np.ndarray,
+    drawn: np.ndarray | None = None,
+) -> Runs:
+    """Runs with whatever is common repeated for each."""
     return Runs(
-        np.broadcast_to(channels, (B, channels.shape[-1])),
-        np.broadcast_to(np.asarray(noise_factor, dtype=float), (B,)),
-        np.broadcast_to(start, (B, start.shape[-1])),
-        seed,
-        np.zeros(B, dtype=int),
+        np.broadcast_to(channels, (count, channels.shape[-1])),
+        np.broadcast_to(np.asarray(noise_factor, dtype=float), (count,)),
+        np.broadcast_to(start, (count, start.shape[-1])),
+        np.zeros(count, dtype=int) if drawn is None else drawn,
     )
 
 
@@ -164,33 +157,45 @@ class _Batch:
     seed: int
 
 
-def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -> dict[str, Study]:
+@dataclass(frozen=True)
+class _Study:
+    """Of runs, by name of the unknown: real and claimed error (B,), estimate (T + 1, B) [SI]; the steps that lost them (B,)."""
+
+    error: dict[str, np.ndarray]
+    std: dict[str, np.ndarray]
+    estimate: dict[str, np.ndarray]
+    lost: np.ndarray
+
+
+def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -> dict[str, _Study]:
     width = max(part.channels.shape[1] for part in parts.values())
-    channels = np.concatenate([_widened(part.channels, width) for part in parts.values()])
-    factor, start, stream, drawn = (
-        np.concatenate([getattr(part, name) for part in parts.values()])
-        for name in ("noise_factor", "start", "seed", "drawn")
+    runs = Runs(
+        np.concatenate([_widened(part.channels, width) for part in parts.values()]),
+        *(
+            np.concatenate([getattr(part, key) for part in parts.values()])
+            for key in ("noise_factor", "start", "drawn")
+        ),
     )
     batches = []
-    for own in np.array_split(np.arange(len(stream)), -(-len(stream) // BATCH)):
-        runs = Runs(channels[own], factor[own], start[own], stream[own], drawn[own])
-        batches.append(_Batch(runs, _true(trial, runs), seed))
-    found = sweep(_batch, batches, without_truth(trial))
-    lost = np.concatenate([answer[-1] for answer in found])
+    for at in np.array_split(np.arange(len(runs.drawn)), -(-len(runs.drawn) // BATCH)):
+        some = runs.some(at)
+        batches.append(_Batch(some, _true(trial, some), seed))
+    answers: list[_Study] = sweep(_batch, batches, without_truth(trial))
+    lost = np.concatenate([batch.lost for batch in answers])
     if np.all(lost >= 0):
-        raise all_lost(DrivenModel(filter_model(trial.problem, channels[:1], trial.h), trial.known), lost)
-    real, claimed, estimate, std = (
-        {name: np.concatenate([answer[i][name] for answer in found], axis=-1) for name in trial.names} for i in range(4)
-    )
-    studies, first = {}, 0
-    for key, part in parts.items():
-        span = slice(first, first + len(part.seed))
-        first = span.stop
-        studies[key] = Study(
-            part,
-            *({name: values[name][..., span] for name in trial.names} for values in (real, claimed, estimate, std)),
-        )
-    return studies
+        raise all_lost(DrivenModel(filter_model(trial.problem, runs.channels[:1], trial.h), trial.known), lost)
+    ends = np.cumsum([len(part.drawn) for part in parts.values()])
+    spans = {key: slice(end - len(part.drawn), end) for (key, part), end in zip(parts.items(), ends, strict=True)}
+
+    def of(what: str, span: slice) -> dict[str, np.ndarray]:
+        return {
+            name: np.concatenate([getattr(batch, what)[name] for batch in answers], axis=-1)[..., span]
+            for name in trial.names
+        }
+
+    return {
+        key: _Study(of("error", span), of("std", span), of("estimate", span), lost[span]) for key, span in spans.items()
+    }
 
 
 def _true(trial: Trial, runs: Runs) -> np.ndarray:
@@ -202,24 +207,19 @@ def _true(trial: Trial, runs: Runs) -> np.ndarray:
     return true
 
 
-Answer = tuple[dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray], dict[str, np.ndarray], np.ndarray]
-"""By name: real and claimed error (B,), estimate and its σ (T + 1, B); then the steps that lost the runs (B,)."""
-
-
-def _batch(trial: Trial, batch: _Batch) -> Answer:
+def _batch(trial: Trial, batch: _Batch) -> _Study:
     """Measure with noise and filter: a task of a sweep."""
     runs = batch.runs
     model = filter_model(trial.problem, runs.channels, trial.h, runs.noise_factor)
     shape = (len(batch.true), runs.channels.shape[1])
-    noise = np.stack([sample_noise(batch.seed, int(realisation), *shape) for realisation in runs.seed], axis=1)
+    noise = np.stack([sample_noise(batch.seed, int(number), *shape) for number in runs.drawn], axis=1)
     measured = batch.true + noise * sample_std(trial.problem, runs.channels, trial.h, runs.noise_factor)
-    mean = np.zeros((len(runs.seed), model.size))
+    mean = np.zeros((len(runs.drawn), model.size))
     mean[:, model.position] = runs.start
-    found = trial.filtered(model, runs.channels, measured, mean, refuse=False).run
-    real, claimed = real_and_claimed(trial, model, found.mean, found.std)
-    values = physical(model, found.mean, found.std)
-    estimate, std = ({name: values[name][i] for name in trial.names} for i in (0, 1))
-    return real, claimed, estimate, std, found.lost
+    run = trial.filtered(model, runs.channels, measured, mean, refuse=False).run
+    values = physical(model, run.mean, run.std)
+    estimate = {name: values[name][0] for name in trial.names}
+    return _Study(*real_and_claimed(trial, model, run.mean, run.std), estimate, run.lost)
 
 
 def _widened(channels: np.ndarray, width: int) -> np.ndarray:
@@ -227,12 +227,9 @@ def _widened(channels: np.ndarray, width: int) -> np.ndarray:
     return np.pad(channels, ((0, 0), (0, width - channels.shape[1])), constant_values=-1)
 
 
-@dataclass(frozen=True)
-class Point:
-    """One change: key "time_step", "process_noise" or the name of a parameter; its value [s] or factor [-]."""
-
-    key: str
-    value: float
+SweepTask = tuple[str, float, Trial | None, np.ndarray]
+"""One change: "time_step", "process_noise" or the name of a parameter, and its value [s] or factor [-]; the trial at another time
+step, None: the layout's own; measured (T, k) by the layout."""
 
 
 def sweeps_of(trial: Trial, settings: Validate, seed: int, sweep: Sweep = serial) -> SweepTable | None:
@@ -244,30 +241,26 @@ def sweeps_of(trial: Trial, settings: Validate, seed: int, sweep: Sweep = serial
     points = _points(trial, settings.sweeps)
     if not points:
         return None
-    duration = settings.duration
-    at = {p.value: at_step(trial, p.value, round(duration / p.value) * p.value) for p in points if p.key == "time_step"}
-    own = _Task(None, trial.measured(seed)[0])
-    tasks = [
-        (
-            point,
-            _Task(without_truth(at[point.value]), at[point.value].measured(seed)[0])
-            if point.key == "time_step"
-            else own,
-        )
-        for point in points
-    ]
-    found = sweep(_swept, tasks, without_truth(trial))
+    as_placed = trial.measured(seed)[0]
+    tasks: list[SweepTask] = []
+    for key, value in points:
+        if key == "time_step":
+            other = at_step(trial, value, round(settings.duration / value) * value)
+            tasks.append((key, value, without_truth(other), other.measured(seed)[0]))
+        else:
+            tasks.append((key, value, None, as_placed))
+    answers = sweep(_swept, tasks, without_truth(trial))
     return SweepTable(
-        key=tuple(point.key for point in points),
-        value=np.array([point.value for point in points]),
-        error={name: np.array([real[name] for real, _ in found]) for name in trial.names},
-        std={name: np.array([claimed[name] for _, claimed in found]) for name in trial.names},
+        key=tuple(key for key, _ in points),
+        value=np.array([value for _, value in points]),
+        error={name: np.array([real[name] for real, _ in answers]) for name in trial.names},
+        std={name: np.array([claimed[name] for _, claimed in answers]) for name in trial.names},
     )
 
 
-def _points(trial: Trial, sweeps: Sweeps) -> list[Point]:
-    points = [Point("time_step", h) for h in sweeps.time_steps]
-    points += [Point("process_noise", factor) for factor in sweeps.process_noise]
+def _points(trial: Trial, sweeps: Sweeps) -> list[tuple[str, float]]:
+    points = [("time_step", h) for h in sweeps.time_steps]
+    points += [("process_noise", factor) for factor in sweeps.process_noise]
     for name, factors in sweeps.wrong_parameters.items():
         key = f"validate.sweeps.wrong_parameters.{name}"
         if name not in trial.problem.model.parameters:
@@ -279,28 +272,19 @@ def _points(trial: Trial, sweeps: Sweeps) -> list[Point]:
                 key=key,
                 remedy="name a parameter that is not estimated",
             )
-        points += [Point(name, factor) for factor in factors]
+        points += [(name, factor) for factor in factors]
     return points
 
 
-@dataclass(frozen=True)
-class _Task:
-    """The trial at another time step, None: the layout's own; measured (T, k) by the layout."""
-
-    trial: Trial | None
-    measured: np.ndarray
-
-
-def _swept(own: Trial, changed: tuple[Point, _Task]) -> tuple[dict[str, float], dict[str, float]]:
+def _swept(as_placed: Trial, task: SweepTask) -> tuple[dict[str, float], dict[str, float]]:
     """Real and claimed error of every unknown."""
-    point, task = changed
-    trial, measured = task.trial or own, task.measured
+    key, value, other, measured = task
+    trial = other or as_placed
     model = filter_model(trial.problem, trial.chosen, trial.h)
-    if point.key == "process_noise":
-        model = replace(model, Q=point.value * model.Q)
-    if point.key in model.fixed:
-        truth = trial.truth.theta[point.key]
-        model = replace(model, fixed={**model.fixed, point.key: point.value * truth})
+    if key == "process_noise":
+        model = replace(model, Q=value * model.Q)
+    if key in model.fixed:
+        model = replace(model, fixed={**model.fixed, key: value * trial.truth.theta[key]})
     try:
         run = trial.filtered(model, trial.chosen, measured).run
     except NumericalError:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,38 +38,30 @@ class ToleratedLoads:
         return np.asarray(self.std * rows[:, self.load, self.way])
 
 
-def tolerated_loads(own: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray) -> ToleratedLoads:
+def tolerated_loads(
+    tolerances: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray
+) -> ToleratedLoads:
     """Of all loads, as if every one were known; those that change nothing are left out. missed (k, n_u, misalignments)."""
     model, off = reduced.model, reduced.misaligned.shape
-    std = np.repeat([np.deg2rad(own.load_angle), own.load_position], 2)
-    source, load, ways, shape, read = [], [], [], [], []
+    std = np.repeat([np.deg2rad(tolerances.load_angle), tolerances.load_position], 2)
+    errors: list[tuple[str, int, float, int, np.ndarray, np.ndarray]] = []
+    nothing = np.zeros(len(missed))
     for i in range(len(model.inputs)):
         each = zip(MISALIGNMENT, std, off[:, i].T, missed[:, i].T, strict=True)
         for way, (name, sigma, change, static) in enumerate(each):
             if sigma > 0 and (change.any() or static.any()):
-                source.append(name)
-                load.append(i)
-                ways.append((sigma, way))
-                shape.append(sigma * change)
-                read.append(sigma * np.where(quantity == ACCELERATION, 0.0, static))
-        if own.load_gain > 0:
-            source.append(LOAD_GAIN)
-            load.append(i)
-            ways.append((0.0, 0))
-            shape.append(own.load_gain * model.input_shape[:, i])
-            read.append(np.zeros(len(missed)))
-        source.append(BETWEEN)
-        load.append(i)
-        ways.append((0.0, 0))
-        shape.append(model.input_shape[:, i])
-        read.append(np.zeros(len(missed)))
+                read = sigma * np.where(quantity == ACCELERATION, 0.0, static)
+                errors.append((name, i, sigma, way, sigma * change, read))
+        if tolerances.load_gain > 0:
+            errors.append((LOAD_GAIN, i, 0.0, 0, tolerances.load_gain * model.input_shape[:, i], nothing))
+        errors.append((BETWEEN, i, 0.0, 0, model.input_shape[:, i], nothing))
     return ToleratedLoads(
-        tuple(source),
-        np.array(load, dtype=int),
-        np.array([sigma for sigma, _ in ways], dtype=float),
-        np.array([way for _, way in ways], dtype=int),
-        stacked(shape, (model.size,)),
-        stacked(read, (len(missed),)),
+        tuple(error[0] for error in errors),
+        np.array([error[1] for error in errors], dtype=int),
+        np.array([error[2] for error in errors], dtype=float),
+        np.array([error[3] for error in errors], dtype=int),
+        stacked([error[4] for error in errors], (model.size,)),
+        stacked([error[5] for error in errors], (len(missed),)),
     )
 
 
@@ -79,21 +72,21 @@ def interpolation_error(name: str) -> str:
 
 def with_interpolation_errors(model: FilterModel) -> FilterModel:
     """With an input more behind the known loads for each, on which no motion and no reading depends but by a constant ν."""
-    own, errors = model.model, tuple(interpolation_error(name) for name in model.known_inputs)
+    plain, errors = model.model, tuple(interpolation_error(name) for name in model.known_inputs)
 
     def wider(shape: np.ndarray) -> np.ndarray:
         return np.pad(shape, [(0, 0), (0, len(errors))])
 
     reduced = replace(
-        own,
-        inputs=(*own.inputs, *errors),
-        input_shape=wider(own.input_shape),
-        input_slope={name: wider(slope) for name, slope in own.input_slope.items()},
+        plain,
+        inputs=(*plain.inputs, *errors),
+        input_shape=wider(plain.input_shape),
+        input_slope={name: wider(slope) for name, slope in plain.input_slope.items()},
     )
     return replace(model, model=reduced, known_inputs=(*model.known_inputs, *errors))
 
 
-def inputs_changed(own: ToleratedLoads, model: FilterModel) -> np.ndarray:
+def inputs_changed(loads: ToleratedLoads, model: FilterModel) -> np.ndarray:
     """The input (f,) of a filter that each of them changes, −1 where it has none."""
     named, known = model.model.inputs, set(model.known_inputs)
     used = known | set(model.unknowns.inputs)
@@ -102,47 +95,37 @@ def inputs_changed(own: ToleratedLoads, model: FilterModel) -> np.ndarray:
         name = interpolation_error(named[i]) if source == BETWEEN else named[i]
         return named.index(name) if name in (known if source == LOAD_GAIN else used) else -1
 
-    pairs = zip(own.source, own.load.tolist(), strict=True)
+    pairs = zip(loads.source, loads.load.tolist(), strict=True)
     return np.array([changed(source, i) for source, i in pairs], dtype=int)
 
 
-def acting(own: ToleratedLoads, model: FilterModel) -> np.ndarray:
+def acting(loads: ToleratedLoads, model: FilterModel) -> np.ndarray:
     """Which of them (f′,) a filter has: only a known load has a gain, only a recorded one an interpolation error."""
-    return np.flatnonzero(inputs_changed(own, model) >= 0)
+    return np.flatnonzero(inputs_changed(loads, model) >= 0)
 
 
-def field_beyond(own: ToleratedLoads, model: FilterModel, reduced: Reduced) -> np.ndarray:
+def field_beyond(loads: ToleratedLoads, model: FilterModel, reduced: Reduced) -> np.ndarray:
     """σ times the static displacement of all nodes (3 nodes, f′) per N beyond the coordinates, of those that a filter has."""
-    which = acting(own, model)
-    return np.asarray(own.std[which] * reduced.misaligned.missed[:, own.load[which], own.way[which]])
+    which = acting(loads, model)
+    return np.asarray(loads.std[which] * reduced.misaligned.missed[:, loads.load[which], loads.way[which]])
 
 
 def of_loads(
-    own: ToleratedLoads, model: FilterModel, at: np.ndarray, moving: np.ndarray
-) -> tuple[list[str], list[np.ndarray], list[np.ndarray], list[np.ndarray]]:
+    loads: ToleratedLoads, model: FilterModel, at: np.ndarray, moving: np.ndarray
+) -> Iterator[tuple[str, np.ndarray, np.ndarray, np.ndarray]]:
     """Source, D (m, states), E (m, n_known) and change of the input shape (n, n_u), load by load; at (m,): rows of `missed`;
     moving (m,): which channels are accelerometers. Static readings at the guess."""
     at_guess = theta_at(model, np.zeros((1, len(model.unknowns.parameters))))
-    named = model.model.inputs
-    sources: list[str] = []
-    D: list[np.ndarray] = []
-    E: list[np.ndarray] = []
-    shape: list[np.ndarray] = []
-    for each, i in enumerate(inputs_changed(own, model).tolist()):
+    for each, i in enumerate(inputs_changed(loads, model).tolist()):
         if i < 0:
             continue
         change = np.zeros(model.model.input_shape.shape)
-        change[:, i] = own.shape[each]
-        direct = np.zeros((len(at), len(named)))
-        direct[:, i] = own.missed[each][at]
+        change[:, i] = loads.shape[each]
+        direct = np.zeros((len(at), len(model.model.inputs)))
+        direct[:, i] = loads.missed[each][at]
         if moving.any():
             direct[moving] = model.H[moving, : model.model.size] @ acceleration_change(model, at_guess, change)[0]
-        on_states, on_known = on_loads(model, direct)
-        sources.append(own.source[each])
-        D.append(on_states)
-        E.append(on_known)
-        shape.append(change)
-    return sources, D, E, shape
+        yield loads.source[each], *on_loads(model, direct), change
 
 
 def stacked(parts: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:

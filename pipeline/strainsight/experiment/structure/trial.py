@@ -4,23 +4,35 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import blame
+from strainsight.errors import NumericalError, blame
+from strainsight.estimation.bank import BankRun, filter_bank
+from strainsight.estimation.bank_smoother import smooth_bank
+from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.consistency import input_error, load_scale
 from strainsight.estimation.model import FilterModel, physical
-from strainsight.estimation.record import Settled
-from strainsight.estimation.run import Keep
-from strainsight.estimation.smoother import Smoothed
-from strainsight.experiment.structure.filtering import Filtered, filtered, smoothed
-from strainsight.experiment.structure.nuisances import Tolerated
+from strainsight.estimation.record import BankRecord, Settled
+from strainsight.estimation.run import FilterRun, Keep
+from strainsight.estimation.smoother import Smoothed, smooth
+from strainsight.experiment.structure.filtering import by_moments, together
+from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, on_average
 from strainsight.experiment.structure.problem import Problem, initial_covariance, sample_std, settled_under
 from strainsight.experiment.structure.references import unknown_units
 from strainsight.experiment.structure.start import Loading, loading_of
-from strainsight.experiment.structure.truth import Motion, ReadMotion, Truth
+from strainsight.experiment.structure.truth import ReadMotion, SimulatedMotion, SimulatedTruth
 from strainsight.loads.histories import instant_values
+
+
+@dataclass(frozen=True)
+class TrialRuns:
+    """run: B runs of a filter; banks: what each run's bank found, none of another filter, None for one that failed."""
+
+    run: FilterRun
+    banks: tuple[BankRun | None, ...]
 
 
 @dataclass(frozen=True)
@@ -37,8 +49,8 @@ class Trial:
     h: float
     time: np.ndarray
     known: np.ndarray
-    truth: Truth
-    motion: Motion
+    truth: SimulatedTruth
+    motion: SimulatedMotion
     history: Mapping[str, np.ndarray]
     gauges: np.ndarray
     chosen: np.ndarray
@@ -84,27 +96,61 @@ class Trial:
         start: np.ndarray | None = None,
         keep: Keep = "mean",
         refuse: bool = True,
-    ) -> Filtered:
-        """The filter of the config on measurements (T, k) or (T, B, k) of channels (k,) or (B, k); start (B, n*), None: zero."""
-        mean, P = np.zeros(model.size) if start is None else start, self.covariance
-        return filtered(
-            self.problem,
-            self.tolerated,
-            model,
-            channels,
-            mean,
-            P,
-            self.known,
-            measured,
-            keep,
-            settled=self.settled,
-            refuse=refuse,
-        )
+    ) -> TrialRuns:
+        """The filter of the config on measurements (T, m) or (T, B, m) of channels (m,) or (B, m) of train.h5, −1 for none.
 
-    def smoothed(self, model: FilterModel, measured: np.ndarray, found: Filtered) -> Smoothed:
-        """What `filtered` has found of the layout's measurements (T, k), by all samples."""
-        own, P = self.tolerated, self.covariance
-        return smoothed(self.problem, own, model, self.chosen, P, self.known, measured, found, self.settled)
+        start (B, n*) of x* at t = 0, None: zero; keep: whether what a smoother needs is kept; with "mean" a bank under known
+        loads has its parameters alone; refuse: raise NumericalError where every run fails, and not mark them lost."""
+        P, mean = self.covariance, np.zeros(model.size) if start is None else start
+        if self.problem.method != "bank":
+            run = by_moments(self.problem, model, mean, P, self.known, measured, keep, refuse=refuse)
+            return TrialRuns(run, ())
+        samples = measured if measured.ndim == 3 else measured[:, None]
+        runs = samples.shape[1]
+        sets, starts = np.broadcast_to(channels, (runs, channels.shape[-1])), np.broadcast_to(mean, (runs, model.size))
+        keep = "parameters" if keep == "mean" and not model.unknowns.inputs else keep
+        banks: list[BankRun | None] = []
+        failure: NumericalError | None = None
+        for b in range(runs):
+            has = sets[b] >= 0
+            alone, nuisances = self._with_tolerances(_of_run(model, b).of_channels(has), sets[b][has])
+            try:
+                known_to_it = P, self.known, samples[:, b, has], nuisances
+                banks.append(filter_bank(BankRecord(alone, starts[b], *known_to_it, settled=self.settled), keep))
+            except NumericalError as error:
+                failure = error
+                banks.append(None)
+        if failure is not None and refuse and all(bank is None for bank in banks):
+            raise failure
+        return TrialRuns(together(model, banks, sets, len(self.known)), tuple(banks))
+
+    def smoothed(self, model: FilterModel, measured: np.ndarray, filtered: TrialRuns) -> Smoothed:
+        """What all samples (T, k) of the layout's channels say of every instant, from a start at zero."""
+        if self.problem.method != "bank":
+            return smooth(model, filtered.run)
+        bank = filtered.banks[0]
+        assert bank is not None  # a bank that fails alone is refused
+        model, nuisances = self._with_tolerances(model, self.chosen)
+        samples = self.covariance, self.known, measured, nuisances
+        return smooth_bank(BankRecord(model, np.zeros(model.size), *samples, settled=self.settled), bank)
+
+    def _with_tolerances(self, model: FilterModel, channels: np.ndarray) -> tuple[FilterModel, Nuisances]:
+        model = on_average(self.tolerated, model, channels)
+        return model, nuisances_of(self.tolerated, model, channels)
+
+
+def _of_run(model: FilterModel, b: int) -> FilterModel:
+    """The model of one run."""
+    if model.H.ndim != 3:
+        return model
+    r, quantity = model.r, model.quantity
+    return replace(
+        model,
+        H=model.H[b],
+        change=model.change.of_terms(lambda X: X[b]),
+        r=r[b] if r.ndim == 2 else r,
+        quantity=quantity[b] if quantity is not None and quantity.ndim == 2 else quantity,
+    )
 
 
 def without_truth(trial: Trial) -> Trial:
@@ -113,69 +159,65 @@ def without_truth(trial: Trial) -> Trial:
     return replace(trial, truth=replace(trial.truth, motion=_gone, again=None, field=None), motion=gone, again=None)
 
 
-def _gone(_loading: Loading) -> Motion:
+def _gone(_loading: Loading) -> SimulatedMotion:
     raise AssertionError("the truth stays in the process that simulated it")
 
 
 def trial_of(
-    config: PlacementConfig, problem: Problem, truth: Truth, tolerated: Tolerated, gauges: np.ndarray
+    config: PlacementConfig, problem: Problem, truth: SimulatedTruth, tolerated: Tolerated, gauges: np.ndarray
 ) -> Trial:
     """Simulate the truth at the time step of `validate`; gauges (k,): numbers of the layout's gauges."""
-    settings, units = config.validation, unknown_units(config)
+    settings, channels = config.validation, problem.channels.of(gauges)
     P = initial_covariance(problem, settings.initial_std, problem.loading.moving)
+    chosen = channels[channels >= 0]
     with blame("validate.duration"):
-        return _simulated(problem, truth, gauges, P, units, tolerated, settings.time_step, settings.duration)
+        return Trial(
+            problem=problem,
+            truth=truth,
+            gauges=gauges,
+            chosen=chosen,
+            stopped=int(truth.held[gauges].sum()),
+            covariance=P,
+            units=unknown_units(config),
+            tolerated=tolerated,
+            **_in_time(problem, truth, gauges, len(chosen), settings.time_step, settings.duration),
+        )
 
 
 def at_step(trial: Trial, h: float, duration: float) -> Trial:
     """The same trial with the truth simulated, and sampled, at another time step [s]."""
-    return _simulated(
-        trial.problem, trial.truth, trial.gauges, trial.covariance, trial.units, trial.tolerated, h, duration
-    )
+    return replace(trial, **_in_time(trial.problem, trial.truth, trial.gauges, len(trial.chosen), h, duration))
 
 
-def _simulated(
-    problem: Problem,
-    truth: Truth,
-    gauges: np.ndarray,
-    P: np.ndarray,
-    units: Mapping[str, str],
-    tolerated: Tolerated,
-    h: float,
-    duration: float,
-) -> Trial:
-    unknowns, channels, steps = problem.unknowns, problem.channels.of(gauges), round(duration / h)
+def _in_time(
+    problem: Problem, truth: SimulatedTruth, gauges: np.ndarray, count: int, h: float, duration: float
+) -> dict[str, Any]:
+    """Fields of a trial that its time step decides; count: channels of the gauges."""
+    unknowns, steps = problem.unknowns, round(duration / h)
     loading = loading_of(problem.run.settle, list(problem.run.signals.values()), h, steps)
     load = instant_values(loading.held)
     history = {name: load[:, problem.columns([name])[0]] for name in unknowns.inputs}
     history |= {name: np.full(steps + 1, truth.theta[name]) for name in unknowns.parameters}
-    return Trial(
-        problem=problem,
-        h=h,
-        time=h * np.arange(steps + 1),
-        known=loading.held[:, :, problem.columns(problem.known)],
-        truth=truth,
-        motion=truth.motion(loading),
-        history=history,
-        gauges=gauges,
-        chosen=channels[channels >= 0],
-        stopped=int(truth.held[gauges].sum()),
-        covariance=P,
-        settled=settled_under(problem, loading),
-        units=units,
-        tolerated=tolerated,
-        again=_again(truth, gauges, int(np.count_nonzero(channels >= 0)), loading),
-    )
+    return {
+        "h": h,
+        "time": h * np.arange(steps + 1),
+        "known": loading.held[:, :, problem.columns(problem.known)],
+        "motion": truth.motion(loading),
+        "history": history,
+        "settled": settled_under(problem, loading),
+        "again": _again(truth, gauges, count, loading),
+    }
 
 
-def _again(truth: Truth, gauges: np.ndarray, count: int, loading: Loading) -> Callable[[int], np.ndarray] | None:
+def _again(
+    truth: SimulatedTruth, gauges: np.ndarray, count: int, loading: Loading
+) -> Callable[[int], np.ndarray] | None:
     if truth.again is None:
         return None
     drawn = truth.again
 
     def reading(realisation: int) -> np.ndarray:
-        own = drawn(realisation, gauges)
-        return own.motion(loading).reading(np.arange(count))
+        return drawn(realisation, gauges).motion(loading).reading(np.arange(count))
 
     return reading
 

@@ -1,4 +1,6 @@
-"""What really happens in a validation: a model that is not the filter's, its motion, and what its gauges read."""
+"""What really happens in a validation: a model that is not the filter's, with errors of installation, loads, damping and
+stiffness that are sampled from the tolerances; its motion, and what its gauges read.
+"""
 
 from __future__ import annotations
 
@@ -6,46 +8,186 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol
+from zlib import crc32
 
 import numpy as np
 from scipy import sparse
 
 from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.experiment.recorded import damping_of
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.candidates import thickness_at
-from strainsight.experiment.structure.drawn import (
-    in_words,
-    installation_of,
-    load_error_of,
-    loads_vary,
-    misaligned_loads,
-    model_of,
-    varies,
-)
 from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.reduction import full_model, solver_of
 from strainsight.experiment.structure.references import load_shapes, parameters_of, point_loads
 from strainsight.experiment.structure.start import Loading, motion_of
-from strainsight.fem.affine import Parameter, at_their_references
+from strainsight.experiment.system import installation_std
+from strainsight.fem.affine import Parameter, at_their_references, of_stiffness
 from strainsight.fem.loads import PointLoad, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, FullModel, nodal
 from strainsight.loads.histories import instant_values
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.properties import THICKNESS, Thickness
+from strainsight.mesh.properties import SECTION_FACTORS, THICKNESS, Thickness
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Training
-from strainsight.rom.model import Damping, ReducedModel, accelerations
+from strainsight.rom.model import Damping, ReducedModel, accelerations, first_of_equal, modal_basis
 from strainsight.rom.reduction import Snapshots, modal_model
 from strainsight.sensors.candidates import ACCELERATION, Candidates
-from strainsight.sensors.installation import Installation, installed_rows
+from strainsight.sensors.installation import Installation, drawn_installation, installed_rows
 from strainsight.sensors.rows import channel_matrix, channel_rows
 from strainsight.sensors.walk import skin_of
 
+INSTALLATION, MODEL, LOADS = 1, 2, 3
+"""Streams of the random numbers of gauges, of the model and of loads, apart from those of the noise."""
+BY_MODE = 0.5
+"""σ of the natural frequency of one mode beside the others, over that of all alike."""
 
-class Motion(Protocol):
+
+@dataclass(frozen=True)
+class LoadError:
+    """How a load really acts: turn (2,) [rad] about and shift (2,) [m] along two axes across it; factor [-] on the force that is
+    known of it."""
+
+    turn: np.ndarray
+    shift: np.ndarray
+    factor: float
+
+
+def installation_of(config: PlacementConfig, pool: Candidates, realisation: int) -> Installation:
+    """Draw number `realisation` of the config's seed, 0 that of the layout's own measurement.
+
+    A place or direction that `validate.truth` states has that size, in a direction that is drawn once for all realisations.
+    """
+    stated = config.validation.truth
+    rng = np.random.default_rng([config.seed, realisation, INSTALLATION])
+    installation = drawn_installation(pool, installation_std(tolerances_of(config.tolerances)), rng)
+    fixed = np.random.default_rng(config.seed)
+    grids = pool.grids
+    heading, way = fixed.uniform(0, 2 * np.pi, grids.gauges), fixed.choice([-1.0, 1.0], grids.gauges)
+    free = ~grids.bonded[grids.first]
+    if stated.gauge_offset is not None:
+        ahead = np.column_stack([np.cos(heading), np.sin(heading)])
+        installation = replace(installation, place=stated.gauge_offset * ahead * free[:, None])
+    if stated.gauge_rotation is not None:
+        turn = np.deg2rad(stated.gauge_rotation) * way * free
+        installation = replace(installation, angle=turn, tilt=np.zeros_like(installation.tilt))
+    return installation
+
+
+def load_error_of(config: PlacementConfig, name: str, known: bool, realisation: int) -> LoadError:
+    """Of one load, which the others do not change: its name has a stream of its own. Only a known load has a gain."""
+    tolerances = tolerances_of(config.tolerances)
+    rng = np.random.default_rng([config.seed, realisation, LOADS, crc32(name.encode())])
+    turn, shift, gain = rng.standard_normal(2), rng.standard_normal(2), rng.standard_normal()
+    return LoadError(
+        np.deg2rad(tolerances.load_angle) * turn,
+        tolerances.load_position * shift,
+        1.0 + (tolerances.load_gain * gain if known else 0.0),
+    )
+
+
+def loads_vary(config: PlacementConfig) -> bool:
+    """Whether some load acts otherwise than it should."""
+    return misaligned_loads(config) or (_some_known(config) and tolerances_of(config.tolerances).load_gain > 0)
+
+
+def _some_known(config: PlacementConfig) -> bool:
+    return any(name not in config.place.estimate for name in config.loads)
+
+
+def misaligned_loads(config: PlacementConfig) -> bool:
+    """Whether their direction or point is not exact."""
+    tolerances = tolerances_of(config.tolerances)
+    return tolerances.load_angle > 0 or tolerances.load_position > 0
+
+
+def model_of(config: PlacementConfig, model: ReducedModel, realisation: int) -> ReducedModel:
+    """The model with drawn damping, ζᵢ = ζ exp(sᵢ ln f) with a normal sᵢ for every mode, drawn natural frequencies,
+    ωᵢ = ω exp(σ (s + sᵢ BY_MODE)) by the mass of every mode, and one drawn scale of the stiffness, K exp(s σ).
+
+    A `damping_factor` that `validate.truth` states holds for every mode and realisation. The stiffness keeps its scale where a
+    modulus is estimated.
+    """
+    tolerances, stated = tolerances_of(config.tolerances), config.validation.truth.damping_factor
+    rng = np.random.default_rng([config.seed, realisation, MODEL])
+    scale = np.exp(tolerances.model * rng.standard_normal())
+    factors = np.exp(np.log(tolerances.damping) * rng.standard_normal(model.size))
+    common, by_mode = rng.standard_normal(), rng.standard_normal(model.size)
+    if stated is not None:
+        model = replace(model, damping=model.damping.scaled(stated))
+    elif tolerances.damping > 1:
+        model = replace(model, damping=model.damping.scaled(factors.tolist()))
+    if tolerances.frequency > 0:
+        # the coordinates are the modes
+        same = first_of_equal(modal_basis(model, model.reference)[0])
+        f = np.exp(tolerances.frequency * (common + BY_MODE * by_mode[same]))
+        model = replace(model, mass=model.mass.of_all(lambda X: X / np.outer(f, f)))
+    if tolerances.model > 0 and not modulus_estimated(config):
+        model = replace(model, stiffness=model.stiffness.of_all(lambda X: scale * X))
+    return model
+
+
+def _sources(config: PlacementConfig, by_rows: bool) -> list[str]:
+    """What is drawn with which σ; by_rows: whether the gauges are given by their strain rows, which cannot be moved or turned."""
+    tolerances, stated, moved = tolerances_of(config.tolerances), config.validation.truth, not by_rows
+    damped = [f"ln ζ of every mode ln {tolerances.damping:g}"] * (
+        tolerances.damping > 1 and stated.damping_factor is None
+    )
+    sources = (
+        ("frequency", 100, "natural frequencies {:g} %", True),
+        ("model", 100, "stiffness {:g} %", not modulus_estimated(config)),
+        ("position", 1e3, "place {:g} mm each way", moved and stated.gauge_offset is None),
+        ("angle", 1, "direction {:g}°", moved and stated.gauge_rotation is None),
+        ("gain", 100, "gain {:g} %", True),
+        ("transverse", 100, "transverse sensitivity {:g} %", moved),
+        ("offset", 1e6, "offset {:g} µm/m", True),
+        ("drift", 1e6, "drift {:g} µm/m", True),
+        ("temperature", 1, "temperature {:g} K", any(installation_std(tolerances).warmed)),
+        ("load_angle", 1, "direction of loads {:g}°", True),
+        ("load_position", 1e3, "point of loads {:g} mm", True),
+        ("load_gain", 100, "gain of known loads {:g} %", _some_known(config)),
+    )
+    sizes = ((factor * getattr(tolerances, key), words, applies) for key, factor, words, applies in sources)
+    return damped + [words.format(size) for size, words, applies in sizes if size > 0 and applies]
+
+
+def varies(config: PlacementConfig) -> bool:
+    """Whether one realisation differs from another."""
+    return bool(_sources(config, by_rows=False))
+
+
+def in_words(config: PlacementConfig, by_rows: bool) -> str:
+    """What is off, for people; by_rows: as of `_sources`. Begins with a comma."""
+    stated, fixed = config.validation.truth, []
+    if stated.damping_factor is not None:
+        fixed.append(f"damping × {stated.damping_factor:g}")
+    if by_rows:
+        fixed.append("gauges exactly in place, because given strain rows cannot be moved or turned")
+    elif stated.gauge_offset is not None or stated.gauge_rotation is not None:
+        sizes = ((stated.gauge_offset, 1e3, " mm"), (stated.gauge_rotation, 1.0, "°"))
+        parts = (f"{factor * size:g}{unit}" for size, factor, unit in sizes if size is not None)
+        fixed.append(f"gauges off by {' and '.join(parts)}")
+    drawn = _sources(config, by_rows)
+    words = fixed + ([f"drawn with σ: {', '.join(drawn)}"] if drawn else [])
+    return "".join(f", {text}" for text in words)
+
+
+def modulus_estimated(config: PlacementConfig) -> bool:
+    """Whether some modulus or factor of the stiffness is among the unknowns, so that one scale of the stiffness is; a factor of
+    springs, or of the section of beams, is none, and no thickness."""
+    named = [config.parameters[name] for name in config.place.estimate if name in config.parameters]
+    of_whole = [
+        parameter
+        for parameter in named
+        if of_stiffness(parameter.property) and parameter.property not in (*SECTION_FACTORS, THICKNESS)
+    ]
+    return any(parameter.springs is None for parameter in of_whole)
+
+
+class SimulatedMotion(Protocol):
     """A simulated motion that channels can be read from."""
 
     def reading(self, channels: np.ndarray) -> np.ndarray:
@@ -66,9 +208,9 @@ class ModalMotion:
     drift: np.ndarray
 
     def reading(self, channels: np.ndarray) -> np.ndarray:
-        own = self.rows[channels].T
+        rows = self.rows[channels].T
         zero = self.offset[channels] + np.outer(np.linspace(0, 1, len(self.q)), self.drift[channels])
-        return np.where(self.moving[channels], self.acceleration @ own, self.q @ own) + zero
+        return np.where(self.moving[channels], self.acceleration @ rows, self.q @ rows) + zero
 
 
 @dataclass(frozen=True)
@@ -82,7 +224,7 @@ class ReadMotion:
 
 
 @dataclass(frozen=True)
-class Truth:
+class SimulatedTruth:
     """theta: true parameter values [SI]; description for people; held (gauges,): which a sharp edge has kept from being
     misplaced as far as asked; motion: loads, and how the motion begins → what happens under them; again: number of a
     realisation, and gauges → the truth of these gauges, in their order, with everything drawn anew; None where nothing is
@@ -91,8 +233,8 @@ class Truth:
     theta: Mapping[str, float]
     description: str
     held: np.ndarray
-    motion: Callable[[Loading], Motion]
-    again: Callable[[int, np.ndarray], Truth] | None = None
+    motion: Callable[[Loading], SimulatedMotion]
+    again: Callable[[int, np.ndarray], SimulatedTruth] | None = None
     field: Callable[[], np.ndarray] | None = None
 
 
@@ -104,7 +246,7 @@ def truth_of(
     training: Training,
     problem: Problem,
     using: Resources,
-) -> Truth:
+) -> SimulatedTruth:
     """The truth that the config asks for:
 
     rom    the filter's own model at the true parameters: an inverse crime, and reported as one (the thesis's case)
@@ -123,7 +265,7 @@ def truth_of(
         words = f"the filter's own reduced model with {values} (an inverse crime)"
         return _modal(theta, words, np.zeros(pool.gauges, dtype=bool), problem.model, rows, pool)
     parameters = _at(theta, parameters_of(config.parameters, mesh, using.files, config.mesh))
-    thickness = thickness_at(mesh, [own for own in parameters if own.property == THICKNESS], theta)
+    thickness = thickness_at(mesh, [parameter for parameter in parameters if parameter.property == THICKNESS], theta)
     built = full_model(config.mesh, mesh, parameters, using.files, config.loads, solver_of(config, using))
     modes = built.at_most(stated.modes)
     factor = theta.get(problem.model.damping.parameter, 1.0)
@@ -147,16 +289,16 @@ def truth_of(
     if stated.model == "modes":
         rows, held = installed(np.arange(pool.gauges), None)
         return replace(_modal(theta, words, held, model, rows, pool), field=partial(nodal, built.model, basis))
-    words += in_words(config, given=training.given is not None)
+    words += in_words(config, by_rows=training.given is not None)
 
-    def drawn(realisation: int, gauges: np.ndarray) -> Truth:
+    def drawn(realisation: int, gauges: np.ndarray) -> SimulatedTruth:
         installation = installation_of(config, pool, realisation).take(pool, gauges)
         with blame("tolerances"):
             rows, held = installed(gauges, installation)
-        own, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
+        sampled, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
         if loads_vary(config):
-            own = own.acted_on(basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
-        truth = _modal(theta, words, held, own, rows, part, installation)
+            sampled = sampled.acted_on(basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
+        truth = _modal(theta, words, held, sampled, rows, part, installation)
         return replace(truth, field=partial(nodal, built.model, basis))
 
     return replace(drawn(0, np.arange(pool.gauges)), again=drawn if varies(config) else None)
@@ -189,11 +331,11 @@ def _installed(
     """
     pool = training.candidates
     if training.given is not None:
-        given = training.given @ (built.motion @ basis)
+        stated = training.given @ (built.motion @ basis)
 
         def scaled(gauges: np.ndarray, installation: Installation | None) -> tuple[np.ndarray, np.ndarray]:
             gain = 0.0 if installation is None else installation.gain[:, None]
-            return (1 + gain) * given[pool.channels(gauges)], np.zeros(len(gauges), dtype=bool)
+            return (1 + gain) * stated[pool.channels(gauges)], np.zeros(len(gauges), dtype=bool)
 
         return scaled
     field, skin = nodal(built.model, basis), skin_of(mesh.position, exterior_facets(mesh))
@@ -216,18 +358,18 @@ def _modal(
     rows: np.ndarray,
     pool: Candidates,
     installation: Installation | None = None,
-) -> Truth:
+) -> SimulatedTruth:
     # A model of the truth has the true values for its reference; the filter's own model is taken there.
     at = {name: theta[name] for name in model.reference}
     exact = np.zeros(len(pool))
     zero = (exact, exact) if installation is None else (installation.offset, installation.drift)
 
-    def motion(loading: Loading) -> Motion:
+    def motion(loading: Loading) -> SimulatedMotion:
         x = motion_of(model, at, loading)
         a = accelerations(model, at, x, instant_values(loading.held))
         return ModalMotion(x[:, : model.size], a, rows, pool.quantity == ACCELERATION, *zero)
 
-    return Truth(theta, words, held, motion)
+    return SimulatedTruth(theta, words, held, motion)
 
 
 def _full(
@@ -241,7 +383,7 @@ def _full(
     modes: int,
     using: Resources,
     thickness: Thickness | None,
-) -> Truth:
+) -> SimulatedTruth:
     """stated: the damping; modes: how many have its ratio."""
     # with solvers that no other truth needs
     from strainsight.fem.factorisation import relief_of
@@ -262,11 +404,11 @@ def _full(
         rows = free_rows(built.model, channel_matrix(mesh.position, pool, exterior_facets(mesh), thickness))
     moving = pool.quantity == ACCELERATION
 
-    def motion(loading: Loading) -> Motion:
+    def motion(loading: Loading) -> SimulatedMotion:
         tones, lead = loading.tones, len(loading.lead)
         with blame("validate.truth"):
             start = None if tones is None else steady_state(K, M, S, viscous, tones.frequency, tones.amplitude)
-            found = transient(
+            run = transient(
                 built.model,
                 S,
                 theta,
@@ -279,10 +421,10 @@ def _full(
                 progress=lambda share: using.progress("truth", 0.2 * share),
             )
         readings = np.empty((len(loading.held) + 1, len(moving)))
-        readings[:, ~moving], readings[:, moving] = found.reading[lead:], found.acceleration[lead:]
+        readings[:, ~moving], readings[:, moving] = run.reading[lead:], run.acceleration[lead:]
         return ReadMotion(readings)
 
-    return Truth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
+    return SimulatedTruth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
 
 
 def _at(theta: Mapping[str, float], parameters: tuple[Parameter, ...]) -> tuple[Parameter, ...]:

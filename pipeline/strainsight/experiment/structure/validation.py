@@ -24,6 +24,7 @@ from strainsight.experiment.structure.filtering import (
     compared,
     excluded,
     excluded_in_words,
+    histories,
     posterior_doubts,
     posterior_numbers,
     posteriors_of,
@@ -40,10 +41,7 @@ from strainsight.experiment.structure.problem import (
 from strainsight.experiment.structure.studies import (
     Rank,
     Studies,
-    noise_levels,
-    random_sets,
     rank_of,
-    repeated,
     studies_of,
     sweeps_of,
 )
@@ -87,9 +85,13 @@ class Validation:
     @property
     def units(self) -> dict[str, str]:
         """Of what `validated` holds."""
-        kinds, own = self.trial.problem.channels.quantity, self.trial.chosen
+        kinds, chosen = self.trial.problem.channels.quantity, self.trial.chosen
         still = np.where(kinds == ACCELERATION, STRAIN, kinds)
-        return {**self.trial.units, "the channel": units_in_words(kinds[own]), "the candidate": units_in_words(still)}
+        return {
+            **self.trial.units,
+            "the channel": units_in_words(kinds[chosen]),
+            "the candidate": units_in_words(still),
+        }
 
 
 def validation_of(
@@ -118,16 +120,16 @@ def validation_of(
     using.progress("filter", 0.2)
     model = filter_model(problem, trial.chosen, trial.h)
     measured, true = trial.measured(seed)
-    found = trial.filtered(model, trial.chosen, measured, keep="all")
-    run, smoothed = found.run, trial.smoothed(model, measured, found)
+    filtered = trial.filtered(model, trial.chosen, measured, keep="all")
+    run, smoothed = filtered.run, trial.smoothed(model, measured, filtered)
     compare = problem.method == "bank" and config.filter.compare is not False
     beside = compared(problem, model, trial.covariance, trial.known, measured) if compare else None
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies = studies_of(trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch)
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
-    last, P, known, start = trial.names[-1], trial.covariance, trial.known, trial.settled
+    P, known, start = trial.covariance, trial.known, trial.settled
     budget, without = budget_of(problem, tolerances, model, trial.chosen, P, known, measured, run, smoothed, start)
-    bank = found.banks[0] if found.banks else None
+    bank = filtered.banks[0] if filtered.banks else None
     return Validation(
         trial,
         replace(
@@ -139,25 +141,27 @@ def validation_of(
         accuracies(trial, model, run, smoothed, studies),
         float(whiteness(run.whitened[:, 0])),
         verdict(run.whitened[:, 0]).text,
-        int(sum(np.isnan(study.real[last]).sum() for study in vars(studies).values())),
+        studies.lost,
         without,
     )
 
 
-def validation_decision(config: PlacementConfig, found: Validation) -> Decision:
+def validation_decision(config: PlacementConfig, validation: Validation) -> Decision:
     """Whether σ is given: not of parameters beyond their ranges, nor where another filter excludes the estimate."""
-    own, trial = found.validated, found.trial
-    ends = {name: (own.smoothed[name][-1], own.smoothed_std[name][-1]) for name in own.smoothed}
-    apart = excluded(ends, by_bank(own.compared)) if tolerances_of(config.tolerances) == NONE else ""
-    beyond = beyond_ranges(config, trial.problem, {name: own.estimate for name, own in found.accuracy.items()})
+    accuracy, trial = validation.validated, validation.trial
+    ends = {name: (accuracy.smoothed[name][-1], accuracy.smoothed_std[name][-1]) for name in accuracy.smoothed}
+    apart = excluded(ends, by_bank(accuracy.compared)) if tolerances_of(config.tolerances) == NONE else ""
+    beyond = beyond_ranges(
+        config, trial.problem, {name: accuracy.estimate for name, accuracy in validation.accuracy.items()}
+    )
     reasons = (excluded_in_words(apart, trial.settled is not None, "train.settle"),)
     return Decision(reasons=reasons, beyond=beyond, remedy=widen(beyond))
 
 
-def validated_without_sigma(own: Validated) -> Validated:
+def validated_without_sigma(validated: Validated) -> Validated:
     """NaN for σ of its run; random sets and repeats, each an estimate of its own, keep theirs."""
-    rest = {name: getattr(own, name) for name in ("repeats", "screened", "all", "sweep")}
-    return replace(without_sigma(own), compared=None, budget=None, **rest)
+    rest = {name: getattr(validated, name) for name in ("repeats", "screened", "all", "sweep")}
+    return replace(without_sigma(validated), compared=None, budget=None, **rest)
 
 
 def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
@@ -175,16 +179,12 @@ def _validated(
     studies: Studies,
     swept: SweepTable | None,
 ) -> Validated:
-    estimate, later = (physical(model, own.mean[:, 0], own.std[:, 0]) for own in (run, smoothed))
     innovations = nis(run.whitened[:, 0])
     bands = np.square([band_of(len(trial.names)), band_of(len(trial.chosen) * len(innovations))])
     return Validated(
         time=trial.time,
         truth={name: trial.history[name] for name in trial.names},
-        estimate={name: own[0] for name, own in estimate.items()},
-        std={name: own[1] for name, own in estimate.items()},
-        smoothed={name: own[0] for name, own in later.items()},
-        smoothed_std={name: own[1] for name, own in later.items()},
+        **histories(model, run, smoothed),
         gauge=SimulatedChannels(
             time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
         ),
@@ -194,24 +194,26 @@ def _validated(
             band=bands,
         ),
         field=_field(trial, model, run),
-        noise=noise_levels(studies.noise),
-        repeats=repeated(studies.repeats),
-        screened=random_sets(studies.screened),
-        all=random_sets(studies.all),
+        noise=studies.noise,
+        repeats=studies.repeats,
+        screened=studies.screened,
+        all=studies.all,
         sweep=swept,
         posterior={},
+        compared=None,
+        budget=None,
     )
 
 
 def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
     """Every candidate, bonded or not, at the instant of the largest true strain."""
-    own = trial.problem.channels
-    straining = np.flatnonzero(own.quantity == STRAIN)
-    instant = _instant_of_largest(trial, straining if len(straining) else np.arange(len(own.quantity)))
-    moving = own.quantity == ACCELERATION
+    channels = trial.problem.channels
+    straining = np.flatnonzero(channels.quantity == STRAIN)
+    instant = _instant_of_largest(trial, straining if len(straining) else np.arange(len(channels.quantity)))
+    moving = channels.quantity == ACCELERATION
     assert run.covariance is not None
     true = np.concatenate([trial.reading(part)[instant] for part in _parts(np.arange(len(moving)))])
-    strain, J = surface_reading(model, own.rows, own.change, run.mean[instant])
+    strain, J = surface_reading(model, channels.rows, channels.change, run.mean[instant])
     return Field(
         instant=float(trial.time[instant]),
         true=np.where(moving, np.nan, true),
@@ -269,11 +271,11 @@ def accuracies(
     """Unknown → how well it is known by the layout, whose filter and smoother have run; studies: with the random sets."""
     error, std = real_and_claimed(trial, model, run.mean, run.std)
     later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
-    found, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
+    accuracy, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
     for name, (value, sigma) in physical(model, run.mean[:, 0], run.std[:, 0]).items():
         constant = name in trial.problem.unknowns.parameters
         scale, zero = trial.scale(name)
-        found[name] = Accuracy(
+        accuracy[name] = Accuracy(
             estimate=float(
                 np.mean(value[trial.constant_from(len(value)) :]) if constant else np.sqrt(np.mean(value**2))
             ),
@@ -287,9 +289,9 @@ def accuracies(
             smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
             settling_time=settling_time(trial.time, value, trial.truth.theta[name], SETTLED) if constant else None,
             rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
-            benefit=benefit_of(float(error[name][0]), studies.all.real[name]),
+            benefit=benefit_of(float(error[name][0]), studies.all.error[name]),
         )
-    return found
+    return accuracy
 
 
 def _draws(error: np.ndarray, std: np.ndarray) -> int:
@@ -315,86 +317,88 @@ def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, unit
     return csv_bytes([["time [s]", *names, *loads], *numbers])
 
 
-def validation_numbers(found: Validation, model: str) -> dict[str, Scalar]:
+def validation_numbers(validation: Validation, model: str) -> dict[str, Scalar]:
     """Every number by its name, model: that of the truth in the config."""
-    trial, scheme = found.trial, scheme_in_words(found.trial.problem, found.trial.h)
+    trial, scheme = validation.trial, scheme_in_words(validation.trial.problem, validation.trial.h)
     stopped = f"{trial.stopped} of the layout stopped at an edge" if trial.stopped else ""
-    consistency = found.validated.consistency
+    consistency = validation.validated.consistency
     numbers: dict[str, Scalar] = {
         "truth": model,
         "description": "; ".join(filter(None, (trial.truth.description, scheme, stopped))),
     }
-    for name, own in found.accuracy.items():
+    for name, accuracy in validation.accuracy.items():
         for key in ("estimate", "error", "std", "draws", "smoothed", "smoothed_std", "smoothed_draws", "scale"):
-            numbers[f"{key}.{name}"] = getattr(own, key)
+            numbers[f"{key}.{name}"] = getattr(accuracy, key)
         if name in trial.problem.unknowns.inputs:
-            numbers[f"zero.{name}"] = own.zero
-        if own.settling_time is not None:
-            numbers[f"settling_time.{name}"] = own.settling_time
-        if own.benefit is not None:
-            numbers[f"benefit.{name}"] = own.benefit.verdict
-        if own.rank is not None:
-            numbers |= {f"rank_{key}.{name}": value for key, value in vars(own.rank).items()}
+            numbers[f"zero.{name}"] = accuracy.zero
+        if accuracy.settling_time is not None:
+            numbers[f"settling_time.{name}"] = accuracy.settling_time
+        if accuracy.benefit is not None:
+            numbers[f"benefit.{name}"] = accuracy.benefit.verdict
+        if accuracy.rank is not None:
+            numbers |= {f"rank_{key}.{name}": value for key, value in vars(accuracy.rank).items()}
     return (
         numbers
-        | posterior_numbers(found.validated.posterior)
-        | ratios(found.validated.compared)
+        | posterior_numbers(validation.validated.posterior)
+        | ratios(validation.validated.compared)
         | {
             "nees": float(np.mean(consistency.nees)),
             "nis": float(np.mean(consistency.nis)),
-            "whiteness": found.whiteness,
-            "verdict": found.verdict,
-            "lost_runs": found.diverged,
+            "whiteness": validation.whiteness,
+            "verdict": validation.verdict,
+            "lost_runs": validation.diverged,
         }
     )
 
 
-def validation_message(found: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
+def validation_message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
     """One line, first what does not hold; claims: on every unknown, the one that decides first; withheld: that there is no σ, and
     why."""
-    trial, problem = found.trial, found.trial.problem
+    trial, problem = validation.trial, validation.trial.problem
     words = [*filter(None, (withheld, rests_on_loads_in_words(problem), judged_as_stated_in_words(problem)))]
     words += [
         f"{name} is {every[0].words(number)}" for name, every in claims.items() if every and every[0].overconfident
     ]
-    words += posterior_doubts(found.validated.posterior, trial.units)
+    words += posterior_doubts(validation.validated.posterior, trial.units)
     words += [
-        f"placement brings no benefit for {name} here: {own.benefit.as_well} of {own.benefit.sets} random layouts of the same "
-        "size do as well"
-        for name, own in found.accuracy.items()
-        if own.benefit is not None and own.benefit.verdict == "none"
+        f"placement brings no benefit for {name} here: {accuracy.benefit.as_well} of {accuracy.benefit.sets} random layouts of "
+        "the same size do as well"
+        for name, accuracy in validation.accuracy.items()
+        if accuracy.benefit is not None and accuracy.benefit.verdict == "none"
     ]
-    for name, own in found.accuracy.items():
+    for name, accuracy in validation.accuracy.items():
         if name in trial.problem.unknowns.parameters:
-            value = f"{name} {own.estimate:.4g} {trial.units[name]} (truth {trial.truth.theta[name]:.4g})"
-            claimed = "" if withheld else f" (claimed σ {100 * own.std:.2g} %)"
-            words.append(f"{value}, error {100 * own.error:.2f} %{claimed}")
+            value = f"{name} {accuracy.estimate:.4g} {trial.units[name]} (truth {trial.truth.theta[name]:.4g})"
+            claimed = "" if withheld else f" (claimed σ {100 * accuracy.std:.2g} %)"
+            words.append(f"{value}, error {100 * accuracy.error:.2f} %{claimed}")
         else:
-            over = f" of its amplitude, {own.scale:.4g} N," if own.zero else ""
-            words.append(f"{name} error {100 * own.error:.1f} %{over} filtered, {100 * own.smoothed:.1f} % smoothed")
-    words += disagreements_in_words(found.validated.compared)
+            over = f" of its amplitude, {accuracy.scale:.4g} N," if accuracy.zero else ""
+            words.append(
+                f"{name} error {100 * accuracy.error:.1f} %{over} filtered, {100 * accuracy.smoothed:.1f} % smoothed"
+            )
+    words += disagreements_in_words(validation.validated.compared)
     return "; ".join(words)
 
 
 MEDIANS = ("random sets, screened: median", "all: median")
 
 
-def validation_table(found: Validation, withheld: bool) -> Table:
+def validation_table(validation: Validation, withheld: bool) -> Table:
     """Every unknown by the layout, and the median error of random sets; withheld: whether σ is."""
-    trial, validated = found.trial, found.validated
+    trial, validated = validation.trial, validation.validated
     columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)
     rows = []
-    for name, own in found.accuracy.items():
+    for name, accuracy in validation.accuracy.items():
         if name in trial.problem.unknowns.parameters:
             rms, truth = "", f"{trial.truth.theta[name]:.5g}"
         else:
             rms, truth = " RMS", f"{np.sqrt(np.mean(trial.history[name] ** 2)):.5g}"
-        truth += f", in % of its amplitude, {own.scale:.4g}" if own.zero else ""
+        truth += f", in % of its amplitude, {accuracy.scale:.4g}" if accuracy.zero else ""
         medians = (
             f"{100 * np.nanmedian(sets.error[name]):.3f} %" if len(sets.error[name]) else "-"
             for sets in (validated.screened, validated.all)
         )
-        errors = [f"{100 * value:.3f} %" for value in (own.error, own.std, own.smoothed)]
+        errors = [f"{100 * value:.3f} %" for value in (accuracy.error, accuracy.std, accuracy.smoothed)]
         errors[1] = "withheld" if withheld else errors[1]
-        rows.append((name, f"{own.estimate:.5g} {trial.units[name]}{rms}", truth, *errors, *medians))
+        rows.append((name, f"{accuracy.estimate:.5g} {trial.units[name]}{rms}", truth, *errors, *medians))
     return Table(f"estimates; truth: {trial.truth.description}", columns, tuple(rows))

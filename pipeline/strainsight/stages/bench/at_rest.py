@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 import io
-import math
 
 import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import InfeasibleError
-from strainsight.experiment.bench.at_rest import Rest, at_rest, coupled, modes_in_space, rest_of
 from strainsight.experiment.bench.bearings import overloaded
+from strainsight.experiment.bench.bench import unstable_in_words
 from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.bench.sensors import dataset_units
+from strainsight.experiment.bench.simulation import BenchAtRest, at_rest, coupled, modes_in_space, rest_of
 from strainsight.records.bench import Coupled
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import written
@@ -29,31 +29,28 @@ ROUNDING = 1e-12
 
 def statics(context: Context[BenchConfig]) -> Output:
     """Where the bench rests under the loads at t = 0, its drives held, and what joints, drives and bearings carry there."""
-    config, reduced, meshes = context.config, inputs.bodies(context), inputs.meshes(context)
-    rest = rest_of(config, reduced, meshes, context, balanced=True)
+    config, rest = context.config, rest_of(inputs.bench(context), context, balanced=True)
     if rest.growth > 0 and not config.simulate.allow_unstable:
         raise InfeasibleError(
-            f"the equilibrium is unstable: '{rest.body}' falls out of it, {math.e:.1f}-fold in {1 / rest.growth:.3g} s",
+            unstable_in_words(rest.growth, rest.body),
             key="simulate",
             remedy="start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true",
         )
-    found = at_rest(rest, reduced, meshes, inputs.placed(context), context)
-    carried = max((float(np.abs(six).max()) for six in found.reactions.values()), default=0.0)
-    far = max(float(np.abs(frame.position).max()) for frame in found.frames.values())
+    record = at_rest(rest, context)
+    carried = max((float(np.abs(six).max()) for six in record.reactions.values()), default=0.0)
+    far = max(float(np.abs(frame.position).max()) for frame in record.frames.values())
     loads = [
         (name, *(_digits(value, 5, carried) for value in values), unit)
-        for name, six in found.reactions.items()
+        for name, six in record.reactions.items()
         for values, unit in ((six[:3], "N"), (six[3:], "N m"))
     ]
-    where = [(name, *(_digits(value, 6, far) for value in frame.position)) for name, frame in found.frames.items()]
-    pressed = {name: ring.pressure for name, ring in found.bearings.items()}
-    drawn = [(name, _digits(force, 6, carried)) for name, force in found.drives.items()]
+    where = [(name, *(_digits(value, 6, far) for value in frame.position)) for name, frame in record.frames.items()]
+    pressed = {name: ring.pressure for name, ring in record.bearings.items()}
+    drawn = [(name, _digits(force, 6, carried)) for name, force in record.drives.items()]
     rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
     warned = overloaded(config, pressed)
     if rest.growth > 0:
-        warned.append(
-            f"the equilibrium is unstable: '{rest.body}' falls out of it, {math.e:.1f}-fold in {1 / rest.growth:.3g} s"
-        )
+        warned.append(unstable_in_words(rest.growth, rest.body))
     tables = (
         Table("where the frames rest [m]", ("frame", "x", "y", "z"), tuple(where)),
         Table("what joints exert on their second frames", ("joint", "x", "y", "z", ""), tuple(loads)),
@@ -64,11 +61,11 @@ def statics(context: Context[BenchConfig]) -> Output:
     state = f"unstable, {rest.growth:.3g} 1/s" if rest.growth > 0 else "stable"
     first = next((f for f in rest.modes.frequency if f > 0), 0.0)
     return Output(
-        datasets=written(found, dataset_units(config, load_units(config, found.inputs))),
-        summary={"coordinates": len(found.q), "growth": rest.growth, "first_frequency": float(first)}
+        datasets=written(record, dataset_units(config, load_units(config, record.inputs))),
+        summary={"coordinates": len(record.q), "growth": rest.growth, "first_frequency": float(first)}
         | {f"pressure.{name}": pressure for name, pressure in pressed.items()}
-        | {f"force.{name}": force for name, force in found.drives.items()},
-        message=f"{len(found.q)} coordinates at rest, {state}"
+        | {f"force.{name}": force for name, force in record.drives.items()},
+        message=f"{len(record.q)} coordinates at rest, {state}"
         + (f", lowest frequency {first:.4g} Hz" if first else ""),
         tables=tuple(table for table in tables if table.rows),
     )
@@ -81,21 +78,20 @@ def _digits(value: float, count: int, largest: float) -> str:
 
 def modes(context: Context[BenchConfig]) -> Output:
     """The bench in small motion about its start: frequencies, damping, shapes in space, and the state space."""
-    config, reduced, meshes = context.config, inputs.bodies(context), inputs.meshes(context)
-    rest = rest_of(config, reduced, meshes, context, balanced=False)
-    found = coupled(rest, reduced, meshes, inputs.placed(context))
-    grid, attributes = vtkhdf_datasets(modes_in_space(rest, reduced, meshes)) if len(found.frequency) else ({}, {})
-    rows = [_row(rest, found, k) for k in range(min(LISTED, len(found.frequency)))]
-    held = found.frequency[found.frequency > 0]
-    text = f"{len(found.frequency)} coupled modes"
+    rest = rest_of(inputs.bench(context), context, balanced=False)
+    record = coupled(rest)
+    grid, attributes = vtkhdf_datasets(modes_in_space(rest)) if len(record.frequency) else ({}, {})
+    rows = [_row(rest, record, k) for k in range(min(LISTED, len(record.frequency)))]
+    held = record.frequency[record.frequency > 0]
+    text = f"{len(record.frequency)} coupled modes"
     text += f", {held[0]:.4g} to {held[-1]:.4g} Hz" if len(held) else ""
-    free, topples = int(np.sum(found.stiffness == 0)), int(np.sum(found.stiffness < 0))
+    free, topples = int(np.sum(record.stiffness == 0)), int(np.sum(record.stiffness < 0))
     text += f"; {free} that nothing holds" * (free > 0) + f"; unstable, {rest.growth:.3g} 1/s" * (rest.growth > 0)
     return Output(
-        datasets=written(found) | grid,
+        datasets=written(record) | grid,
         attributes=attributes,
         summary={
-            "modes": len(found.frequency),
+            "modes": len(record.frequency),
             "free": free,
             "toppling": topples,
             "growth": rest.growth,
@@ -103,32 +99,32 @@ def modes(context: Context[BenchConfig]) -> Output:
         },
         message=text,
         tables=(Table("coupled modes", ("mode", "Hz", "damping", "moves most"), tuple(rows)),) if rows else (),
-        files={"modes.npz": _arrays(found)},
+        files={"modes.npz": _arrays(record)},
     )
 
 
-def _row(rest: Rest, found: Coupled, k: int) -> tuple[str, str, str, str]:
-    frequency = f"{found.frequency[k]:.5g}" if found.stiffness[k] >= 0 else "topples"
-    motion = rest.bench.system.metric * found.shape[k]
-    body = max(found.coordinates, key=lambda name: float(np.linalg.norm(motion[slice(*found.coordinates[name])])))
-    return str(k + 1), frequency, f"{100 * found.damping[k]:.3g} %", body
+def _row(rest: BenchAtRest, record: Coupled, k: int) -> tuple[str, str, str, str]:
+    frequency = f"{record.frequency[k]:.5g}" if record.stiffness[k] >= 0 else "topples"
+    motion = rest.bench.system.metric * record.shape[k]
+    body = max(record.coordinates, key=lambda name: float(np.linalg.norm(motion[slice(*record.coordinates[name])])))
+    return str(k + 1), frequency, f"{100 * record.damping[k]:.3g} %", body
 
 
-def _arrays(found: Coupled) -> bytes:
+def _arrays(record: Coupled) -> bytes:
     """modes.npz: A, B, C, D with the names of inputs and outputs, frequencies and shapes, for NumPy alone."""
-    own, file = found.system, io.BytesIO()
+    system, file = record.system, io.BytesIO()
     np.savez(
         file,
-        A=own.A,
-        B=own.B,
-        C=own.C,
-        D=own.D,
-        inputs=np.array(own.inputs, dtype=str),
-        outputs=np.array(own.outputs, dtype=str),
-        frequency=found.frequency,
-        damping=found.damping,
-        shape=found.shape,
-        q=found.q,
+        A=system.A,
+        B=system.B,
+        C=system.C,
+        D=system.D,
+        inputs=np.array(system.inputs, dtype=str),
+        outputs=np.array(system.outputs, dtype=str),
+        frequency=record.frequency,
+        damping=record.damping,
+        shape=record.shape,
+        q=record.q,
     )
     return file.getvalue()
 

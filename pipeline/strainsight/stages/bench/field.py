@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import replace
 
 from strainsight.config.bench.bench import BenchConfig, SurfaceField
-from strainsight.experiment.bench.reduction import Motion, pictures
+from strainsight.experiment.bench.reduction import BodyMotion, pictures
 from strainsight.records.bench import BenchEstimated, Simulated
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import read, written
@@ -21,9 +21,9 @@ def run(context: Context[BenchConfig]) -> Output:
     name, motion = settings.body, _motion(settings, context)
     own = pictures(config, inputs.meshes(context)[name], inputs.bodies(context)[name], motion, context)
     grid, attributes = vtkhdf_datasets(own.grid)
-    count, largest, instant = len(own.found.time), float(own.found.von_mises.max()), float(own.found.time[own.worst])
+    count, largest, instant = len(own.record.time), float(own.record.von_mises.max()), float(own.record.time[own.worst])
     return Output(
-        datasets=grid | written(own.found),
+        datasets=grid | written(own.record),
         attributes=attributes,
         summary={
             "pictures": count,
@@ -37,15 +37,15 @@ def run(context: Context[BenchConfig]) -> Output:
     )
 
 
-def _motion(settings: SurfaceField, context: Context[object]) -> Motion:
+def _motion(settings: SurfaceField, context: Context[object]) -> BodyMotion:
     """The body's coordinates, and the moduli where they were estimated."""
     simulated = read(Simulated, context.upstream["simulate"])
     part = slice(*simulated.coordinates[settings.body])
     if settings.of == "simulate":
-        return Motion(simulated.time, simulated.q[:, part], {})
+        return BodyMotion(simulated.time, simulated.q[:, part], {})
     estimated = read(BenchEstimated, context.upstream["estimate"])
     moduli = {name: history.estimate for name, history in estimated.parameters.items()}
-    return Motion(estimated.time, estimated.q[:, part], moduli)
+    return BodyMotion(estimated.time, estimated.q[:, part], moduli)
 
 
 FIELD = Stage(

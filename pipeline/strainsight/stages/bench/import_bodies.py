@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError
-from strainsight.experiment.bench.reduction import Reduction, flexible, reductions
+from strainsight.experiment.bench.reduction import BodyReduction, flexible, reductions
 from strainsight.experiment.structure.mesh import checked, mesh_of, model_warnings
 from strainsight.experiment.structure.mesh_tables import found_tables
 from strainsight.mesh.model import Mesh
@@ -102,7 +102,7 @@ def run_reduce(context: Context[BenchConfig]) -> Output:
     )
 
 
-def _table(name: str, own: Reduction) -> Table:
+def _table(name: str, own: BodyReduction) -> Table:
     rows = tuple((str(k), f"{f:.4g}") for k, f in enumerate(own.frequency[:12], start=1))
     return Table(f"natural frequencies of {name}, its interfaces free", ("mode", "Hz"), rows)
 

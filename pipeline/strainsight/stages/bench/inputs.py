@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.experiment.bench.bench import Bench, bench_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.bench import BenchPlaced, BenchTruths, ReducedBodies, ReducedBody
 from strainsight.records.mesh import Meshes
@@ -25,6 +29,11 @@ def bodies(context: Context[object]) -> dict[str, ReducedBody]:
 def placed(context: Context[object]) -> BenchPlaced | None:
     """place.h5, of a stage that has it above it: where a sensor takes a layout of it."""
     return read(BenchPlaced, context.upstream["place"]) if "place" in context.upstream else None
+
+
+def bench(context: Context[BenchConfig], free: Mapping[str, Sequence[str]] | None = None) -> Bench:
+    """The bench with what the stages above have made of its bodies; free: bearing → its properties that are parameters."""
+    return bench_of(context.config, bodies(context), meshes(context), placed(context), free)
 
 
 def truths(context: Context[object]) -> BenchTruths | None:

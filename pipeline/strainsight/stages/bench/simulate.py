@@ -27,70 +27,70 @@ MISSED = 0.05
 def run(context: Context[BenchConfig]) -> Output:
     """The bench in time, and up to which frequency it may be believed."""
     config = context.config
-    own = simulation(config, inputs.bodies(context), inputs.meshes(context), inputs.placed(context), context)
-    found, system, h = own.found, own.bench.system, config.simulate.time_step
-    steps, worst = len(found.time) - 1, float(found.violation.position.max())
+    result = simulation(inputs.bench(context), context)
+    record, system, h = result.record, result.bench.system, config.simulate.time_step
+    steps, worst = len(record.time) - 1, float(record.violation.position.max())
     summary: dict[str, Scalar] = {
         "steps": steps,
         "coordinates": system.size,
         "constraints": system.constrained,
         "violation": worst,
-        "violation_rate": float(found.violation.velocity.max()),
-        "turn": own.turn,
-        "parts": own.parts,
+        "violation_rate": float(record.violation.velocity.max()),
+        "turn": result.turn,
+        "parts": result.parts,
     }
     text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints held to {worst:.1e}"
     if config.simulate.tolerance is not None:
-        text += f", in up to {own.parts} parts each: the motion is right to {config.simulate.tolerance:g} of the coordinates"
-    if len(found.frequency) and (first := float(found.frequency[0])) > 0:
+        text += f", in up to {result.parts} parts each: the motion is right to {config.simulate.tolerance:g} of the coordinates"
+    if len(record.frequency) and (first := float(record.frequency[0])) > 0:
         summary["first_frequency"] = first
     if "first_frequency" in summary and config.simulate.tolerance is None:
-        summary["band"] = followed(found.frequency, h, config.simulate.method)
+        summary["band"] = followed(record.frequency, h, config.simulate.method)
         text += f"; follows loads up to {summary['band']:.3g} Hz to {100 * SHARE:g} %"
-        for name, load in found.inputs.items():
-            summary[f"missed.{name}"] = float(missed(load[:, None], found.frequency, h, config.simulate.method)[0])
-    summary |= {f"pressure.{name}": float(ring.pressure.max()) for name, ring in found.bearings.items()}
-    doubts = _warnings(own, config, summary, doubtful_drives(config, context.files))
+        for name, load in record.inputs.items():
+            summary[f"missed.{name}"] = float(missed(load[:, None], record.frequency, h, config.simulate.method)[0])
+    summary |= {f"pressure.{name}": float(ring.pressure.max()) for name, ring in record.bearings.items()}
+    doubts = _warnings(result, config, summary, doubtful_drives(config, context.files))
     return Output(
-        datasets=written(found, dataset_units(config, load_units(config, system.inputs))),
+        datasets=written(record, dataset_units(config, load_units(config, system.inputs))),
         summary=summary,
         message=text,
-        tables=(*(table for table in (_moved(own), _rings(own)) if table.rows), *warnings_table(doubts)),
+        tables=(*(table for table in (_moved(result), _rings(result)) if table.rows), *warnings_table(doubts)),
     )
 
 
-def _moved(own: Simulation) -> Table:
+def _moved(result: Simulation) -> Table:
     rows = tuple(
         (name, str(i), f"{1e3 * distance:.3g} mm")
-        for name, moved in own.sensors.moved.items()
+        for name, moved in result.sensors.moved.items()
         for i, distance in enumerate(moved, start=1)
     )
     return Table("gauges, moved to the surface by", ("sensor", "gauge", "moved"), rows)
 
 
-def _rings(own: Simulation) -> Table:
+def _rings(result: Simulation) -> Table:
     rows = []
-    for name, ring in own.found.bearings.items():
+    for name, ring in result.record.bearings.items():
         force = ring.worst.force
         balls = f"{int((force > 0).any(axis=1).sum())} of {len(force)}"
         rows.append((name, f"{ring.pressure.max() / 1e6:.5g} MPa", f"{ring.worst.time:.4g} s", balls))
     return Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rows))
 
 
-def _warnings(own: Simulation, config: BenchConfig, summary: Mapping[str, Scalar], drives: list[str]) -> list[str]:
-    said = [
+def _warnings(result: Simulation, config: BenchConfig, summary: Mapping[str, Scalar], drives: list[str]) -> list[str]:
+    doubts = [
         f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {float(summary['band']):.3g} Hz; take a smaller "
         "simulate.time_step, or leave out what is so quick"
-        for name in own.found.inputs
+        for name in result.record.inputs
         if (share := float(summary.get(f"missed.{name}", 0.0))) > MISSED
     ]
-    said += drives
-    said += overloaded(config, {name: float(ring.pressure.max()) for name, ring in own.found.bearings.items()})
+    doubts += drives
+    doubts += overloaded(config, {name: float(ring.pressure.max()) for name, ring in result.record.bearings.items()})
     settings = config.simulate
-    free = own.bench.system.size > own.bench.system.constrained
-    if free and settings.tolerance is None and own.turn > TURN[settings.method]:
-        said.append(f"a body turns by {own.turn:.3g} rad a step: {_turning(own.turn, settings)}")
-    return said
+    free = result.bench.system.size > result.bench.system.constrained
+    if free and settings.tolerance is None and result.turn > TURN[settings.method]:
+        doubts.append(f"a body turns by {result.turn:.3g} rad a step: {_turning(result.turn, settings)}")
+    return doubts
 
 
 def _turning(turn: float, settings: Simulate) -> str:

@@ -19,13 +19,13 @@ def run(context: Context[BenchConfig]) -> Output:
     assert estimate is not None  # a bench without it has no such stage
     truth = estimate.truth
     duration = truth.duration or estimate.duration or config.simulate.duration
-    found = truths_of(config, truth, duration, inputs.bodies(context), inputs.meshes(context), context)
-    steps, histories = len(found.time) - 1, len(found.begin)
+    truths = truths_of(inputs.bench(context), truth, duration, context)
+    steps, histories = len(truths.time) - 1, len(truths.begin)
     text = (
         f"{histories} histor{'y' if histories == 1 else 'ies'} of {steps} steps of {truth.step:g} s by Radau's method"
     )
     return Output(
-        datasets=written(found, {f"input {name}": unit for name, unit in load_units(config, found.inputs).items()}),
+        datasets=written(truths, {f"input {name}": unit for name, unit in load_units(config, truths.inputs).items()}),
         summary={"histories": histories, "steps": steps},
         message=text,
     )
@@ -33,12 +33,12 @@ def run(context: Context[BenchConfig]) -> Output:
 
 def truth_stage(duration: bool) -> Stage:
     """duration: whether the truth has a length of its own; it then does not read that of the estimate, and more runs share it."""
-    own = tuple(f"estimate.truth.{key}" for key in ("step", "histories", "within", "duration"))
+    keys = tuple(f"estimate.truth.{key}" for key in ("step", "histories", "within", "duration"))
     lengths = () if duration else ("estimate.duration", "simulate.duration")
     return Stage(
         "truth",
         version=2,
-        reads=("seed", "bodies", "frames", "joints", "bearings", "forces", *own, *lengths, *STARTS),
+        reads=("seed", "bodies", "frames", "joints", "bearings", "forces", *keys, *lengths, *STARTS),
         upstream=("import", "reduce"),
         files=HISTORIES,
         run=run,

@@ -1,181 +1,267 @@
-"""Loads and parameters of a bench from its sensors, by Kalman filters on the implicit step (thesis 2-4)."""
+"""Loads and parameters of a bench from its sensors, by Kalman filters on the implicit step (thesis 2-4); its channels by the
+others, and what its sensors cannot tell.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
+from functools import cached_property
 
 import numpy as np
 
-from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, MotionSensor, RelativeSensor, Sensor
+from strainsight.config.bench.bench import StrainSensorSection
 from strainsight.config.bench.estimate import FromFile
-from strainsight.config.estimate import Channel
-from strainsight.errors import ConfigError
-from strainsight.experiment.bench.bench import Bench, bench_of
-from strainsight.experiment.bench.inverse.balls import ring_watch, rings_estimated
-from strainsight.experiment.bench.inverse.filtering import Filtered, SmoothedLoads, by_bank, by_extended
-from strainsight.experiment.bench.inverse.hold_out import HeldOut, held_out, undistinguished, unfollowed
-from strainsight.experiment.bench.inverse.installed import Observed, misread, observed, toleranced
-from strainsight.experiment.bench.inverse.rest import free_zero, zero_of
-from strainsight.experiment.bench.inverse.trial import Trial, trial_of
-from strainsight.experiment.bench.inverse.truth import (
-    Reality,
-    drawn,
-    from_run,
-    like_those,
-    measurements,
-    reality_of,
-    simulated,
+from strainsight.errors import ConfigError, NumericalError
+from strainsight.experiment.bench.bench import Bench
+from strainsight.experiment.bench.inverse.filtering import (
+    FilteredRuns,
+    by_bank,
+    by_extended,
+    predicted,
+    ring_watch,
+    rings_estimated,
 )
-from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked, free_properties, has_bank, unknowns_of
-from strainsight.experiment.bench.loads import drives_of, load_units, loads_of
-from strainsight.experiment.bench.sensors import Sensors, sensors_of, some_of
-from strainsight.experiment.bench.simulation import refuse_spun
-from strainsight.experiment.recorded import signals_of
+from strainsight.experiment.bench.inverse.problem import (
+    BenchProblem,
+    corrects,
+    free_zero,
+    has_bank,
+    has_drives,
+    problem_of,
+    zero_of,
+)
+from strainsight.experiment.bench.inverse.trial import BenchTrial, trial_of
+from strainsight.experiment.bench.inverse.truth import Reality, measurements, reality_of, walked
+from strainsight.experiment.bench.sensors import channel_labels, misread
+from strainsight.experiment.bench.simulation import turns_in_a_step
+from strainsight.experiment.hold_out import LeftOut, held_out, left_out
 from strainsight.experiment.resources import Resources
-from strainsight.mesh.model import Mesh
-from strainsight.ordering import first_of_largest
-from strainsight.records.bench import BenchPlaced, BenchTruths, ReducedBody, RingEstimate, Simulated
-from strainsight.records.estimated import Compared
-
-SECTION = "estimate.measured"
-QUANTITY = {"position": "displacement", "velocity": "velocity"}
-"""Of a motion; of the direction of an axis a ratio."""
+from strainsight.multibody.coupled import coupled_modes, followed, missed
+from strainsight.multibody.inverse.linear import indistinct
+from strainsight.records.bench import BenchTruths, RingEstimate, Simulated
+from strainsight.records.estimated import HoldOut
 
 
 @dataclass(frozen=True)
-class Estimated:
-    """What a filter made of a reality.
+class FilteredBench:
+    """The `System` of a bench, all seeds at once from their first starts: y (T, B, m) of all runs; trial_with: the filter with
+    some channels (m,); mean (T + 1, size) of the first run, where the others have to tell the unknowns.
 
-    measured (T, B, m); time (T + 1,) [s]; mean, std (T + 1, B, size) of x, then offsets, NaN in diverged runs;
-    xi_covariance (T + 1, b, p, p);
-    nis (T, B) over the number of channels; lost (B,): the step that lost each run, −1 for none; reading
-    (T + 1, seeds, all channels) of every sensor at the estimate of a seed's first start; smoothed: loads of the first run by all
-    samples, of an extended filter; elsewhere: loads of the other bench (T + 1,) by input; rings: what every bearing does, by the
-    first run of an extended filter; compared: the parameters of the first run by bank and extended filter, where a bank has
-    filtered; without: every channel by the others, where that was asked for; done: what was done to measurements from a file;
-    notes: doubts. Sentences.
+        ŷ = h(x̂),     σ² = H P Hᵀ + R + Σₖ (H Sₖ − Dₖ x̂ − oₖ)²
+
+    x̂, P filtered from the other channels up to this sample, its own offset among the states with what is known of it beforehand;
+    R of one sample; S what installation of the others leaves x̂ off by, D x̂ + o what its own does to the reading (`considered`).
     """
 
-    bench: Bench
-    unknowns: Unknowns
-    trial: Trial
-    sensors: Sensors
-    used: Sensors
+    trial: BenchTrial
+    y: np.ndarray
+    trial_with: Callable[[np.ndarray], BenchTrial]
+    mean: np.ndarray
+
+    @property
+    def labels(self) -> tuple[str, ...]:
+        return channel_labels(self.trial.problem.used)
+
+    @property
+    def available(self) -> np.ndarray:
+        return self.trial.available
+
+    @cached_property
+    def measured(self) -> Sequence[np.ndarray]:
+        return (self.y[:, :: len(self.trial.problem.unknowns.starts)],)
+
+    @property
+    def parts(self) -> Sequence[np.ndarray]:
+        """A gauge with all its grids, a component of another sensor."""
+        parts: list[np.ndarray] = []
+        for name, channels in self.trial.problem.used.channels.items():
+            sensor = self.trial.problem.config.sensors[name]
+            grids = np.ones(channels.stop - channels.start, dtype=int)
+            if isinstance(sensor, StrainSensorSection) and sensor.gauges:
+                grids = np.array([len(gauge.angles) if gauge.angles else 1 for gauge in sensor.gauges])
+            parts += np.split(np.arange(channels.start, channels.stop), np.cumsum(grids)[:-1])
+        return parts
+
+    def by_others(self, part: np.ndarray) -> tuple[Sequence[tuple[np.ndarray, np.ndarray]], str]:
+        """None where the others cannot tell the unknowns, or a filter diverges."""
+        others = self.available.copy()
+        others[part] = False
+        if not others.any():
+            return (), "there is no other"
+        try:
+            trial = self.trial_with(others)
+            list(undistinguished(trial, self.mean))
+            mean, std, lost = predicted(trial.of_seeds(), self.measured[0], part)
+        except (ConfigError, NumericalError) as error:
+            return (), f"without it {error.key}: {error.what}" if error.key else f"without it: {error.what}"
+        if lost.any():
+            return (), f"without it {lost.sum()} of {len(lost)} runs diverge"
+        return ((mean, std),), ""
+
+
+INSTANTS = 5
+"""Of the run, evenly, at which the sensors are asked whether they tell the unknowns."""
+MISSED = 0.05
+"""Share of a load that the step may get wrong."""
+TURN = 0.1
+"""[rad] that a body may turn in a step which is linearised half-way."""
+
+
+def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
+    """Combinations of unknowns that no sensor separates at any of a few instants of the first run, mean (T + 1, size); raises
+    ConfigError, where the config does not allow for them."""
+    model, estimate = replace(trial.model, R=np.where(trial.available, trial.model.R, np.inf)), trial.problem.estimate
+    instants = np.flatnonzero(np.isfinite(mean).all(axis=1))
+    combinations: list[list[str]] = []
+    for k in (
+        np.unique(instants[np.linspace(0, len(instants) - 1, INSTANTS).round().astype(int)]) if len(instants) else []
+    ):
+        try:
+            combinations.append(indistinct(model, mean[k], min(k, len(model.known) - 1), trial.problem.names))
+        except NumericalError:
+            return  # nothing separates what decays from what does not: no statement
+        if not combinations[-1]:
+            return
+    if not combinations:
+        return
+    words = "; ".join(combinations[0])
+    if not estimate.allow_unobservable:
+        raise ConfigError(
+            f"the sensors cannot tell {words}, at none of {len(combinations)} instants of the run",
+            key="estimate.inputs" if estimate.inputs else "estimate.parameters",
+            remedy="give the filter another sensor, make one of them known, or set estimate.allow_unobservable: true",
+        )
+    yield f"the sensors cannot tell {words}: what is given of each rests on its first σ alone"
+
+
+def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
+    """Loads that the step does not follow, and bodies that turn too far in it, mean, std (T + 1, size) of the first run; raises
+    ConfigError, where the config does not allow for them.
+
+    A step that is taken for true gets wrong what its loads have above its band (`missed`): of a load that is known more than
+    MISSED; of one that is only estimated, whose spectrum is also that of its errors, more than its σ besides.
+    """
+    config = trial.problem.config
+    doubts = list(_turning(trial, mean) if corrects(config) else _missed(trial, reality, mean, std))
+    if doubts and not trial.problem.estimate.allow_unfollowed:
+        made_up_for = "" if corrects(config) or has_drives(config) else "method.step_error: estimated, "
+        raise ConfigError(
+            doubts[0],
+            key="estimate.time_step",
+            remedy=f"take a smaller estimate.time_step, {made_up_for}or set estimate.allow_unfollowed: true",
+        )
+    yield from (f"{text}: σ does not allow for that" for text in doubts)
+
+
+def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarray) -> Iterator[str]:
+    estimate, model, bench = trial.problem.estimate, trial.model, trial.problem.bench
+    if estimate.measured is None and estimate.truth.model not in ("fine", "other"):
+        return
+    x = mean[0]
+    u = np.array(model.known[0], dtype=float)
+    u[model.inputs] = x[model.u]
+    frequency = coupled_modes(bench.system, x[model.q], x[model.v], u, bench.theta).held_frequency
+    h, method = model.h, bench.config.simulate.method
+    if not len(frequency) or not np.isfinite(mean).all():
+        return
+    true = reality.inputs[:, 0]
+    for column, name in enumerate(bench.system.inputs):
+        known = bool(np.isfinite(true[:, column]).all())
+        at = np.flatnonzero(model.inputs == column)
+        load = true[:, column] if known else mean[:, model.u[at[0]]] if len(at) else model.known[:, column]
+        share = float(missed(load[:, None], frequency, h, method)[0])
+        if share <= MISSED:
+            continue
+        size, claimed = float(np.std(load)), float(np.median(std[1:, model.u[at[0]]])) if len(at) else 0.0
+        if known or not len(at) or share * size > claimed:
+            yield (
+                f"the step of {h:g} s follows loads up to {followed(frequency, h, method):.3g} Hz, and of {name} it gets "
+                f"{100 * share:.2g} % wrong"
+            )
+
+
+def _turning(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
+    h = trial.model.h
+    for name, turn in turns_in_a_step(trial.problem.bench, mean[:, trial.model.v], h).items():
+        if turn > TURN:
+            yield f"{name} turns by {turn:.2g} rad in a step of {h:g} s, which is linearised for at most {TURN:g}"
+
+
+@dataclass(frozen=True)
+class BenchEstimation:
+    """What a filter made of a reality.
+
+    measured (T, B, m); filtered; reading (T + 1, seeds, all channels) of every sensor at the
+    estimate of a seed's first start; rings: what every bearing does, by the first run of an extended filter; without: every
+    channel by the others, where that was asked for; notes: doubts. Sentences.
+    """
+
+    trial: BenchTrial
     reality: Reality
     measured: np.ndarray
-    time: np.ndarray
-    mean: np.ndarray
-    std: np.ndarray
-    xi_covariance: np.ndarray
-    nis: np.ndarray
-    lost: np.ndarray
+    filtered: FilteredRuns
     reading: np.ndarray
-    smoothed: SmoothedLoads | None
-    elsewhere: Mapping[str, np.ndarray]
     rings: dict[str, RingEstimate]
-    compared: Compared | None
-    without: HeldOut | None
-    done: tuple[str, ...]
+    without: HoldOut | None
     notes: tuple[str, ...]
 
+    @property
+    def problem(self) -> BenchProblem:
+        return self.trial.problem
 
-def estimated(
-    config: BenchConfig,
-    reduced: Mapping[str, ReducedBody],
-    meshes: Mapping[str, Mesh],
-    placed: BenchPlaced | None,
-    there: Simulated | None,
-    truths: BenchTruths | None,
-    using: Resources,
-) -> Estimated:
-    """Simulate or take the measurements, run the filter on them; there: the other bench of `estimate.measured`; truths: by
-    another integrator, where these stand for reality."""
-    estimate = asked(config)
-    bench = bench_of(config, reduced, meshes, free_properties(estimate))
-    sensors = sensors_of(config, bench, reduced, meshes, placed)
-    used = some_of(bench, sensors, list(estimate.sensors))
-    errors = toleranced(config, reduced, meshes, placed, used)
-    seen, eta = observed(bench, sensors, errors), dict[str, np.ndarray]()
-    h = estimate.time_step or config.simulate.time_step
-    steps = round((estimate.duration or config.simulate.duration) / h)
-    time = h * np.arange(steps + 1)
-    unknowns = unknowns_of(config, bench, h)
-    loads = loads_of(config, bench, using.files)
-    drives = drives_of(config, bench, using.files)
-    known, second = loads(time), drives(time)[:, 2].T
-    refuse_spun(config, bench, known, "estimate")
-    zeroing = known[0].copy()
-    heaviest = known[first_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
-    for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
-        guess = estimate.inputs[name].guess
-        known[:, column] = known[0, column] if guess is None else guess
+    @property
+    def starts(self) -> int:
+        """Runs of one seed."""
+        return len(self.problem.unknowns.starts)
 
-    def progress_of(share: float) -> None:
-        using.progress("truth", 0.3 * share)
+    @property
+    def xi_covariance(self) -> np.ndarray:
+        """Of the parameters (T + 1, b, p, p)."""
+        loads = len(self.problem.unknowns.inputs)
+        return self.filtered.joint[:, :, loads:, loads:]
 
-    reality: Reality | None = None
-    elsewhere: dict[str, np.ndarray] = {}
-    first: np.ndarray | None = None
-    done: tuple[str, ...] = ()
-    if estimate.measured is not None:
-        own = {name: (config.sensors[name], part.stop - part.start) for name, part in used.channels.items()}
-        if isinstance(estimate.measured, FromFile):
-            read, done = from_file(using.files["estimate.measured.file"], estimate.measured, own, h, steps)
-        else:
-            assert there is not None
-            units = load_units(config, estimate.inputs)
-            others = {
-                name: (config.sensors[name], part.stop - part.start)
-                for name, part in sensors.channels.items()
-                if name not in own
-            }
-            beside = like_those(there, estimate.measured, others)
-            read, elsewhere = from_run(there, estimate.measured, own | beside, units, h, steps)
-        readings = np.full((steps, 1, len(sensors.zeroed)), np.nan)
-        for name, values in read.items():
-            readings[:, 0, sensors.channels[name]] = values[1:]
-        first = np.concatenate([read[name][0] for name in used.channels])
-        nowhere = np.full((steps + 1, 1, len(bench.system.inputs)), np.nan)
-        reality = Reality(nowhere, np.full((1, len(bench.theta)), np.nan), readings)
-    elif truths is not None:
-        reality = reality_of(truths, bench, seen.readings, seen.zeroed, h, steps, estimate.runs)
-        reality, eta = _apart(reality, seen)
-    elif estimate.truth.model != "walk":
-        substeps = estimate.truth.substeps if estimate.truth.model == "fine" else 1
-        reality = simulated(
-            bench, seen.readings, seen.zeroed, config.simulate, loads, drives, h, steps, substeps, progress_of
-        )
-        reality, eta = _apart(reality, seen)
-    among = np.concatenate([np.arange(len(sensors.zeroed))[sensors.channels[name]] for name in used.channels])
-    runs, starts = estimate.runs, len(unknowns.starts)
-    largest = np.zeros(len(among))
+    def true_load(self, name: str) -> np.ndarray:
+        """Of every run (T + 1, B), NaN where it is not known: truths are one for all or one a seed, starts run within a seed."""
+        inputs, runs = self.reality.inputs, self.measured.shape[1]
+        true = inputs[:, :, self.problem.bench.system.inputs.index(name)]
+        return np.repeat(true, runs // true.shape[1], axis=1)
+
+    def place(self, name: str) -> int:
+        """Of a parameter that is estimated, among those of the system."""
+        return self.problem.bench.system.parameters.index(self.problem.unknowns.parameters[name])
+
+    def true_parameter(self, name: str) -> np.ndarray:
+        """Of every run (B,), NaN where it is not known."""
+        true = self.reality.theta[:, self.place(name)]
+        return np.repeat(true, self.measured.shape[1] // len(true))
+
+    @property
+    def held_out(self) -> tuple[LeftOut, ...]:
+        """What the others say of every channel, over all seeds; none where that was not asked for."""
+        return left_out(self.without, channel_labels(self.problem.used), self.measured[:, :: self.starts])
+
+
+def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None, using: Resources) -> BenchEstimation:
+    """Simulate or take the measurements, run the filter on them; other: the bench of `estimate.measured`; truths: by another
+    integrator, where these stand for reality."""
+    problem = problem_of(bench, using.files)
+    estimate, among = problem.estimate, problem.among
+    reality = reality_of(problem, other, truths, using.files, lambda share: using.progress("truth", 0.3 * share))
+    largest, first, available = np.zeros(len(among)), None, _given(problem)
     if reality is not None:
-        largest = np.nan_to_num(np.abs(reality.readings[:, :, among])).max(axis=(0, 1))
-    given = _given(config, used, placed)
-    if reality is not None:
-        given &= np.isfinite(reality.readings[:, :, among]).any(axis=(0, 1))
+        read, first = reality.readings[:, :, among], reality.first
+        largest = np.nan_to_num(np.abs(read)).max(axis=(0, 1))
+        available &= np.isfinite(read).any(axis=(0, 1))
 
-    def trial_with(there: np.ndarray) -> Trial:
-        begun = None if first is None else np.where(there, first, np.nan)
-        return trial_of(
-            config, bench, used, unknowns, known, second, largest, heaviest, zeroing, begun, there, errors, h
-        )
+    def trial_with(channels: np.ndarray) -> BenchTrial:
+        return trial_of(problem, largest, first, channels)
 
-    trial = trial_with(given)
+    trial = trial_with(available)
     if reality is None:
-        reality = _walked(trial, used, sensors, known, runs, config.seed)
-    simulated_noise = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
-    y = measurements(reality.readings[:, :, among], trial.noise, runs, starts, config.seed, simulated_noise)
-    if simulated_noise and estimate.measured is None:
-        too_much = trial.offsets.drawn(steps, runs, len(among), config.seed)
-        if eta:
-            too_much = too_much + misread(config, used, errors, eta, runs)
-        y += np.repeat(too_much, starts, axis=1)
-    y[:, :, ~given] = np.nan
-
-    until = 1.0 if estimate.hold_out is None else 1 / (1 + given.sum())
+        reality = walked(trial)
+    y = _samples(trial, reality)
+    until = 1.0 if estimate.hold_out is None else 1 / (1 + available.sum())
 
     def filtering(share: float) -> None:
         using.progress("filter", 0.3 + 0.7 * until * share)
@@ -183,130 +269,59 @@ def estimated(
     def leaving(what: str, share: float) -> None:
         using.progress(what, 0.3 + 0.7 * (until + (1 - until) * share))
 
-    watch = ring_watch(config, bench, trial.model, steps)
-    found = (
-        by_bank(estimate.method, trial, unknowns, y, filtering)
-        if has_bank(config)
-        else by_extended(estimate.method, trial, y, filtering, watch)
-    )
-    doubts = (
-        *undistinguished(config, trial, given, unknowns, found.mean[:, 0]),
-        *unfollowed(config, bench, trial, reality, found.mean[:, 0], found.std[:, 0]),
-    )
+    watch = ring_watch(bench, trial.model, problem.steps)
+    bank = has_bank(problem.config)
+    filtered = by_bank(trial, y, filtering) if bank else by_extended(trial, y, filtering, watch)
+    mean = filtered.mean[:, 0]
+    doubts = (*undistinguished(trial, mean), *unfollowed(trial, reality, mean, filtered.std[:, 0]))
     without = None
     if estimate.hold_out is not None:
-
-        def tells(by: Trial, there: np.ndarray) -> None:
-            list(undistinguished(config, by, there, unknowns, found.mean[:, 0]))
-
-        without = held_out(config, estimate.method, used, given, y, trial_with, tells, starts, leaving)
-    reading = _expected(config, bench, sensors, unknowns, trial, found, among, zeroing)
-    nis = found.nis / np.maximum(np.isfinite(y).sum(axis=2), 1)
-    return Estimated(
-        bench, unknowns, trial, sensors, used, reality, y, time, found.mean, found.std,
-        found.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :], nis, found.lost, reading,
-        found.smoothed, elsewhere, rings_estimated(config, bench, watch), found.compared, without, done,
-        (*doubts, *trial.notes, *found.notes),
-    )  # fmt: skip
+        (without,) = held_out(FilteredBench(trial, y, trial_with, mean), leaving)
+    reading = _expected(trial, filtered.mean)
+    rings = rings_estimated(bench, watch)
+    return BenchEstimation(
+        trial, reality, y, filtered, reading, rings, without, (*doubts, *trial.notes, *filtered.notes)
+    )
 
 
-def _apart(reality: Reality, seen: Observed) -> tuple[Reality, dict[str, np.ndarray]]:
-    """What sensors read there, and the coordinates of the bodies under gauges that have tolerances, by their sensor."""
-    eta = {name: reality.readings[:, :, columns] for name, columns in seen.eta.items()}
-    return replace(reality, readings=reality.readings[:, :, seen.own]), eta
+def _samples(trial: BenchTrial, reality: Reality) -> np.ndarray:
+    """What the filter is given (T, B, m), NaN of channels that it has not."""
+    problem, estimate = trial.problem, trial.problem.estimate
+    runs, starts, seed = estimate.runs, len(problem.unknowns.starts), problem.config.seed
+    noisy = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
+    y = measurements(reality.readings[:, :, problem.among], trial.noise, runs, starts, seed, noisy)
+    if noisy and estimate.measured is None:
+        too_much = trial.offsets.drawn(problem.steps, runs, y.shape[2], seed)
+        if problem.errors and reality.q is not None:
+            too_much = too_much + misread(problem.bench, problem.used, problem.errors, reality.q, runs)
+        y += np.repeat(too_much, starts, axis=1)
+    y[:, :, ~trial.available] = np.nan
+    return y
 
 
-def _given(config: BenchConfig, used: Sensors, placed: BenchPlaced | None) -> np.ndarray:
+def _given(problem: BenchProblem) -> np.ndarray:
     """Which channels (m,) of its sensors the filter has: of those that take a layout the components that are in it."""
-    found = np.ones(len(used.zeroed), dtype=bool)
-    for name, entry in asked(config).sensors.items():
+    channels = np.ones(len(problem.used.zeroed), dtype=bool)
+    for name, entry in problem.estimate.sensors.items():
         if entry.layout is not None:
-            assert placed is not None
-            there, own = placed.layout(entry.layout).sensor, used.channels[name]
-            found[own] = False
-            found[own.start : own.start + 3] = [f"{name}.{axis}" in there for axis in "xyz"]
-    return found
+            assert problem.bench.placed is not None
+            placed, part = problem.bench.placed.layout(entry.layout).sensor, problem.used.channels[name]
+            channels[part] = False
+            channels[part.start : part.start + 3] = [f"{name}.{axis}" in placed for axis in "xyz"]
+    return channels
 
 
-def _expected(
-    config: BenchConfig,
-    bench: Bench,
-    sensors: Sensors,
-    unknowns: Unknowns,
-    trial: Trial,
-    found: Filtered,
-    among: np.ndarray,
-    zeroing: np.ndarray,
-) -> np.ndarray:
-    """What all sensors read by the estimate of the first start of every seed (T + 1, seeds, channels), zeroed ones less
-    their zero by the parameters of that instant, those of the filter (`among` all) with their offsets; NaN where the run
-    diverges."""
-    model, zero = trial.model, free_zero(config, bench, sensors, unknowns, zeroing)
-    constant = zero_of(config, bench, sensors, unknowns, unknowns.starts[0], zeroing) if zero is None else 0.0
-    first = found.mean[:, :: len(unknowns.starts)]
+def _expected(trial: BenchTrial, mean: np.ndarray) -> np.ndarray:
+    """What all sensors read by the estimate of the first start of every seed (T + 1, seeds, channels), zeroed ones less their
+    zero by the parameters of that instant, those of the filter with their offsets; NaN where the run diverges."""
+    problem, model, sensors = trial.problem, trial.model, trial.problem.sensors
+    zero = free_zero(problem, sensors)
+    constant = zero_of(problem, sensors, problem.unknowns.starts[0]) if zero is None else 0.0
+    first = mean[:, :: len(problem.unknowns.starts)]
     reading = np.full((*first.shape[:2], len(sensors.zeroed)), np.nan)
     for at in np.ndindex(first.shape[:2]):
         if np.isfinite(x := first[at]).all():
             taken_off = constant if zero is None else zero(x[model.xi])[0]
             reading[at] = model.read(sensors.readings, x, at[0])[0] - taken_off
-            reading[at][among[trial.offsets.at]] += x[model.size :]
+            reading[at][problem.among[trial.offsets.at]] += x[model.size :]
     return reading
-
-
-def _walked(trial: Trial, used: Sensors, sensors: Sensors, known: np.ndarray, runs: int, seed: int) -> Reality:
-    """Drawn truths; sensors that the filter has not are not read."""
-    found = drawn(trial.model, trial.start[:runs], trial.covariance[:runs], known, runs, seed)
-    readings = np.full((len(known) - 1, runs, len(sensors.zeroed)), np.nan)
-    for name, own in used.channels.items():
-        readings[:, :, sensors.channels[name]] = found.readings[:, :, own]
-    return Reality(found.inputs, found.theta, readings)
-
-
-def from_file(
-    path: Path, settings: FromFile, own: Mapping[str, tuple[Sensor, int]], h: float, steps: int
-) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
-    """Readings at 0, h, … (T + 1, components) of every sensor, NaN where nothing was measured, and what was done to them.
-
-    own: sensors of the filter with their number of components; the first sample of the file is the start. Raises ConfigError for
-    a channel of another quantity, a sensor with another number of components, and a file that ends before the estimate.
-    """
-    wanted: dict[str, Channel] = {}
-    for name, (_, count) in own.items():
-        entries, key = settings.channels[name], f"{SECTION}.channels.{name}"
-        if len(entries) != count:  # of a placed layout nobody knew before
-            raise ConfigError(
-                f"{len(entries)} channels for {count} components",
-                key=key,
-                remedy="give a channel for each, in their order; null where one was not measured",
-            )
-        wanted |= {f"{key}.{i}": entry for i, entry in enumerate(entries) if entry is not None}
-    signals = signals_of(settings, SECTION, path, wanted, step=h)
-    if len(signals.time) <= steps:
-        end = signals.time[-1] - signals.time[0]
-        raise ConfigError(
-            f"the file ends after {end:.6g} s, the estimate after {h * steps:.6g} s",
-            key=f"{SECTION}.file",
-            remedy=f"set estimate.duration to at most {end:.6g}",
-        )
-    read = {name: np.full((steps + 1, count), np.nan) for name, (_, count) in own.items()}
-    for (key, entry), found, values in zip(wanted.items(), signals.quantities, signals.values.T, strict=True):
-        name, component = key.removeprefix(f"{SECTION}.channels.").rsplit(".", 1)
-        if found != (should := _quantity(own[name][0], int(component))):
-            raise ConfigError(
-                f"the channel is in {entry.unit}, {found}, but component {int(component) + 1} of {name} is of the kind {should}",
-                key=f"{key}.unit",
-                remedy="check the unit, and the order of the components",
-            )
-        read[name][:, int(component)] = values[: steps + 1]
-    more = len(signals.time) - 1 - steps
-    notes = [f"{more} samples of the file behind the end of the estimate were left out"] if more else []
-    return read, (*signals.notes, *notes)
-
-
-def _quantity(sensor: Sensor, component: int) -> str:
-    """What a component is."""
-    if isinstance(sensor, RelativeSensor):
-        return "displacement" if component < 3 else "angle"
-    if isinstance(sensor, AccelerationSensor):
-        return "acceleration"
-    return QUANTITY.get(sensor.quantity, "ratio") if isinstance(sensor, MotionSensor) else "strain"

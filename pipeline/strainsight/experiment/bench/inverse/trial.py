@@ -6,17 +6,24 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.linalg import block_diag
 
-from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, MotionSensor
+from strainsight.config.bench.bench import AccelerationSensor, MotionSensor
 from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.errors import ConfigError, NumericalError, UserError, blame
 from strainsight.estimation.model import StepModel
 from strainsight.estimation.reduced import Biased, bordered
 from strainsight.experiment.bench.bench import Bench, start_of
-from strainsight.experiment.bench.inverse.installed import Toleranced, rows_of
-from strainsight.experiment.bench.inverse.rest import free_zero, loads_at_rest, moved_at_rest, zero_of
-from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked, corrects, has_other_poses
-from strainsight.experiment.bench.sensors import Sensors
+from strainsight.experiment.bench.inverse.problem import (
+    BenchProblem,
+    corrects,
+    free_zero,
+    has_other_poses,
+    loads_at_rest,
+    moved_at_rest,
+    zero_of,
+)
+from strainsight.experiment.bench.sensors import Sensors, rows_of
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import start_covariance, white_force
 
@@ -25,7 +32,7 @@ DRAWN = 4
 
 
 @dataclass(frozen=True)
-class Offsets:
+class ChannelOffsets:
     """at (k,): channels that have an offset; std (k,): σ of it at the start, walk (k,): of its change in a step [unit of
     each]."""
 
@@ -37,13 +44,10 @@ class Offsets:
         """Of [x, b]."""
         return Biased(base, self.at, self.walk**2) if len(self.at) else base
 
-    def start(self, x: np.ndarray) -> np.ndarray:
-        """x (…, size) with offsets of zero behind."""
-        return np.concatenate([x, np.zeros((*x.shape[:-1], len(self.at)))], axis=-1)
-
-    def covariance(self, P: np.ndarray) -> np.ndarray:
-        """P (…, size, size) with that of the offsets."""
-        return bordered(P, np.diag(self.std**2)) if len(self.at) else P
+    def behind(self, x: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x (…, size) with offsets of zero behind, and P (…, size, size) with theirs."""
+        whole = np.concatenate([x, np.zeros((*x.shape[:-1], len(self.at)))], axis=-1)
+        return whole, bordered(P, np.diag(self.std**2)) if len(self.at) else P
 
     def projected(self, base: AugmentedStep) -> Callable[[np.ndarray, int], np.ndarray]:
         """That of the state, with offsets as they are."""
@@ -55,22 +59,24 @@ class Offsets:
 
     def drawn(self, steps: int, runs: int, channels: int, seed: int) -> np.ndarray:
         """What every channel reads too much (steps, runs, channels), anew for every run."""
-        found = np.zeros((steps, runs, channels))
+        offsets = np.zeros((steps, runs, channels))
         for run in range(runs if len(self.at) else 0):
             draw = np.random.default_rng((seed, run, DRAWN))
             first = self.std * draw.standard_normal(len(self.at))
-            found[:, run, self.at] = first + np.cumsum(self.walk * draw.standard_normal((steps, len(self.at))), axis=0)
-        return found
+            offsets[:, run, self.at] = first + np.cumsum(
+                self.walk * draw.standard_normal((steps, len(self.at))), axis=0
+            )
+        return offsets
 
 
-def offsets_of(config: BenchConfig, used: Sensors, h: float) -> Offsets:
-    """As `estimate.sensors` states them, h [s] the filter's step."""
-    std, rate = np.zeros((2, len(used.zeroed)))
-    for name, own in used.channels.items():
-        entry = asked(config).sensors[name]
-        std[own], rate[own] = np.asarray(entry.bias, dtype=float), np.asarray(entry.drift, dtype=float)
+def offsets_of(problem: BenchProblem) -> ChannelOffsets:
+    """As `estimate.sensors` states them."""
+    std, rate = np.zeros((2, len(problem.used.zeroed)))
+    for name, part in problem.used.channels.items():
+        entry = problem.estimate.sensors[name]
+        std[part], rate[part] = np.asarray(entry.bias, dtype=float), np.asarray(entry.drift, dtype=float)
     at = np.flatnonzero((std > 0) | (rate > 0))
-    return Offsets(at, std[at], rate[at] * np.sqrt(h))
+    return ChannelOffsets(at, std[at], rate[at] * np.sqrt(problem.h))
 
 
 FLOOR = 1e-8
@@ -89,86 +95,88 @@ STILL = 1e-9
 
 
 @dataclass(frozen=True)
-class Trial:
-    """model; start (B, size), covariance (B, size, size): of every run, seeds outside and starts inside; begin: parameters
-    ξ (b, p) → the start (b, size) and its covariance (b, size, size) given them, NaN where there is none; noise (m,) σ of the
-    readings; offsets of channels, of which model and start know nothing; installed: D, o of `rows_of`; notes: what was done to
-    the config's wishes, in words."""
+class BenchTrial:
+    """available (m,): channels of the problem's filter that it has; model; start (B, size), covariance (B, size, size): of every
+    run, seeds outside and starts inside, with `offsets` of channels behind, of which the model knows nothing; guess (width,):
+    loads at the start; noise (m,) σ of the readings; installed: D, o of `rows_of`; notes: what was done to the config's wishes,
+    in words."""
 
+    problem: BenchProblem
+    available: np.ndarray
     model: AugmentedStep
     start: np.ndarray
     covariance: np.ndarray
-    begin: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
+    guess: np.ndarray
     noise: np.ndarray
-    offsets: Offsets
+    offsets: ChannelOffsets
     installed: tuple[np.ndarray, np.ndarray]
     notes: tuple[str, ...]
 
+    def begin(self, xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """x and its covariance at the start, as of `start`, of parameters ξ (B, p) that are known; NaN where rest is
+        not found."""
+        model = self.model
+        x, P = np.full((len(xi), model.size), np.nan), np.zeros((len(xi), model.size, model.size))
+        for i, values in enumerate(xi):
+            try:
+                theta = model.coordinates.theta(values)[0]
+                x[i], P[i] = _start(self.problem, model, self.guess, theta, np.zeros(len(values)))
+            except (NumericalError, UserError):
+                continue
+            x[i, model.xi] = values
+        return self.offsets.behind(x, P)
 
-def trial_of(
-    config: BenchConfig,
-    bench: Bench,
-    used: Sensors,
-    unknowns: Unknowns,
-    known: np.ndarray,
-    second: np.ndarray,
-    largest: np.ndarray,
-    heaviest: np.ndarray,
-    zeroing: np.ndarray,
-    first: np.ndarray | None,
-    given: np.ndarray,
-    errors: tuple[Toleranced, ...],
-    h: float,
-) -> Trial:
-    """The filter of `estimate`; known (T + 1, nu) all loads as the filter knows them, guesses in the columns of unknown ones;
-    second (T + 1, nd): p̈ of driven joints;
-    largest (m,) reading of every channel without noise; heaviest (nu,): loads under which a parameter has to be felt;
-    zeroing (nu,): those under which gauges were zeroed at rest, which a test knows; first (m,): what was measured at the
-    start, which guesses that the config leaves open have to explain at rest; given (m,): the
-    channels that the filter has; errors: of gauges.
+    def of_seeds(self) -> BenchTrial:
+        """With the first start of every seed."""
+        first = slice(None, None, len(self.problem.unknowns.starts))
+        model = replace(self.model, offset=self.model.offset[first])
+        return replace(self, model=model, start=self.start[first], covariance=self.covariance[first])
+
+
+def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | None, available: np.ndarray) -> BenchTrial:
+    """The filter of `estimate`; largest (m,) reading of every channel without noise; first (m,): what was measured at the start,
+    which guesses that the config leaves open have to explain at rest; available (m,): the channels that the filter has.
 
     Every start is the one of the simulation, with what the filter takes the parameters and loads for; where it is an
     equilibrium, its covariance says what badly known loads and parameters do to it.
     """
-    channels, guess, runs = used.readings, known[0].copy(), asked(config).runs
+    config, estimate, bench, unknowns = problem.config, problem.estimate, problem.bench, problem.unknowns
+    used, errors, guess, runs = problem.used, problem.errors, problem.known[0].copy(), problem.estimate.runs
     model = AugmentedStep(
-        bench.system, channels, np.zeros(len(largest)), config.simulate.method,
-        known, unknowns.inputs, unknowns.loads, unknowns.coordinates, white_force(bench.system, asked(config).disturbance),
+        bench.system, used.readings, np.zeros(len(largest)), config.simulate.method,
+        problem.known, unknowns.inputs, unknowns.loads, unknowns.coordinates,
+        white_force(bench.system, estimate.disturbance),
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
-        rest=config.simulate.start == "equilibrium" and _begins_at_rest(bench, known), corrected=corrects(config),
-        printed=asked(config).method.noise == "as_printed", second=second,
+        rest=config.simulate.start == "equilibrium" and _begins_at_rest(bench, problem.known),
+        corrected=corrects(config), printed=estimate.method.noise == "as_printed",
+        second=problem.drives(problem.time)[:, 2].T,
     )  # fmt: skip
     raised_by = guess.copy()
     raised_by[unknowns.inputs] += unknowns.std_u
-    moved, unsolved = moved_at_rest(config, bench, channels, unknowns, (guess, heaviest, raised_by))
-    noise, raised = _noise(asked(config), used, largest, moved.max(axis=1, initial=0.0))
-    notes = (*raised, *_felt(config, unknowns, used, given, moved / noise[:, None], unsolved))
-    with blame("estimate"):
-        at_zero = start_of(replace(bench, theta=unknowns.starts[0]), config.simulate, zeroing)[0] if errors else None
-    still = np.zeros(bench.system.size) if at_zero is None else at_zero
-    biased, rows = offsets_of(config, used, h), rows_of(bench, used, errors, still)
-    if first is not None:
-        first = first.copy()
-        first[biased.at] = np.nan  # what it reads too much would be taken for a load
+    moved, unsolved = moved_at_rest(problem, (guess, problem.heaviest, raised_by))
+    noise, raised = _noise(estimate, used, largest, moved.max(axis=1, initial=0.0))
+    notes = (*raised, *_felt(problem, available, moved / noise[:, None], unsolved))
+    at_zero = np.zeros(bench.system.size)
+    if errors:
+        with blame("estimate"):
+            at_zero = start_of(bench.at(unknowns.starts[0]), problem.zeroing)[0]
+    offsets, installed = offsets_of(problem), rows_of(bench, used, errors, at_zero)
     if first is not None and config.simulate.start == "equilibrium":
-        guess = loads_at_rest(config, bench, channels, unknowns, guess, first, noise)
-    states, covariances, offsets = [], [], []
+        first = np.where(available, first, np.nan)
+        first[offsets.at] = np.nan  # what it reads too much would be taken for a load
+        guess = loads_at_rest(problem, guess, first, noise)
+    states, covariances, zeros = [], [], []
     for theta in unknowns.starts:
-        x, P = _start(config, bench, model, unknowns, guess, theta, unknowns.std)
+        x, P = _start(problem, model, guess, theta, unknowns.std)
         states.append(x)
         covariances.append(P)
-        offsets.append(zero_of(config, bench, used, unknowns, theta, zeroing))
-    zero = free_zero(config, bench, used, unknowns, zeroing)
+        zeros.append(zero_of(problem, used, theta))
+    zero = free_zero(problem, used)
     if zero is not None:
-        model, offsets = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
-    model = replace(model, offset=np.tile(offsets, (runs, 1)), R=noise**2)
-
-    def begin(xi: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        return _starts_given(config, bench, model, unknowns, guess, xi)
-
-    return Trial(
-        model, np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)), begin, noise, biased, rows, notes
-    )
+        model, zeros = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
+    model = replace(model, offset=np.tile(zeros, (runs, 1)), R=noise**2)
+    start, covariance = offsets.behind(np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)))
+    return BenchTrial(problem, available, model, start, covariance, guess, noise, offsets, installed, notes)
 
 
 def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
@@ -178,36 +186,17 @@ def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
 
 
 def _start(
-    config: BenchConfig,
-    bench: Bench,
-    model: AugmentedStep,
-    unknowns: Unknowns,
-    guess: np.ndarray,
-    theta: np.ndarray,
-    std: np.ndarray,
+    problem: BenchProblem, model: AugmentedStep, guess: np.ndarray, theta: np.ndarray, std: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
     """x (size,) and its covariance at the start, of parameters θ (nθ,) known to std (p,)."""
+    unknowns = problem.unknowns
     with blame("estimate"):
-        q, v = start_of(replace(bench, theta=theta), config.simulate, guess)
-        return model.pack(q, v, guess[unknowns.inputs], theta), _covariance(
-            config, model, unknowns, q, guess, theta, std
-        )
-
-
-def _starts_given(
-    config: BenchConfig, bench: Bench, model: AugmentedStep, unknowns: Unknowns, guess: np.ndarray, xi: np.ndarray
-) -> tuple[np.ndarray, np.ndarray]:
-    """x (B, size) and its covariance (B, size, size) at the start, of parameters ξ (B, p) that are known; NaN where rest is not
-    found."""
-    x, P = np.full((len(xi), model.size), np.nan), np.zeros((len(xi), model.size, model.size))
-    for i, own in enumerate(xi):
-        try:
-            theta = model.coordinates.theta(own)[0]
-            x[i], P[i] = _start(config, bench, model, unknowns, guess, theta, np.zeros(len(own)))
-        except (NumericalError, UserError):
-            continue
-        x[i, model.xi] = own
-    return x, P
+        q, v = start_of(problem.bench.at(theta), guess)
+        x, spread = model.pack(q, v, guess[unknowns.inputs], theta), unknowns.coordinates.covariance(theta, std)
+        if problem.config.simulate.start == "equilibrium":
+            known = unknowns.coordinates, unknowns.inputs, unknowns.std_u
+            return x, model.spread(start_covariance(model.system, q, guess, theta, *known, spread))
+    return x, model.spread(block_diag(np.zeros((model.v.stop,) * 2), np.diag(unknowns.std_u**2), spread))
 
 
 def _noise(
@@ -216,14 +205,16 @@ def _noise(
     """σ of every channel (m,), and which were raised; moved (m,): by one σ of an unknown."""
     noise, notes = np.empty(len(largest)), []
     least = np.maximum(np.maximum(FLOOR * largest, SPAN * moved), NOTHING)
-    for name, own in used.channels.items():
-        stated = np.broadcast_to(np.asarray(estimate.sensors[name].noise, dtype=float), own.stop - own.start)
-        noise[own] = np.maximum(stated, least[own])
-        if not (raised := stated < least[own]).any():
+    for name, part in used.channels.items():
+        stated = np.broadcast_to(np.asarray(estimate.sensors[name].noise, dtype=float), part.stop - part.start)
+        noise[part] = np.maximum(stated, least[part])
+        if not (raised := stated < least[part]).any():
             continue
-        low, high = float(stated[raised].min()), float(least[own][raised].max())
+        low, high = float(stated[raised].min()), float(least[part][raised].max())
         if low > 0 and high > FAR * low:
-            raise _too_quiet(f"estimate.sensors.{name}.noise", low, float(moved[own].max()), float(largest[own].max()))
+            raise _too_quiet(
+                f"estimate.sensors.{name}.noise", low, float(moved[part].max()), float(largest[part].max())
+            )
         notes.append(
             f"the noise of {name} is raised from {low:.3g} to {high:.3g}, below which a filter only explains rounding"
         )
@@ -244,52 +235,28 @@ def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigEr
     )
 
 
-def _covariance(
-    config: BenchConfig,
-    model: AugmentedStep,
-    unknowns: Unknowns,
-    q: np.ndarray,
-    u: np.ndarray,
-    theta: np.ndarray,
-    std: np.ndarray,
-) -> np.ndarray:
-    spread = unknowns.coordinates.covariance(theta, std)
-    if config.simulate.start == "equilibrium":
-        return model.spread(
-            start_covariance(model.system, q, u, theta, unknowns.coordinates, unknowns.inputs, unknowns.std_u, spread)
-        )
-    n, nu = model.v.stop, len(unknowns.inputs)
-    P = np.zeros((n + nu + len(spread),) * 2)
-    P[n : n + nu, n : n + nu], P[n + nu :, n + nu :] = np.diag(unknowns.std_u**2), spread
-    return model.spread(P)
-
-
 def _felt(
-    config: BenchConfig,
-    unknowns: Unknowns,
-    used: Sensors,
-    given: np.ndarray,
-    moved: np.ndarray,
-    unsolved: NumericalError | None,
+    problem: BenchProblem, available: np.ndarray, moved: np.ndarray, unsolved: NumericalError | None
 ) -> tuple[str, ...]:
     """Refuse an unknown that no sensor feels at rest, and name sensors that feel none; moved (m, nu + p) in σ of the noise, by
-    channels that are given (m,); unsolved: raised in place of a refusal, where an unknown may be felt under loads of which rest
-    was not found.
+    channels that are available (m,); unsolved: raised in place of a refusal, where an unknown may be felt under loads of which
+    rest was not found.
 
     Where the start is no equilibrium, a sensor measures a velocity or an acceleration, or drives or gravity take the bench to
     other poses, rest says nothing: `undistinguished` asks along the run.
     """
-    there = [config.sensors[name] for name, own in used.channels.items() if given[own].any()]
+    config, estimate, unknowns, channels = problem.config, problem.estimate, problem.unknowns, problem.used.channels
+    sensors = [config.sensors[name] for name, part in channels.items() if available[part].any()]
     moving = any(
-        isinstance(own, AccelerationSensor) or (isinstance(own, MotionSensor) and own.quantity == "velocity")
-        for own in there
+        isinstance(sensor, AccelerationSensor) or (isinstance(sensor, MotionSensor) and sensor.quantity == "velocity")
+        for sensor in sensors
     )
     if config.simulate.start != "equilibrium" or moving or has_other_poses(config):
         return ()
-    moved = np.where(given[:, None], moved, 0.0)
-    names = [f"inputs.{name}" for name in asked(config).inputs] + [f"parameters.{name}" for name in unknowns.free]
+    moved = np.where(available[:, None], moved, 0.0)
+    names = [f"inputs.{name}" for name in estimate.inputs] + [f"parameters.{name}" for name in unknowns.free]
     for name, column, std in zip(names, moved.T, [*unknowns.std_u, *unknowns.std], strict=True):
-        if column.max() < FELT and not asked(config).allow_unobservable:
+        if column.max() < FELT and not estimate.allow_unobservable:
             if unsolved is not None:
                 raise unsolved
             raise ConfigError(
@@ -300,6 +267,6 @@ def _felt(
             )
     return tuple(
         f"{name} feels none of the unknowns: no σ of one moves it by more than {FELT:g} σ of its noise"
-        for name, own in used.channels.items()
-        if moved[own].max(initial=0.0) < FELT and given[own].any()
+        for name, part in channels.items()
+        if moved[part].max(initial=0.0) < FELT and available[part].any()
     )

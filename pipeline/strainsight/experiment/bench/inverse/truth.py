@@ -2,33 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 
 import numpy as np
 
-from strainsight.config.bench.bench import (
-    AccelerationSensor,
-    BenchConfig,
-    MotionSensor,
-    RelativeSensor,
-    Sensor,
-    Simulate,
-)
-from strainsight.config.bench.estimate import BenchTruth, FromRun
+from strainsight.config.bench.bench import AccelerationSensor, MotionSensor, RelativeSensor, Sensor
+from strainsight.config.bench.estimate import BenchTruth, FromFile, FromRun
+from strainsight.config.estimate import Channel
 from strainsight.errors import ConfigError, NumericalError, blame, did_you_mean
 from strainsight.estimation.update import covariance_factor, square_factor
-from strainsight.experiment.bench.bench import Bench, bench_of, start_of
-from strainsight.experiment.bench.loads import loads_of
+from strainsight.experiment.bench.bench import Bench, start_of
+from strainsight.experiment.bench.inverse.problem import BenchProblem
+from strainsight.experiment.bench.inverse.trial import BenchTrial
+from strainsight.experiment.bench.loads import load_units, loads_of
 from strainsight.experiment.bench.sensors import MOTION_UNITS, instants_of, read_in_time, unit_of
+from strainsight.experiment.recorded import signals_of
 from strainsight.experiment.resources import Resources
-from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.model import AugmentedStep
-from strainsight.multibody.sensors import CompiledSensors
 from strainsight.multibody.simulate import simulate, simulate_radau
 from strainsight.records import record
-from strainsight.records.bench import BenchTruths, ReducedBody, Simulated
+from strainsight.records.bench import BenchTruths, Simulated
 
+SECTION = "estimate.measured"
+QUANTITY = {"position": "displacement", "velocity": "velocity"}
+"""Of a motion; of the direction of an axis a ratio."""
 NOISE = 1
 """Last word of the seed of every run's noise; a trailing zero would be no word at all."""
 DRAWN = 2
@@ -40,42 +39,106 @@ FEW = 1e-6
 @dataclass(frozen=True)
 class Reality:
     """inputs (T + 1, r, nu) of the system, r = 1 or one a run [N, N m]; theta (r, nθ); readings (T, r, all channels) of every
-    sensor at h, 2h, …, NaN where nothing was read."""
+    sensor at h, 2h, …, NaN where nothing was read; q (T + 1, r, n) of one that is simulated; first (m,): what the filter's
+    channels read at 0, of one that is measured; elsewhere: loads of the other bench (T + 1,) by input; done: what was done to
+    measurements from a file."""
 
     inputs: np.ndarray
     theta: np.ndarray
     readings: np.ndarray
+    q: np.ndarray | None = None
+    first: np.ndarray | None = None
+    elsewhere: Mapping[str, np.ndarray] = field(default_factory=dict)
+    done: tuple[str, ...] = ()
 
 
-def simulated(
-    bench: Bench,
-    sensors: CompiledSensors,
-    zeroed: np.ndarray,
-    settings: Simulate,
-    loads: Callable[[np.ndarray], np.ndarray],
-    drives: Callable[[np.ndarray], np.ndarray],
-    h: float,
-    steps: int,
-    substeps: int,
+def reality_of(
+    problem: BenchProblem,
+    measured_there: Simulated | None,
+    truths: BenchTruths | None,
+    files: Mapping[str, Path],
     progress: Callable[[float], None],
-) -> Reality:
-    """The bench with its own parameters, integrated with h/substeps; loads: time (k,) → (k, nu);
-    drives: → p, ṗ, p̈ (nd, 3, k); zeroed (channels,)."""
-    fine = h / substeps * np.arange(steps * substeps + 1)
-    u = loads(fine)
-    count = len(fine) - 1
+) -> Reality | None:
+    """As `estimate` asks: measured in a file or on the other bench, by another integrator (truths), or by the bench's steps,
+    finer or not; None of one that is drawn from the filter's own model (`walked`)."""
+    estimate = problem.estimate
+    if estimate.measured is not None:
+        return _measured(problem, measured_there, files)
+    if truths is not None:
+        return _by_integrator(problem, truths)
+    if estimate.truth.model == "walk":
+        return None
+    return _simulated(problem, estimate.truth.substeps if estimate.truth.model == "fine" else 1, progress)
+
+
+def _measured(problem: BenchProblem, measured_there: Simulated | None, files: Mapping[str, Path]) -> Reality:
+    elsewhere: dict[str, np.ndarray] = {}
+    done: tuple[str, ...] = ()
+    if isinstance(problem.estimate.measured, FromFile):
+        read, done = from_file(problem, problem.estimate.measured, files["estimate.measured.file"])
+    else:
+        assert problem.estimate.measured is not None
+        assert measured_there is not None
+        read, elsewhere = from_run(problem, problem.estimate.measured, measured_there)
+    sensors, bench = problem.sensors, problem.bench
+    readings = np.full((problem.steps, 1, len(sensors.zeroed)), np.nan)
+    for name, values in read.items():
+        readings[:, 0, sensors.channels[name]] = values[1:]
+    first = np.concatenate([read[name][0] for name in problem.used.channels])
+    nowhere = np.full((problem.steps + 1, 1, len(bench.system.inputs)), np.nan)
+    unknown = np.full((1, len(bench.theta)), np.nan)
+    return Reality(nowhere, unknown, readings, first=first, elsewhere=elsewhere, done=done)
+
+
+def _simulated(problem: BenchProblem, substeps: int, progress: Callable[[float], None]) -> Reality:
+    """The bench with its own parameters, integrated with h/substeps."""
+    bench, h, count = problem.bench, problem.h / substeps, problem.steps * substeps
+    fine = h * np.arange(count + 1)
+    u = problem.loads(fine)
     with blame("estimate.truth"):
-        q0, v0 = start_of(bench, settings, u[0])
-        found = simulate(
-            bench.system, q0, v0, u, h / substeps, bench.theta, settings.method,
+        q0, v0 = start_of(bench, u[0])
+        run = simulate(
+            bench.system, q0, v0, u, h, bench.theta, problem.config.simulate.method,
             lambda k: progress(k / count) if k % 50 == 0 else None,
         )  # fmt: skip
-    at = found.q[::substeps], found.v[::substeps], u[::substeps]
-    second = drives(fine[::substeps])[:, 2].T
-    instants = instants_of(bench.system, *at, bench.theta, second) if sensors.accelerometers else []
-    read = read_in_time(bench.system, sensors, *at, instants)
-    read = read - np.where(zeroed, read[0], 0.0)
-    return Reality(u[::substeps, None], bench.theta[None], read[1:, None])
+    at = slice(None, None, substeps)
+    return _as_read(problem, [(run.q[at], run.v[at], u[at])], problem.drives(fine[at])[:, 2].T)
+
+
+def _by_integrator(problem: BenchProblem, truths: BenchTruths) -> Reality:
+    """The first histories, one a run where there are several, at 0, h, … of the filter."""
+    every = round(problem.h / (truths.time[1] - truths.time[0]))
+    rows = slice(0, every * problem.steps + 1, every)
+    inputs = np.stack([truths.inputs[name][rows] for name in problem.bench.system.inputs], axis=2)
+    count = min(truths.q.shape[1], problem.estimate.runs)
+    motions = [(truths.q[rows, r], truths.v[rows, r], inputs[:, r]) for r in range(count)]
+    return _as_read(problem, motions, np.zeros((problem.steps + 1, 0)))  # no joint is driven
+
+
+def _as_read(
+    problem: BenchProblem, motions: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]], second: np.ndarray
+) -> Reality:
+    """Motions q, v, u (T + 1, ...) with what all sensors read in them; second (T + 1, nd): p̈ of driven joints."""
+    bench, sensors = problem.bench, problem.sensors
+    readings = []
+    for motion in motions:
+        instants = instants_of(bench, *motion, second) if sensors.readings.accelerometers else []
+        readings.append(read_in_time(bench, sensors.readings, *motion, instants))
+    read = np.stack(readings, axis=1)
+    read = read - np.where(sensors.zeroed, read[0], 0.0)
+    q, _, inputs = (np.stack(each, axis=1) for each in zip(*motions, strict=True))
+    return Reality(inputs, np.tile(bench.theta, (len(motions), 1)), read[1:], q)
+
+
+def walked(trial: BenchTrial) -> Reality:
+    """Drawn truths; sensors that the filter has not are not read."""
+    problem, runs = trial.problem, trial.problem.estimate.runs
+    states = slice(trial.model.size)
+    start, P = trial.start[:runs, states], trial.covariance[:runs, states, states]
+    truths = drawn(trial.model, start, P, problem.known, runs, problem.config.seed)
+    readings = np.full((problem.steps, runs, len(problem.sensors.zeroed)), np.nan)
+    readings[:, :, problem.among] = truths.readings
+    return replace(truths, readings=readings)
 
 
 def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndarray, runs: int, seed: int) -> Reality:
@@ -105,7 +168,8 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
             process = model.process(k)
             within = square_factor(np.broadcast_to(process, (runs, *process.shape[-2:])))
             x = model.projected(
-                x + np.array([own @ draw.standard_normal(model.size) for own, draw in zip(within, draws, strict=True)]),
+                x
+                + np.array([root @ draw.standard_normal(model.size) for root, draw in zip(within, draws, strict=True)]),
                 k + 1,
             )
         if not np.all(np.isfinite(x)):
@@ -115,7 +179,7 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
             )
         inputs[k + 1][:, model.inputs] = x[:, model.u]
         readings[k] = model.measure(x, k)[0]
-    theta = np.array([model.coordinates.theta(own)[0] for own in x[:, model.xi]])
+    theta = np.array([model.coordinates.theta(xi)[0] for xi in x[:, model.xi]])
     return Reality(inputs, theta, readings)
 
 
@@ -123,28 +187,23 @@ def measurements(readings: np.ndarray, noise: np.ndarray, runs: int, starts: int
     """What the filter is given (T, runs · starts, m): readings (T, 1 or runs, m), noise drawn anew for every run, the same for
     all starts of one."""
     steps, m = len(readings), len(noise)
-    found = np.broadcast_to(readings, (steps, runs, m)).copy()
+    y = np.broadcast_to(readings, (steps, runs, m)).copy()
     if noisy:
         for run in range(runs):
-            found[:, run] += noise * np.random.default_rng((seed, run, NOISE)).standard_normal((steps, m))
-    return np.repeat(found, starts, axis=1)
+            y[:, run] += noise * np.random.default_rng((seed, run, NOISE)).standard_normal((steps, m))
+    return np.repeat(y, starts, axis=1)
 
 
 def from_run(
-    there: Simulated,
-    settings: FromRun,
-    own: Mapping[str, tuple[Sensor, int]],
-    units: Mapping[str, str],
-    h: float,
-    steps: int,
+    problem: BenchProblem, settings: FromRun, other: Simulated
 ) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
-    """What another bench's sensors read and its loads at 0, h, … (T + 1, components) and (T + 1,), by own names.
+    """What another bench's sensors read and its loads at 0, h, … (T + 1, components) and (T + 1,), by own names: of sensors that
+    the filter is not given those that the other bench has of the same kind and size, to be compared with its readings.
 
-    own: sensors of the filter with their number of channels; units: of the unknown loads. Lengths are multiplied by
-    `scale`: the displacements of a relative motion, positions, velocities and accelerations, not tilts, strains or axes.
-    Raises ConfigError for a sensor or an instant that it lacks, and for one of another kind.
+    Lengths are multiplied by `scale`: the displacements of a relative motion, positions, velocities and accelerations, not
+    tilts, strains or axes. Raises ConfigError for a sensor or an instant that it lacks, and for one of another kind.
     """
-    key, clock = "estimate.measured.from", there.time
+    key, clock, h, steps = "estimate.measured.from", other.time, problem.h, problem.steps
     pace = clock[1] - clock[0]
     every = round(h / pace)
     if abs(every * pace - h) > FEW * pace or every < 1:
@@ -161,11 +220,16 @@ def from_run(
         )
     rows = every * np.arange(steps + 1)
     read = {}
-    for name, (entry, channels) in own.items():
-        wanted = settings.sensors.get(name, name)
-        values = _there(there.sensors, "sensor", wanted, f"estimate.measured.sensors.{name}")
-        unit = record.unit_of(there, "sensors", wanted)
+    for name in dict.fromkeys((*problem.used.channels, *problem.sensors.channels)):
+        entry, channels = problem.config.sensors[name], problem.sensors.count(name)
+        wanted, used = settings.sensors.get(name, name), name in problem.used.channels
+        if not used and name not in settings.sensors and wanted not in other.sensors:
+            continue
+        values = _there(other.sensors, "sensor", wanted, f"estimate.measured.sensors.{name}")
+        unit = record.unit_of(other, "sensors", wanted)
         if (unit, values.shape[1]) != (unit_of(entry), channels):
+            if not used:
+                continue
             raise ConfigError(
                 f"'{name}' has {channels} channels in {unit_of(entry)}, sensors/{wanted} there {values.shape[1]} in {unit}",
                 key="estimate.measured",
@@ -176,14 +240,14 @@ def from_run(
         read[name] = np.array(values[rows], dtype=float)
         read[name][:, lengths] *= settings.scale
     loads = {}
-    for name, own_unit in units.items():
+    for name, load_unit in load_units(problem.config, problem.estimate.inputs).items():
         wanted = settings.inputs.get(name, name)
-        if name not in settings.inputs and wanted not in there.inputs:
+        if name not in settings.inputs and wanted not in other.inputs:
             continue
-        values = _there(there.inputs, "input", wanted, f"estimate.measured.inputs.{name}")
-        if (unit := record.unit_of(there, "inputs", wanted)) != own_unit:
+        values = _there(other.inputs, "input", wanted, f"estimate.measured.inputs.{name}")
+        if (unit := record.unit_of(other, "inputs", wanted)) != load_unit:
             raise ConfigError(
-                f"'{name}' is in {own_unit}, '{wanted}' there in {unit}",
+                f"'{name}' is in {load_unit}, '{wanted}' there in {unit}",
                 key=f"estimate.measured.inputs.{name}",
                 remedy="name a load of the same kind",
             )
@@ -191,87 +255,94 @@ def from_run(
     return read, loads
 
 
-def like_those(
-    there: Simulated, settings: FromRun, others: Mapping[str, tuple[Sensor, int]]
-) -> dict[str, tuple[Sensor, int]]:
-    """Of sensors that the filter is not given, with their number of channels, those that the other bench has under the same
-    name, or the one of `sensors`, and of the same kind and size: they are compared with its readings."""
-    found = {}
-    for name, (entry, channels) in others.items():
-        wanted = settings.sensors.get(name, name)
-        values = there.sensors.get(wanted)
-        if values is None and name in settings.sensors:
-            _there(there.sensors, "sensor", wanted, f"estimate.measured.sensors.{name}")
-        size = None if values is None else values.shape[1]
-        if size == channels and record.unit_of(there, "sensors", wanted) == unit_of(entry):
-            found[name] = entry, channels
-    return found
-
-
-def _there(found: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
-    if name not in found:
-        listed = list(found)
+def _there(entries: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
+    if name not in entries:
+        listed = list(entries)
         raise ConfigError(
             f"that run has no {kind} '{name}'",
             key=key,
             remedy=did_you_mean(name, listed, f"it has {', '.join(listed)}"),
         )
-    return found[name]
+    return entries[name]
+
+
+def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[dict[str, np.ndarray], tuple[str, ...]]:
+    """Readings at 0, h, … (T + 1, components) of every sensor, NaN where nothing was measured, and what was done to them.
+
+    The first sample of the file is the start. Raises ConfigError for a channel of another quantity, a sensor with another number
+    of components, and a file that ends before the estimate.
+    """
+    wanted: dict[str, Channel] = {}
+    steps, counts = problem.steps, {name: problem.used.count(name) for name in problem.used.channels}
+    for name, count in counts.items():
+        entries, key = settings.channels[name], f"{SECTION}.channels.{name}"
+        if len(entries) != count:  # of a placed layout nobody knew before
+            raise ConfigError(
+                f"{len(entries)} channels for {count} components",
+                key=key,
+                remedy="give a channel for each, in their order; null where one was not measured",
+            )
+        wanted |= {f"{key}.{i}": entry for i, entry in enumerate(entries) if entry is not None}
+    signals = signals_of(settings, SECTION, path, wanted, step=problem.h)
+    if len(signals.time) <= steps:
+        end = signals.time[-1] - signals.time[0]
+        raise ConfigError(
+            f"the file ends after {end:.6g} s, the estimate after {problem.h * steps:.6g} s",
+            key=f"{SECTION}.file",
+            remedy=f"set estimate.duration to at most {end:.6g}",
+        )
+    read = {name: np.full((steps + 1, count), np.nan) for name, count in counts.items()}
+    for (key, entry), quantity, values in zip(wanted.items(), signals.quantities, signals.values.T, strict=True):
+        name, component = key.removeprefix(f"{SECTION}.channels.").rsplit(".", 1)
+        kind = _quantity(problem.config.sensors[name], int(component))
+        if quantity != kind:
+            raise ConfigError(
+                f"the channel is in {entry.unit}, {quantity}, but component {int(component) + 1} of {name} is of the kind {kind}",
+                key=f"{key}.unit",
+                remedy="check the unit, and the order of the components",
+            )
+        read[name][:, int(component)] = values[: steps + 1]
+    more = len(signals.time) - 1 - steps
+    notes = [f"{more} samples of the file behind the end of the estimate were left out"] if more else []
+    return read, (*signals.notes, *notes)
+
+
+def _quantity(sensor: Sensor, component: int) -> str:
+    """What a component is."""
+    if isinstance(sensor, RelativeSensor):
+        return "displacement" if component < 3 else "angle"
+    if isinstance(sensor, AccelerationSensor):
+        return "acceleration"
+    return QUANTITY.get(sensor.quantity, "ratio") if isinstance(sensor, MotionSensor) else "strain"
 
 
 BEGIN = 3
 """Last word of the seed by which instants of the histories are drawn."""
 
 
-def truths_of(
-    config: BenchConfig,
-    truth: BenchTruth,
-    duration: float,
-    reduced: dict[str, ReducedBody],
-    meshes: dict[str, Mesh],
-    using: Resources,
-) -> BenchTruths:
+def truths_of(bench: Bench, truth: BenchTruth, duration: float, using: Resources) -> BenchTruths:
     """Histories r = 0, 1, … of u_r(t) = u(τ_r + t) + u(0) − u(τ_r), τ₀ = 0 and τ_r drawn evenly from [0, `within`]: all begin in
     the same state under the same loads."""
-    bench = bench_of(config, reduced, meshes)
     h, steps = truth.step, round(duration / truth.step)
     begin = np.zeros(truth.histories)
-    begin[1:] = np.random.default_rng((config.seed, BEGIN)).uniform(0.0, truth.within, truth.histories - 1)
+    begin[1:] = np.random.default_rng((bench.config.seed, BEGIN)).uniform(0.0, truth.within, truth.histories - 1)
     # on the instants of the step, so that what is straight between samples is so in every step
     begin = h * np.round(begin / h)
-    time, loads = h * np.arange(steps + 1), loads_of(config, bench, using.files)
+    time, loads = h * np.arange(steps + 1), loads_of(bench, using.files)
     q, v = np.empty((2, steps + 1, truth.histories, bench.system.size))
     u = np.empty((steps + 1, truth.histories, bench.system.drives.width))
     first = loads(time[:1])[0]
     with blame("estimate.truth"):
-        q0, v0 = start_of(bench, config.simulate, first)
+        q0, v0 = start_of(bench, first)
         for r, instant in enumerate(begin):
-            own = loads(instant + time)
-            u[:, r] = own + (first - own[0])
+            history = loads(instant + time)
+            u[:, r] = history + (first - history[0])
 
             def tell(k: int, r: int = r) -> None:
                 if k % 50 == 0:
                     using.progress("truth", (r + k / steps) / len(begin))
 
-            found = simulate_radau(bench.system, q0, v0, u[:, r], h, bench.theta, tell)
-            q[:, r], v[:, r] = found.q, found.v
+            run = simulate_radau(bench.system, q0, v0, u[:, r], h, bench.theta, tell)
+            q[:, r], v[:, r] = run.q, run.v
     inputs = {name: u[:, :, i] for i, name in enumerate(bench.system.inputs)}
     return BenchTruths(time=time, begin=begin, q=q, v=v, inputs=inputs)
-
-
-def reality_of(
-    there: BenchTruths, bench: Bench, sensors: CompiledSensors, zeroed: np.ndarray, h: float, steps: int, runs: int
-) -> Reality:
-    """The first histories, one a run where there are several, at 0, h, … of the filter; zeroed (channels,)."""
-    every = round(h / (there.time[1] - there.time[0]))
-    rows, count = slice(0, every * steps + 1, every), min(there.q.shape[1], runs)
-    q, v = there.q[rows, :count], there.v[rows, :count]
-    inputs = np.stack([there.inputs[name][rows, :count] for name in bench.system.inputs], axis=2)
-    second, runs_read = np.zeros((len(q), 0)), []  # no joint is driven
-    for r in range(count):
-        at = q[:, r], v[:, r], inputs[:, r]
-        instants = instants_of(bench.system, *at, bench.theta, second) if sensors.accelerometers else []
-        runs_read.append(read_in_time(bench.system, sensors, *at, instants))
-    read = np.stack(runs_read, axis=1)
-    read = read - np.where(zeroed, read[0], 0.0)
-    return Reality(inputs, np.tile(bench.theta, (count, 1)), read[1:])

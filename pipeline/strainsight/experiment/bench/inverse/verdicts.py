@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
-from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.estimate import FromFile
+from strainsight.config.bench.estimate import BenchEstimateSection, FromFile
+from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.decision import (
     BEYOND,
     BORNE_OUT,
@@ -27,15 +28,13 @@ from strainsight.estimation.decision import (
     out_of_range,
     without_sigma,
 )
-from strainsight.experiment.bench.inverse.comparison import in_theta
-from strainsight.experiment.bench.inverse.estimation import Estimated
-from strainsight.experiment.bench.inverse.numbers import smoothed_name
-from strainsight.experiment.bench.inverse.unknowns import asked
-from strainsight.records.bench import ReducedBody
+from strainsight.experiment.bench.inverse.comparison import BenchComparison, in_theta, smoothed_name
+from strainsight.experiment.bench.inverse.estimation import BenchEstimation
+from strainsight.experiment.filters_compared import disagreements_in_words, ratios
+from strainsight.experiment.hold_out import hold_out_numbers
+from strainsight.records.bench import BenchEstimated
+from strainsight.runner.output import Scalar, Table
 from strainsight.text import number
-
-Scalar = float | str
-"""Of a summary."""
 
 HARDLY = 0.5
 """σ of a load over its largest value above which it is weakly observable."""
@@ -52,45 +51,54 @@ REMEDY = (
 class Evidence:
     """What an estimate is judged by.
 
-    free: parameters that are estimated; numbers: the summary's, `nis` of so many innovations among them; claims by unknown,
-    where the truth is known; lost (runs,) steps, −1 for none; held: hold-out claims; beyond: parameters outside their ranges.
-    """
+    estimation: with σ, whether or not that is withheld; numbers: the summary's; claims by unknown, where the truth is known;
+    beyond: parameters outside their ranges."""
 
-    config: BenchConfig
-    free: tuple[str, ...]
+    estimation: BenchEstimation
     numbers: Mapping[str, Scalar]
     claims: Mapping[str, Claim]
-    innovations: int
-    lost: np.ndarray
-    held: Sequence[Claim]
     beyond: Mapping[str, str]
 
     @property
+    def estimate(self) -> BenchEstimateSection:
+        return self.estimation.problem.estimate
+
+    @property
     def names(self) -> tuple[str, ...]:
-        return (*asked(self.config).inputs, *self.free)
+        return self.estimation.problem.names
+
+    @property
+    def free(self) -> tuple[str, ...]:
+        return self.estimation.problem.unknowns.free
 
     @property
     def in_test(self) -> bool:
-        return isinstance(asked(self.config).measured, FromFile)
+        return isinstance(self.estimate.measured, FromFile)
+
+    @cached_property
+    def left_out(self) -> tuple[Claim, ...]:
+        """On the channels by the others."""
+        return tuple(row.claim for row in self.estimation.held_out if row.claim is not None)
 
     @property
     def size(self) -> str:
         """The verdict on the innovations; empty where there is none."""
-        nis = self._number("nis")
-        return judged(np.sqrt(nis), self.innovations).verdict if nis >= 0 else ""
+        nis, late = self._number("nis"), self.estimation.filtered.nis
+        innovations = int(np.isfinite(late[len(late) // 2 :, 0]).sum()) * int(self._number("channels"))
+        return judged(np.sqrt(nis), innovations).verdict if nis >= 0 else ""
 
     @property
     def against(self) -> tuple[str, ...]:
         """Unknowns of no known truth where sensors contradict the model, whatever else is wrong with them."""
         # errors of gauges are in σ, and not in what innovations are held against
-        against = self.size == OVERCONFIDENT and asked(self.config).tolerances is None
-        against |= any(claim.overconfident for claim in self.held)
+        against = self.size == OVERCONFIDENT and self.estimate.tolerances is None
+        against |= any(claim.overconfident for claim in self.left_out)
         return tuple(name for name in self.names if against and name not in self.claims)
 
     @property
     def decision(self) -> Decision:
         """Of a test, whether it is consistent with the model; of any run, whether parameters left their ranges."""
-        estimate, words = asked(self.config), ""
+        estimate, words = self.estimate, ""
         if self.in_test and self.against:
             more = "" if estimate.hold_out is not None else ", estimate.hold_out: each says which channel it is"
             check = f"check channels, units and noise of estimate.measured{more}"
@@ -112,9 +120,9 @@ class Evidence:
             LOST: self.numbers.get(f"identified.{name}") is False,
             OVERCONFIDENT: claim is not None and claim.overconfident,
             CONTRADICTED: name in self.against,
-            WEAK: name in asked(self.config).inputs and self._share(name) > HARDLY,
+            WEAK: name in self.estimate.inputs and self._share(name) > HARDLY,
         }
-        sound = claim.verdict if claim is not None else BORNE_OUT if self.held else UNTESTED
+        sound = claim.verdict if claim is not None else BORNE_OUT if self.left_out else UNTESTED
         return next((word for word, holds in applies.items() if holds), sound)
 
     def overconfident(self) -> Iterator[str]:
@@ -128,9 +136,9 @@ class Evidence:
 
     def warnings(self) -> Iterator[str]:
         """Where the claim of an estimate does not hold, and why."""
-        estimate, diverged = asked(self.config), self.lost[self.lost >= 0]
-        if len(diverged):
-            yield f"{len(diverged)} of {len(self.lost)} runs diverged, the first after {diverged.min()} steps"
+        estimate, lost = self.estimate, self.estimation.filtered.lost
+        if (diverged := lost[lost >= 0]).size:
+            yield f"{len(diverged)} of {len(lost)} runs diverged, the first after {diverged.min()} steps"
         yield from self.overconfident()
         for name in estimate.inputs:
             if (share := self._share(name)) > HARDLY:
@@ -161,7 +169,7 @@ class Evidence:
     def message(self, units: Mapping[str, str], decision: Decision) -> str:
         """One line: what does not hold, then what is known of every unknown, of a load relative to its largest true value, with σ
         as far as `decision` gives it; units of the unknowns."""
-        estimates, estimate = [], asked(self.config)
+        estimates, estimate = [], self.estimate
         with_sigma, number_of = not decision.withheld, self._number
         for name in self.names:
             if f"error.{name}" in self.numbers:
@@ -199,41 +207,164 @@ class Evidence:
 def claim_numbers(claims: Mapping[str, Claim]) -> dict[str, Scalar]:
     """Every claim by the names of a summary: verdict, ratio, draws and the largest ratio where σ holds."""
     numbers: dict[str, Scalar] = {}
-    for name, own in claims.items():
-        numbers |= {f"claim.{name}": own.verdict, f"claim_ratio.{name}": own.ratio}
-        numbers |= {f"claim_draws.{name}": float(own.draws), f"claim_most.{name}": own.band[1]}
+    for name, claim in claims.items():
+        numbers |= {f"claim.{name}": claim.verdict, f"claim_ratio.{name}": claim.ratio}
+        numbers |= {f"claim_draws.{name}": float(claim.draws), f"claim_most.{name}": claim.band[1]}
     return numbers
 
 
-def bench_out_of_range(own: Estimated, reduced: Mapping[str, ReducedBody]) -> dict[str, str]:
+def bench_out_of_range(estimation: BenchEstimation) -> dict[str, str]:
     """Modulus → that it came out beyond its `reach`, for those that did; of all runs, the first that did.
 
     Laws of bearings are exact at every diameter, radius and preload that their own checks let pass.
     """
-    reach = {name: (float(low), float(high)) for body in reduced.values() for name, (low, high) in body.reach.items()}
+    problem = estimation.problem
+    ranges = {name: ends for body in problem.bench.reduced.values() for name, ends in body.reach.items()}
     beyond: dict[str, str] = {}
-    for name in own.unknowns.free:
-        inner = own.unknowns.parameters[name]
-        if inner not in reach:
-            continue
-        for value in in_theta(own, own.bench.system.parameters.index(inner))[0][-1]:
+    for name in problem.unknowns.free:
+        inner = problem.unknowns.parameters[name]
+        for value in in_theta(estimation, estimation.place(name))[0][-1] if inner in ranges else ():
             if np.isfinite(value) and name not in beyond:
-                beyond |= out_of_range({name: float(value)}, {name: reach[inner]}, {name: "Pa"}, "reduce")
+                low, high = map(float, ranges[inner])
+                beyond |= out_of_range({name: float(value)}, {name: (low, high)}, {name: "Pa"}, "reduce")
     return beyond
 
 
-def estimated_without_sigma(own: Estimated) -> Estimated:
+def estimated_without_sigma(estimation: BenchEstimation) -> BenchEstimation:
     """The estimate with every σ withheld: NaN."""
-    held = own.without
-    if held is not None:
-        rows = tuple(replace(row, claim=None, inside=np.nan) for row in held.rows)
-        held = replace(without_sigma(held), rows=rows)
+    joint = np.full_like(estimation.filtered.joint, np.nan)
+    filtered = replace(without_sigma(estimation.filtered), joint=joint, compared=None)
     return replace(
-        own,
-        std=np.full_like(own.std, np.nan),
-        xi_covariance=np.full_like(own.xi_covariance, np.nan),
-        smoothed=without_sigma(own.smoothed),
-        compared=None,
-        without=held,
-        rings=without_sigma(own.rings),
+        estimation, filtered=filtered, without=without_sigma(estimation.without), rings=without_sigma(estimation.rings)
     )
+
+
+METHODS = {
+    "iterated": "iterated with the step inside",
+    "one_shot": "one-shot, put back onto the constraints",
+    "undamped": "iterated without damping",
+    "as_printed": "one-shot as printed, on no constraints",
+}
+TRUTHS = {
+    "fine": "the bench with h/{substeps}",
+    "other": "the bench by Radau's method",
+    "own": "the filter's own step",
+    "walk": "drawn from the filter's own model",
+}
+COLUMNS = {
+    "inputs": ("slope", "offset", "error", "std", "smoothed_error", "smoothed_std"),
+    "elsewhere": ("ratio_slope", "ratio_offset", "ratio_low", "ratio_high"),
+    "parameters": ("error", "std", "ratio"),
+    "measured": ("rms", "estimate", "largest", "rms_std"),
+}
+"""Numbers in the table of the unknowns."""
+
+
+def loud_sensors(estimate: BenchEstimateSection, record: BenchEstimated) -> Iterator[str]:
+    """Of the sensors whose noise exceeds everything that they read by the estimate."""
+    for name, settings in estimate.sensors.items():
+        noise, largest = (
+            float(np.min(settings.noise)),
+            float(np.max(np.abs(record.sensors[name].expected), initial=0.0)),
+        )
+        if noise > largest:
+            key = f"estimate.sensors.{name}.noise"
+            yield f"the noise of {name}, {noise:.3g}, exceeds its largest reading, {largest:.3g}: check {key}"
+
+
+def bench_disagreements(estimate: BenchEstimateSection, estimation: BenchEstimation) -> list[str]:
+    """Where the extended filter does not allow for what the bank finds, and when it is the bank that is wrong."""
+    words = disagreements_in_words(estimation.filtered.compared)
+    if words and estimate.inputs:
+        words.append(
+            "a bank judges parameters by how much the unknown loads move, too: where they move less than their increments say, "
+            "it is the bank that is wrong; make a load known, or correct the increments"
+        )
+    return words
+
+
+def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[str, Scalar]:
+    estimate, filtered, nis = estimation.problem.estimate, estimation.filtered, estimation.filtered.nis[:, 0]
+    late = filtered.nis[len(nis) // 2 :]
+    measured, nu = np.isfinite(estimation.measured).any(axis=(0, 1)), len(estimation.problem.unknowns.inputs)
+    m = max(int(measured.sum()), 1)
+    return {
+        "steps": len(nis),
+        "step": float(estimation.problem.h),
+        "channels": m,
+        "unknowns": nu + len(estimation.problem.unknowns.free),
+        "runs": estimation.measured.shape[1],
+        "lost": int(np.sum(filtered.lost >= 0)),
+        "nis": float(np.nanmean(late)) if np.isfinite(late).any() else -1.0,
+        "expected_nis": (m - nu) / m if estimate.truth.model != "walk" else 1.0,
+        "violation": float(np.nanmax(result.record.violation)),
+        "method": METHODS[estimate.method.update]
+        + (", Q* as printed" if estimate.method.noise == "as_printed" else "")
+        + ("" if filtered.compared is None else ", a bank over parameters"),
+        "truth": _truth(estimate),
+        **result.numbers,
+        **claim_numbers(result.claims),
+        **hold_out_numbers(estimation.held_out),
+        **ratios(filtered.compared),
+    }
+
+
+def _truth(estimate: BenchEstimateSection) -> str:
+    if isinstance(estimate.measured, FromFile):
+        return f"measured in {estimate.measured.file}"
+    if estimate.measured is not None:
+        return f"measured on {estimate.measured.run}"
+    text = TRUTHS[estimate.truth.model].format(substeps=estimate.truth.substeps)
+    return text + ("" if estimate.truth.noise else ", without noise")
+
+
+def unknowns_table(
+    estimation: BenchEstimation, result: BenchComparison, verdicts: Mapping[str, str], in_test: bool
+) -> Table:
+    shown = dict.fromkeys(result.record.inputs, COLUMNS["inputs"])
+    shown |= dict.fromkeys(estimation.reality.elsewhere, COLUMNS["elsewhere"])
+    shown |= dict.fromkeys(estimation.problem.unknowns.free, COLUMNS["parameters"])
+    if in_test:
+        shown = dict.fromkeys(shown, COLUMNS["measured"])
+    rows = []
+    for name, keys in shown.items():
+        numbers = [(key, result.numbers.get(f"{key}.{name}")) for key in keys]
+        cells = [f"{key.replace('_', ' ')} {value:.4g}" for key, value in numbers if value is not None]
+        load = result.record.inputs.get(name)
+        if load is not None and load.smoothed is not None and load.smoothed_std is None:
+            cells.append("smoothed σ withheld")
+        rows.append((name, verdicts.get(name, ""), *cells))
+    title = "unknowns, errors and σ over the largest true value"
+    if in_test or estimation.reality.elsewhere:
+        title = "unknowns, settled" if in_test else "unknowns"
+    width = max((len(row) for row in rows), default=2)
+    filled = tuple((*row, *[""] * (width - len(row))) for row in rows)
+    return Table(title, ("unknown", "verdict", *[""] * (width - 2)), filled)
+
+
+def offsets_table(record: BenchEstimated, units: Mapping[str, str]) -> Table | None:
+    """Of every component that has an offset: what it reads too much at the end."""
+    rows = [
+        (
+            name,
+            str(k + 1),
+            f"{match.bias[k]:.4g}",
+            "withheld" if np.isnan(std) else f"{std:.3g}",
+            units[f"sensor {name}"],
+        )
+        for name, match in record.sensors.items()
+        if match.bias is not None and match.bias_std is not None
+        for k, std in enumerate(match.bias_std)
+        if std != 0 and np.isfinite(match.bias[k])
+    ]
+    return Table("offsets at the end", ("sensor", "component", "offset", "σ", "unit"), tuple(rows)) if rows else None
+
+
+def command_history(record: BenchEstimated) -> bytes:
+    """loads.csv: what a test rig has to do to the bench, time [s] and every load [N, N m], smoothed where it was.
+
+    A rig moves the bench after the record, so that what later samples say of a load is known by then.
+    """
+    loads = [history.estimate if history.smoothed is None else history.smoothed for history in record.inputs.values()]
+    rows = ([f"{x:.9g}" for x in (instant, *(load[k] for load in loads))] for k, instant in enumerate(record.time))
+    return csv_bytes([["time", *record.inputs], *rows])

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.config.bench.bench import BenchConfig, BenchPlace
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import bench_of
-from strainsight.experiment.bench.inverse.unknowns import asked, free_properties, unknowns_of
+from strainsight.experiment.bench.inverse.problem import asked, free_properties, unknowns_of
 from strainsight.experiment.bench.layout.pool import (
     GaugePool,
     MotionCandidates,
@@ -70,9 +70,9 @@ def placement_of(
     """
     settings = config.place
     assert settings is not None
-    bench = bench_of(config, reduced, meshes, free_properties(asked(config)))
+    bench = bench_of(config, reduced, meshes, free=free_properties(asked(config)))
     h = float(asked(config).time_step or config.simulate.time_step)
-    unknowns = unknowns_of(config, bench, h)
+    unknowns = unknowns_of(bench, h)
     # by what the filter takes the parameters for when it begins
     bench = replace(bench, theta=unknowns.starts[0])
     body = PlacedBody(

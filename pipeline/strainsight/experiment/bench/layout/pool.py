@@ -17,10 +17,9 @@ from strainsight.config.bench.bench import (
 )
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import Bench
-from strainsight.experiment.bench.inverse.installed import std_of
 from strainsight.experiment.bench.layout.strained import PlacedBody, Pose
 from strainsight.experiment.bench.loads import loads_of
-from strainsight.experiment.bench.sensors import motion_sensor
+from strainsight.experiment.bench.sensors import motion_sensor, tolerances_of_gauges
 from strainsight.experiment.layout.gauge_list import strain_candidates
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
@@ -215,12 +214,14 @@ def installation_offs(
     time (poses,) [s]; zero (r,): η₀ of gauges that are zeroed, else none. Zeros without tolerances.
     """
     config, bench = body.config, body.bench
-    sigma = {name: value for name, value in std_of(config).by_name.items() if value > 0 and name not in SECOND}
+    sigma = {
+        name: value for name, value in tolerances_of_gauges(config).by_name.items() if value > 0 and name not in SECOND
+    }
     v = np.zeros((len(poses), len(gauges)))
     if not sigma:
         return v
     run = np.linspace(0.0, body.duration, INSTANTS)
-    loads, nearest = loads_of(config, bench, body.files)(run), np.abs(run[:, None] - time).argmin(axis=1)
+    loads, nearest = loads_of(bench, body.files)(run), np.abs(run[:, None] - time).argmin(axis=1)
     second: list[np.ndarray] = []
     for k, (q, u) in enumerate(poses):
         change = loads[nearest == k] - u if np.any(nearest == k) else np.zeros((1, len(u)))
@@ -229,7 +230,9 @@ def installation_offs(
         second.append(eta.T @ eta / len(eta))
     skin, position = exterior_facets(body.mesh), body.mesh.position
     for part in np.array_split(np.arange(len(gauges)), len(gauges) // AT_A_TIME + 1):
-        felt = sensitivity_rows(position, gauges.take(part), body.basis, std_of(config).position, facets=skin)
+        felt = sensitivity_rows(
+            position, gauges.take(part), body.basis, tolerances_of_gauges(config).position, facets=skin
+        )
         for name, value in sigma.items():
             s = value * getattr(felt, name)
             v[:, part] += [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in second]

@@ -12,7 +12,7 @@ from scipy.linalg import block_diag
 from strainsight.config.bench.bench import BenchConfig, BenchPlace, StrainSensorSection
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
-from strainsight.experiment.bench.inverse.unknowns import Unknowns, asked, corrects_in_a_test
+from strainsight.experiment.bench.inverse.problem import BenchUnknowns, asked, corrects_in_a_test, parameter_units
 from strainsight.experiment.bench.loads import load_units, loads_of
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.initial import static_equilibrium
@@ -42,7 +42,7 @@ class PlacedBody:
     place: BenchPlace
     files: Mapping[str, Path]
     bench: Bench
-    unknowns: Unknowns
+    unknowns: BenchUnknowns
     h: float
     mesh: Mesh
     basis: np.ndarray
@@ -60,11 +60,8 @@ class PlacedBody:
     @property
     def units(self) -> tuple[str, ...]:
         """Of `inputs`: Pa of a modulus, m of what a bearing has."""
-        entries = [asked(self.config).parameters[name] for name in self.unknowns.free]
-        return (
-            *load_units(self.config, self.loads).values(),
-            *("Pa" if entry.bearing is None else "m" for entry in entries),
-        )
+        of_parameters = parameter_units(self.config, self.unknowns.free)
+        return (*load_units(self.config, self.loads).values(), *of_parameters.values())
 
     @property
     def duration(self) -> float:
@@ -95,12 +92,11 @@ class PlacedBody:
 def poses_of(body: PlacedBody, instants: Sequence[float]) -> list[Pose]:
     """The static equilibrium at each instant [s], whatever the simulation starts from, with its loads and drives at rest; each is
     sought from the one before."""
-    bench, config = body.bench, body.config
-    u = loads_of(config, bench, body.files)(np.array(instants))
+    bench = body.bench
+    u = loads_of(bench, body.files)(np.array(instants))
     u[:, bench.system.drives.rates] = 0.0
-    settings = config.simulate.model_copy(update={"start": "equilibrium"})
     with blame("simulate"):
-        q = start_of(bench, settings, u[0])[0]
+        q = start_of(bench.simulated(start="equilibrium"), u[0])[0]
     poses = [(q, u[0])]
     for instant, held in zip(instants[1:], u[1:], strict=True):
         try:

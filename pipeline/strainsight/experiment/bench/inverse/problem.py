@@ -1,0 +1,357 @@
+"""The problem of a bench's estimate: unknowns, sensors, loads; and what the bench at rest says before a filter runs."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.config.bench.bench import BenchConfig
+from strainsight.config.bench.connections import Driven, Load
+from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter
+from strainsight.config.loads import SineSection
+from strainsight.errors import NumericalError, UserError, blame
+from strainsight.experiment.bench.bench import Bench, start_of
+from strainsight.experiment.bench.loads import drives_of, loads_of
+from strainsight.experiment.bench.sensors import Sensors, Toleranced, sensors_of, some_of, toleranced
+from strainsight.experiment.bench.simulation import refuse_spun
+from strainsight.loads.input_models import WALK, input_model
+from strainsight.multibody.accelerations import at_rest
+from strainsight.multibody.bearing.geometry import PARAMETERS
+from strainsight.multibody.inverse.loads import LoadProcess, load_process
+from strainsight.multibody.inverse.parameters import (
+    ParameterCoordinates,
+    Zero,
+    parameter_coordinates,
+    static_response,
+    zero_at_rest,
+)
+from strainsight.ordering import first_of_largest
+
+
+@dataclass(frozen=True)
+class BenchUnknowns:
+    """inputs (nu,): places of the unknown loads in `system.inputs`, with σ at the start and of their change in a step [N, N m];
+    loads: how they move;
+    parameters: name in the config → name in the system; free: those of them that are estimated; starts (s, nθ): what the
+    filter takes θ for, one row a start; std, increment (p,) of the free ones [m, Pa]; coordinates of them."""
+
+    inputs: np.ndarray
+    std_u: np.ndarray
+    increment_u: np.ndarray
+    loads: LoadProcess
+    parameters: Mapping[str, str]
+    free: tuple[str, ...]
+    starts: np.ndarray
+    std: np.ndarray
+    increment: np.ndarray
+    coordinates: ParameterCoordinates
+
+
+def asked(config: BenchConfig) -> BenchEstimateSection:
+    """The section `estimate`, which is there where something is estimated."""
+    assert config.estimate is not None
+    return config.estimate
+
+
+def has_bank(config: BenchConfig) -> bool:
+    """Whether a bank has the parameters; without any there is nothing for it."""
+    estimate = asked(config)
+    return estimate.method.parameters == "bank" and any(entry.std is not None for entry in estimate.parameters.values())
+
+
+def corrects(config: BenchConfig) -> bool:
+    """Whether the filter allows for what its step leaves out: as in a test, unless the truth is made by that very step."""
+    estimate = asked(config)
+    by_own_step = estimate.measured is None and estimate.truth.model == "own"
+    return corrects_in_a_test(config) and (estimate.method.step_error is not None or not by_own_step)
+
+
+def corrects_in_a_test(config: BenchConfig) -> bool:
+    """The same where the bench itself moves: where it is asked to, else unless step or noise are the thesis's, which takes the
+    step for true, or a joint is driven: along the motions that a drive leaves the bench is not linear in a step."""
+    stated, printed = asked(config).method.step_error, asked(config).method.noise == "as_printed"
+    if stated is not None or printed:
+        return stated == "estimated"
+    return config.simulate.method == "second_order" and not has_drives(config)
+
+
+def has_drives(config: BenchConfig) -> bool:
+    return any(isinstance(joint, Driven) for joint in config.joints.values())
+
+
+def has_other_poses(config: BenchConfig) -> bool:
+    """Whether drives, or gravity that turns, take the bench from where it starts."""
+    return has_drives(config) or any(
+        force.type == "gravity" and force.turns is not None for force in config.forces.values()
+    )
+
+
+def free_properties(estimate: BenchEstimateSection) -> dict[str, tuple[str, ...]]:
+    """Bearing → its properties that the estimate names, in the order of PARAMETERS."""
+    free: dict[str, list[str]] = {}
+    for entry in estimate.parameters.values():
+        if entry.bearing is not None and entry.property is not None:
+            free.setdefault(entry.bearing, []).append(entry.property)
+    return {bearing: tuple(sorted(properties, key=PARAMETERS.index)) for bearing, properties in free.items()}
+
+
+def parameter_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
+    """Pa of a modulus, m of what a bearing has."""
+    return {name: "Pa" if asked(config).parameters[name].bearing is None else "m" for name in names}
+
+
+def unknowns_of(bench: Bench, h: float) -> BenchUnknowns:
+    """What the config's `estimate` says, h [s] the filter's step: σ a step is σ a second times h where it asks for that."""
+    config, system, estimate = bench.config, bench.system, asked(bench.config)
+    a_step = h if estimate.increments == "second" else 1.0
+    entries = list(estimate.inputs.values())
+    places = {name: _system_name(name, entry) for name, entry in estimate.parameters.items()}
+    theta = bench.theta.copy()
+    for name, entry in estimate.parameters.items():
+        if entry.guess is not None:
+            theta[system.parameters.index(places[name])] = entry.guess
+    std = {name: entry.std for name, entry in estimate.parameters.items() if entry.std is not None}
+    free = tuple(std)
+    starts = [theta]
+    for name in free:
+        for value in estimate.parameters[name].starts:
+            starts.append(theta.copy())
+            starts[-1][system.parameters.index(places[name])] = value
+    with blame("estimate.parameters"):
+        coordinates = parameter_coordinates(
+            system.parameters,
+            [places[name] for name in free],
+            theta,
+            {name: bearing.parameters for name, bearing in bench.bearings.items()},
+        )
+        for start in starts:
+            coordinates.xi(start)
+    return BenchUnknowns(
+        np.array([system.inputs.index(name) for name in estimate.inputs], dtype=int),
+        np.array([entry.std for entry in entries]),
+        increments_of(config, h),
+        load_process_of(config, h),
+        places,
+        free,
+        np.array(starts),
+        np.array(list(std.values()), dtype=float),
+        np.array([estimate.parameters[name].increment * a_step for name in free]),
+        coordinates,
+    )
+
+
+def _system_name(name: str, entry: EstimatedParameter) -> str:
+    return name if entry.bearing is None else f"{entry.bearing}.{entry.property}"
+
+
+def load_process_of(config: BenchConfig, h: float) -> LoadProcess:
+    """Of all unknown loads in their order, in steps of h [s]."""
+    models, amplitudes = [], []
+    for name, entry in asked(config).inputs.items():
+        walks = entry.model == "random_walk"
+        frequency, amplitude = (1.0, 1.0) if walks else typical_of(config, name)
+        models.append(input_model(entry.model, frequency, entry.kappa, entry.smoothness, entry.damping))
+        amplitudes.append(amplitude)
+    return load_process(models, np.array(amplitudes), increments_of(config, h), h)
+
+
+def increments_of(config: BenchConfig, h: float) -> np.ndarray:
+    """σ (nu,) of the change of every unknown load in a step of h [s] [N, N m]: as stated; of a walk that states none a √(κωh), of
+    the other models about aωh, at most a."""
+    estimate, increments = asked(config), []
+    for name, entry in estimate.inputs.items():
+        if entry.increment is not None:
+            increments.append(entry.increment * (h if estimate.increments == "second" else 1.0))
+            continue
+        frequency, amplitude = typical_of(config, name)
+        turned = 2 * np.pi * frequency * h
+        if entry.model == "random_walk":
+            increments.append(amplitude * float(np.sqrt((WALK if entry.kappa is None else entry.kappa) * turned)))
+        else:
+            increments.append(amplitude * min(1.0, turned))
+    return np.array(increments)
+
+
+def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
+    """Frequency [Hz] and amplitude [N, N m] of an unknown load: as stated, else of the sine that its history is."""
+    entry, force = asked(config).inputs[name], config.forces[name]
+    assert isinstance(force, Load)
+    sine = force.signal if isinstance(force.signal, SineSection) else None
+    frequency = entry.frequency or (None if sine is None else sine.frequency)
+    amplitude = entry.amplitude or (None if sine is None else sine.amplitude)
+    assert frequency is not None  # checked with the config
+    assert amplitude is not None
+    return frequency, amplitude
+
+
+InTime = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclass(frozen=True)
+class BenchProblem:
+    """bench; sensors: all of them, used: those of the filter; errors: of its gauges; unknowns; h [s]: the filter's step; loads,
+    drives: as stated, in time; known (T + 1, width): all loads as the filter knows them, guesses in the columns of unknown ones;
+    heaviest (width,): loads under which a parameter has to be felt; zeroing (width,): those under which gauges were zeroed at
+    rest, which a test knows."""
+
+    bench: Bench
+    sensors: Sensors
+    used: Sensors
+    errors: tuple[Toleranced, ...]
+    unknowns: BenchUnknowns
+    h: float
+    loads: InTime
+    drives: InTime
+    known: np.ndarray
+    heaviest: np.ndarray
+    zeroing: np.ndarray
+
+    @property
+    def config(self) -> BenchConfig:
+        return self.bench.config
+
+    @property
+    def estimate(self) -> BenchEstimateSection:
+        return asked(self.config)
+
+    @property
+    def steps(self) -> int:
+        return len(self.known) - 1
+
+    @property
+    def time(self) -> np.ndarray:
+        """(T + 1,) [s]."""
+        return self.h * np.arange(len(self.known))
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """The unknowns, loads before parameters."""
+        return (*self.estimate.inputs, *self.unknowns.free)
+
+    @property
+    def among(self) -> np.ndarray:
+        """Channels of the filter among those of all sensors (m,)."""
+        every = np.arange(len(self.sensors.zeroed))
+        return np.concatenate([every[self.sensors.channels[name]] for name in self.used.channels])
+
+
+def problem_of(bench: Bench, files: Mapping[str, Path]) -> BenchProblem:
+    """As `estimate` asks; the bench with its free properties as parameters."""
+    config, estimate = bench.config, asked(bench.config)
+    sensors = sensors_of(bench)
+    used = some_of(bench, sensors, list(estimate.sensors))
+    errors = toleranced(bench, used)
+    h = estimate.time_step or config.simulate.time_step
+    unknowns = unknowns_of(bench, h)
+    loads, drives = loads_of(bench, files), drives_of(bench, files)
+    known = loads(h * np.arange(round((estimate.duration or config.simulate.duration) / h) + 1))
+    refuse_spun(bench, known, "estimate")
+    zeroing = known[0].copy()
+    heaviest = known[first_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
+    for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
+        guess = estimate.inputs[name].guess
+        known[:, column] = known[0, column] if guess is None else guess
+    return BenchProblem(bench, sensors, used, errors, unknowns, h, loads, drives, known, heaviest, zeroing)
+
+
+FITS, SETTLED = 20, 1e-9
+"""Gauss-Newton steps to loads at rest, and the share of their σ below which they are found."""
+HALVINGS = 12
+"""How often a step of them is halved that explains less, or that no rest carries."""
+
+
+def zero_of(problem: BenchProblem, sensors: Sensors, theta: np.ndarray) -> np.ndarray:
+    """What zeroed channels read when they were zeroed (channels,), by a bench with these parameters; 0 for the others."""
+    if not sensors.zeroed.any():
+        return np.zeros(len(sensors.zeroed))
+    with blame("estimate"):
+        q, v = start_of(problem.bench.at(theta), problem.zeroing)
+    rest = at_rest(problem.bench.system, problem.zeroing)
+    return np.where(sensors.zeroed, sensors.readings.read(q, v, rest)[0], 0.0)
+
+
+def free_zero(problem: BenchProblem, sensors: Sensors) -> Zero | None:
+    """The same for every trial value of the parameters; None where none is estimated, none zeroed, or the start no rest."""
+    unknowns, bench = problem.unknowns, problem.bench
+    if not (sensors.zeroed.any() and unknowns.free and problem.config.simulate.start == "equilibrium"):
+        return None
+    q, _ = start_of(bench.at(unknowns.starts[0]), problem.zeroing)
+    return zero_at_rest(bench.system, sensors.readings, sensors.zeroed, q, problem.zeroing, unknowns.coordinates)
+
+
+def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, noise: np.ndarray) -> np.ndarray:
+    """Loads (nu,) under which the bench at rest reads what was measured first, by damped Gauss-Newton from the guess:
+
+    min ‖(y₀ − h(q₀(u)))/σ‖² + ‖(u − û)/σ_u‖²     over the inputs whose guess the config leaves open
+
+    first y₀ (m,), NaN where nothing was measured.
+    """
+    bench, unknowns = problem.bench, problem.unknowns
+    free = [i for i, entry in enumerate(problem.estimate.inputs.values()) if entry.guess is None]
+    measured = np.isfinite(first)
+    columns, theta = unknowns.inputs[free], unknowns.starts[0]
+
+    def misfit(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """What is to be explained by a change of the loads, and its slopes."""
+        q, v = start_of(bench.at(theta), u)
+        by_u, _ = static_response(bench.system, q, u, theta)
+        read, H, _ = problem.used.readings.read(q, v, at_rest(bench.system, u))
+        r = np.concatenate([((first - read) / noise)[measured], (guess - u)[columns] / unknowns.std_u[free]])
+        slopes = np.concatenate(
+            [((H @ by_u[:, columns]) / noise[:, None])[measured], np.diag(1 / unknowns.std_u[free])]
+        )
+        return r, slopes
+
+    u = guess.copy()
+    if not free:
+        return u
+    with blame("estimate.measured"):
+        r, slopes = misfit(u)
+    for _ in range(FITS):
+        du = np.linalg.lstsq(slopes, r, rcond=None)[0]
+        if np.all(np.abs(du) < SETTLED * unknowns.std_u[free]):
+            u[columns] += du
+            break
+        for halvings in range(HALVINGS):
+            trial = u.copy()
+            trial[columns] += 0.5**halvings * du
+            try:
+                tried = misfit(trial)
+            except (NumericalError, UserError):
+                continue  # no rest under loads that go too far
+            if np.linalg.norm(tried[0]) < np.linalg.norm(r):
+                u, (r, slopes) = trial, tried
+                break
+        else:
+            break
+    return u
+
+
+def moved_at_rest(problem: BenchProblem, under: tuple[np.ndarray, ...]) -> tuple[np.ndarray, NumericalError | None]:
+    """What one σ of every unknown, or of its change in a step, moves every reading by at rest (m, nu + p): the most of all
+    these loads, because a stiffness is felt under load only. Zeros where the bench does not start from rest. With the error
+    of loads, the first ones aside, under which no rest was found: they may move more."""
+    bench, unknowns, channels = problem.bench, problem.unknowns, problem.used.readings
+    unsolved: NumericalError | None = None
+    most = np.zeros((len(channels.channels), len(unknowns.std_u) + len(unknowns.std)))
+    if problem.config.simulate.start != "equilibrium":
+        return most, unsolved
+    theta = unknowns.starts[0]
+    std = np.maximum(np.append(unknowns.std_u, unknowns.std), np.append(unknowns.increment_u, unknowns.increment))
+    free = [bench.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
+    for i, u in enumerate(under):
+        try:
+            with blame("estimate"):
+                q, v = start_of(bench.at(theta), u)
+                by_u, by_theta = static_response(bench.system, q, u, theta)
+        except (UserError, NumericalError) as error:
+            if i == 0:
+                raise
+            unsolved = error if isinstance(error, NumericalError) else unsolved
+            continue  # loads that rest cannot carry say nothing
+        response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, free]], axis=1)
+        most = np.maximum(most, np.abs(channels.read(q, v, at_rest(bench.system, u))[1] @ response) * std)
+    return most, unsolved
