@@ -1,4 +1,4 @@
-"""The types that all config models share."""
+"""What all config models share: sections, markers, plausible ranges, names by which entries refer to each other, problems."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Measurements of a test: which channel of its files is which gauge or load, and how they are to be read."""
+"""Measurements of a test: which channel of its files is which gauge or load, how they are read, and fatigue damage."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where gauges may go, along what, how noisy they are; those already bonded; accelerometers and displacement sensors."""
+"""Types of gauges, where they may go, along what, how noisy they are; those bonded already; motion sensors."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The models of a config along a path of keys: what may stand there, and which member of a union does."""
+"""The models of a config along a path of keys, values from outside its file, and what pydantic found in words."""
 
 from __future__ import annotations
 

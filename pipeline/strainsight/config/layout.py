@@ -1,4 +1,4 @@
-"""What a layout may be and what makes it good: the keys that the placement on a structure and that on a bench share."""
+"""What a layout may be and what makes it good, and zones of the surface: shared by structure and bench."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""How exactly gauges are installed, loads are applied and the model is known."""
+"""How exactly gauges are installed, loads are applied and the model is known; what a validation tries."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lines of a text deck: reading, unpacking, and the files that a deck takes in."""
+"""Lines and numbers of a text deck: reading, unpacking, parsing, and the files that a deck takes in."""
 
 from __future__ import annotations
 

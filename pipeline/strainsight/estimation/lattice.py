@@ -1,4 +1,4 @@
-"""A lattice of points that covers a density, and its moments by the trapezoidal rule."""
+"""A lattice of points that covers a density, grown until it holds it, and its moments by the trapezoidal rule."""
 
 from __future__ import annotations
 

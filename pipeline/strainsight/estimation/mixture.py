@@ -1,4 +1,4 @@
-"""What filters at many parameter values say together: mean and covariance of their mixture along the samples."""
+"""What filters at many parameter values say together: their mixture along the samples, and the posterior of each parameter."""
 
 from __future__ import annotations
 

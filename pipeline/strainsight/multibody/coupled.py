@@ -1,4 +1,4 @@
-"""Modes of the coupled system, whether it is stable, and its state space."""
+"""Small motions about a state: modes of the coupled system, its stability, its state space, and what a step follows of it."""
 
 from __future__ import annotations
 

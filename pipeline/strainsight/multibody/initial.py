@@ -1,4 +1,4 @@
-"""States to start from: poses of bodies, consistent positions and velocities."""
+"""States to start from: poses, consistent positions and velocities, and static equilibrium."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Joints: relations held at zero."""
+"""Joints: relations held at zero, or driven along a history."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Relations between frames: every one is the scalar product of two vectors that bodies carry."""
+"""Relations between frames, scalar products of two vectors of bodies: values, gradients and rates of all at once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One step of implicit Euler on the GGL-stabilised equations (1.5-1.7)."""
+"""One step in time: implicit Euler on the GGL-stabilised equations (1.5-1.7), or two implicit stages, and their slopes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The best set of all, with a proof: branch and bound over the convex relaxation."""
+"""The best set of all, with a proof: branch and bound over the convex relaxation, its nodes, bounds and halves."""
 
 from __future__ import annotations
 

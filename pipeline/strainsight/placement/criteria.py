@@ -1,4 +1,4 @@
-"""What a criterion has to be, so that every search and every bound of a layout holds for it."""
+"""Criteria of a layout: what each has to be, those that there are, and the metric of a covariance."""
 
 from __future__ import annotations
 

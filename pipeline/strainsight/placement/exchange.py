@@ -1,4 +1,4 @@
-"""Swaps after the elimination: one gauge of the set against one left out, until no swap helps."""
+"""After the elimination: gauges added while the limits leave room, and swaps until none helps."""
 
 from __future__ import annotations
 

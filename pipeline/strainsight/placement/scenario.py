@@ -1,4 +1,4 @@
-"""A fixed linearisation with its pool of gauges, its steady covariance, and what a set of gauges costs."""
+"""A fixed linearisation with its pool of gauges, its steady covariance, and the same in its slow motions alone."""
 
 from __future__ import annotations
 

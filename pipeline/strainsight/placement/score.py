@@ -1,4 +1,4 @@
-"""What any set of gauges is worth, by the covariance that also ranks the elimination."""
+"""What any set of gauges is worth, by the covariance that also ranks the elimination, and how many are worth it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A layout inside the gauges that are still there: the proof that one is left, whatever goes next."""
+"""The gauges that are left while they leave one by one, and a layout within them as the proof that one is left."""
 
 from __future__ import annotations
 

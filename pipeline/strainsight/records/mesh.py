@@ -1,4 +1,4 @@
-"""import.h5: a `Mesh` by columns."""
+"""import.h5: a `Mesh` by columns, its faces, and grids that ParaView opens."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A body reduced to the motions of its interface nodes and its modes with these held (thesis 1.8-1.17)."""
+"""A body reduced to the motions of its interface nodes and its modes with these held (thesis 1.8-1.17), and its reach."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Steps and accelerations of the reduced model and their exact derivatives, for many parameter values at once."""
+"""Steps and accelerations of the reduced model and their exact derivatives, other schemes, and its motion under tones."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The reduced model (5.3) and its damping."""
+"""The reduced model (5.3), its damping, and its limit of slow loads."""
 
 from __future__ import annotations
 

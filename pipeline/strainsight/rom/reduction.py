@@ -1,4 +1,4 @@
-"""The reduction basis Ψ (5.2) over a box of parameters, and what it leaves out."""
+"""The reduction basis Ψ (5.2) from snapshots over a box of parameters, and what it leaves out."""
 
 from __future__ import annotations
 

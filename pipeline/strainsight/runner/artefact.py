@@ -1,4 +1,4 @@
-"""Reading an artefact: checked whole before a single number is handed out.
+"""Reading an artefact: its seal and its header checked before a single number is handed out.
 
 It is checked before the HDF5 library is let near the file: a single flipped byte in its metadata can hold the library for
 ever. HDF5 allows a block of one's own at the start of a file and looks for its own beginning behind it, as do ParaView's readers.

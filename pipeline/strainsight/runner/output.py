@@ -1,4 +1,4 @@
-"""What a stage returns: arrays with units, a few scalars, one line for the reader.
+"""What a stage returns: arrays with units, a few scalars, one line for the reader; and the same read from a file.
 
 Files hold a hundred small datasets: the low-level interface of h5py reads them in a sixth of the time of the usual one.
 """

@@ -1,4 +1,4 @@
-"""Run the stages that are not up to date, each on what the ones above have written."""
+"""Run the stages that are not up to date, under a lock, or reuse what another run has done."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writing an artefact: complete, or not at all."""
+"""Writing an artefact, complete or not at all, with what it was computed with."""
 
 from __future__ import annotations
 

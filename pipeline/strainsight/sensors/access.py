@@ -1,4 +1,4 @@
-"""Whether a hand gets at a place: what stands over it and beside it."""
+"""What stands over a place, beside it and opposite: room for a hand, faces that lie on another, the other side of a wall."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Where a gauge can sit: exterior facets, and directions on them."""
+"""Where a gauge, a bridge arm or a motion sensor can sit, and along which directions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Edges of a surface: which facets meet there, how sharply, and what lies near the sharp ones."""
+"""Edges of a surface: clearance from them, dimensions to them, and how tightly the surface bends between."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A layout as a universal file (UFF), which programs for tests and for finite elements read."""
+"""A layout as a universal file (UFF) and the outline of its part."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Gauges as they are installed: drawn from tolerances, and what they read."""
+"""Gauges as they are installed: drawn from tolerances, what they read, and how that depends on the installation."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Straight ahead over a surface: from a point along a direction, from facet to facet, up to a sharp edge."""
+"""The nearest point of a surface, and straight ahead over it from facet to facet."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Parts of the surface: boxes, cylinders, normals, the surroundings of edges and sets."""
+"""Parts of the surface: boxes, cylinders, normals, surroundings of edges and sets; facets that may carry a gauge."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The config of `kind: bench`: a multibody bench in time."""
+"""The config of `kind: bench`: a multibody bench in time, and where its gauges go."""
 
 from __future__ import annotations
 

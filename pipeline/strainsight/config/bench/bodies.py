@@ -1,4 +1,4 @@
-"""Bodies of a bench and the frames on them."""
+"""Bodies of a bench, the frames on them, and bearings."""
 
 from __future__ import annotations
 

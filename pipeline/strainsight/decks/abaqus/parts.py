@@ -1,4 +1,4 @@
-"""Nodes and elements of one part, or of a flat deck, as arrays in its own ids and axes."""
+"""Nodes and elements (*NODE, *ELEMENT) of one part, or of a flat deck, as arrays in its own ids and axes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""All nodes and elements of an assembly, and what the names of nodes, elements and sets mean in each of its instances."""
+"""Parts and instances of an assembly: all their nodes and elements, and what names mean in each instance."""
 
 from __future__ import annotations
 

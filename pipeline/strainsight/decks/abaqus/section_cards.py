@@ -1,4 +1,4 @@
-"""*BEAM SECTION and *BEAM GENERAL SECTION: shapes, moments and directions; y of a `BeamSection` is n1 here, z is n2."""
+"""Section keywords of an Abaqus deck: beams (y of a `BeamSection` is n1 here, z is n2), shells and laminates."""
 
 from __future__ import annotations
 

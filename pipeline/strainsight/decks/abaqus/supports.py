@@ -1,4 +1,4 @@
-"""Nodal axes and point masses of an Abaqus deck."""
+"""Nodal axes, point masses, springs and *EQUATION of an Abaqus deck."""
 
 from __future__ import annotations
 

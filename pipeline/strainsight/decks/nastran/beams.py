@@ -1,4 +1,4 @@
-"""Beams and rods of a Nastran deck: CBAR, CBEAM, CROD, CTUBE and CONROD."""
+"""Beams and rods of a Nastran deck: elements, sections, and sections given as a shape with dimensions."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Lists of ids in a Nastran deck: THRU, BY, EXCEPT, and the named sets made of them."""
+"""Lists of ids, named sets and PARAM of a Nastran deck: what its case control selects and changes."""
 
 from __future__ import annotations
 

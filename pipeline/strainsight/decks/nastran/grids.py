@@ -1,4 +1,4 @@
-"""Nodes of a Nastran deck: GRID and GRDSET, in the basic system, and the systems their displacements are meant in."""
+"""Nodes (GRID) and coordinate systems (CORD) of a Nastran deck: positions in the basic system, axes of displacements."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""MAT1 of a Nastran deck."""
+"""Materials of a Nastran deck: MAT1, MAT8, MAT9, MAT11, and laminates of them (PCOMP)."""
 
 from __future__ import annotations
 

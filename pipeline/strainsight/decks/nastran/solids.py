@@ -1,4 +1,4 @@
-"""Solid elements of a Nastran deck."""
+"""Solid elements of a Nastran deck, those with layers (PCOMPS), and those that lack mid-side nodes."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rigid and averaging elements of a Nastran deck."""
+"""Rigid and averaging elements, rigid bars and MPC relations of a Nastran deck."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The bench of a config as bodies, frames, joints, forces and sensors of the kernel."""
+"""The bench of a config as bodies, frames, joints, forces and sensors of the kernel, and the state it starts from."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flexible bodies of a bench, reduced to the motions of their interface nodes and a few modes (thesis 1.8-1.17)."""
+"""Flexible bodies of a bench: their reduction (thesis 1.8-1.17), and strain and stress of their surface in motion."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What an engineer can do with a layout, in sentences."""
+"""What a filter on a layout is expected to claim, what its variance is made of, and what an engineer can do."""
 
 from __future__ import annotations
 

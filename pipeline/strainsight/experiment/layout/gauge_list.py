@@ -1,4 +1,4 @@
-"""The gauges of a layout for people: a list, a table."""
+"""The gauges of a layout for people: their names, a list, a table, a line for each channel."""
 
 from __future__ import annotations
 

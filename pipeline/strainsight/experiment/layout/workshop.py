@@ -1,4 +1,4 @@
-"""What a workshop gets of a layout: places and dimensions in its own axes and the deck's unit."""
+"""What a workshop and its programs get of a layout: places, dimensions, channel lists, element sets."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The implicit stages of a step, one after the other: each foreseen from those before, then solved."""
+"""The implicit stages of a step, each foreseen from those before, then solved; and their derivatives."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Unknown parameters as numbers without bounds, so that every trial value is one that can be built."""
+"""Unknown parameters as numbers without bounds; what is known at the start, and of sensors that were zeroed there."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Triangles, mesh lines and the side to look from: what a picture needs to know of a structure."""
+"""What a picture needs of a structure: triangles, mesh lines, the side to look from, colours and markers."""
 
 from __future__ import annotations
 

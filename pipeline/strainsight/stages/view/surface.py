@@ -1,4 +1,4 @@
-"""A surface in time as its VTKHDF group holds it: one instant of it, and pictures of mode shapes."""
+"""Strain and stress of a surface as pictures: under each load, at one instant, and mode shapes."""
 
 from __future__ import annotations
 
