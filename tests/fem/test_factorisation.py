@@ -131,7 +131,7 @@ def test_too_little_memory_is_refused_before_it_is_taken(monkeypatch, available)
 GROWTH = """
 import os, sys
 sys.path.insert(0, sys.argv[1])
-from test_factorisation import factorise, laplacian, memory, pardiso
+from test_factorisation import factorisation, factorise, laplacian, memory
 
 def resident():
     return int((memory.PROC / "self" / "statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE")
@@ -139,7 +139,7 @@ def resident():
 noted = []
 factorisation.require_memory = lambda needed, what: noted.append((needed, resident()))
 factor = factorise(laplacian(40))
-announced, before = noted[0]
+announced, before = noted[-1]
 print(factor.size, announced, resident() - before)
 """
 
