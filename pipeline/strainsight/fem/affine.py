@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Final, Literal
@@ -260,6 +260,17 @@ def on_one(matrices: Sequence[sparse.csr_array]) -> list[sparse.csr_array]:
 
     whole.data[:] = 1.0
     return [widened(matrix) for matrix in matrices]
+
+
+def from_entries(parts: Iterable[tuple[np.ndarray, Any, Any]], shape: tuple[int, int]) -> sparse.csr_array:
+    """Sum of entries: values, with their rows and columns, which broadcast to the shape of the values; zeros are left out."""
+    entries = [(np.zeros(0), *np.zeros((2, 0), dtype=np.int64))]
+    for value, *places in parts:
+        kept = value != 0
+        row, column = (np.broadcast_to(place, value.shape)[kept] for place in places)
+        entries.append((value[kept], row, column))
+    value, row, column = (np.concatenate(part) for part in zip(*entries, strict=True))
+    return sparse.csr_array((value, (row, column)), shape=shape)
 
 
 def added(X: Any, Y: Any) -> Any:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError
-from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter, scales_stiffness
+from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter, from_entries, scales_stiffness
 from strainsight.fem.by_region import poisson_ratios
 from strainsight.fem.elasticity import (
     SHEARS,
@@ -72,7 +72,7 @@ def strain_matrix(
             moved = replace(mesh, position=(G @ mesh.position.ravel()).reshape(mesh.position.shape))
             found = found + sparse.diags_array(of.astype(float)) @ strain_matrix(moved, facets, laws) @ G
         return sparse.csr_array(found)
-    value, row, column = [], [], []
+    entries = []
     for block, local, which, element in on_solids(mesh, facets):
         kind = FACETS[facets.kind[which[0]]]
         xi = kind.shape(kind.centre) @ kind_of(block.kind).nodes[list(local)]
@@ -80,21 +80,12 @@ def strain_matrix(
         B = _strain(mesh, block, element, xi)
         rows = 6 * which[:, None, None, None, None] + np.arange(6)[:, None, None]
         columns = 3 * nodes[:, None, None, :, None] + np.arange(3)
-        there = np.nonzero(B)
-        value.append(B[there])
-        row.append(np.broadcast_to(rows, B.shape)[there])
-        column.append(np.broadcast_to(columns, B.shape)[there])
+        entries.append((B, rows, columns))
     for which, nodes, B in _of_shells(mesh, facets, laws):
         rows = 6 * which[:, None, None, None] + np.arange(6)[:, None, None]
         columns = 3 * nodes[:, None, :, None] + np.arange(3)
-        value.append(B.ravel())
-        row.append(np.broadcast_to(rows, B.shape).ravel())
-        column.append(np.broadcast_to(columns, B.shape).ravel())
-    shape_ = (6 * len(facets.kind), 3 * len(mesh.position))
-    if not value:
-        return sparse.csr_array(shape_)
-    entries = (np.concatenate(value), (np.concatenate(row), np.concatenate(column)))
-    return sparse.csr_array(sparse.coo_array(entries, shape=shape_))
+        entries.append((B, rows, columns))
+    return from_entries(entries, (6 * len(facets.kind), 3 * len(mesh.position)))
 
 
 def _of_shells(

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import UserError
+from strainsight.fem.affine import from_entries
 from strainsight.fem.constraints import Constraint, describe_row
 from strainsight.fem.equations import references, rigid_rows, translation_rows
 from strainsight.fem.pieces import Pieces, parts, stiff_pieces, whole
@@ -233,29 +234,21 @@ def _motions(
     body, turning = label[nodes], mesh.turning
     blocks = rigid_rows(mesh.position[nodes] - centre[body])
     blocks[:, :, 3:] /= radius[body][:, None, None]
-    rows = np.broadcast_to((3 * nodes[:, None] + np.arange(3))[:, :, None], blocks.shape)
-    columns = np.broadcast_to(6 * body[:, None, None] + np.arange(6), blocks.shape)
-    turned = constraint.rotations(turning).ravel()
-    about = (6 * label[turning][:, None] + np.arange(3, 6)).ravel()
-    values = np.concatenate([blocks.ravel(), np.repeat(1 / radius[label[turning]], 3)])
-    places = np.concatenate([rows.ravel(), turned]), np.concatenate([columns.ravel(), about])
-    return sparse.csr_array((values, places), shape=(constraint.transform.shape[0], 6 * len(centre)))
+    displaced = blocks, (3 * nodes[:, None] + np.arange(3))[:, :, None], 6 * body[:, None, None] + np.arange(6)
+    about = 6 * label[turning][:, None] + np.arange(3, 6)
+    turned = np.repeat(1 / radius[label[turning]], 3).reshape(-1, 3), constraint.rotations(turning), about
+    return from_entries([displaced, turned], (constraint.transform.shape[0], 6 * len(centre)))
 
 
 def _parted(mesh: Mesh, pieces: Pieces, centre: np.ndarray, radius: np.ndarray) -> sparse.csr_array:
     """R_a c_a − R_b c_b (3s, 6b) at the s nodes that a piece has beside the one that they move with."""
     node, other = pieces.meeting
-    values, columns = [], []
+    entries, rows = [], np.arange(3 * len(node)).reshape(-1, 3, 1)
     for body, sign in ((pieces.label[node], 1.0), (other, -1.0)):
         blocks = sign * rigid_rows(mesh.position[node] - centre[body])
         blocks[:, :, 3:] /= radius[body][:, None, None]
-        values.append(blocks)
-        columns.append(np.broadcast_to(6 * body[:, None, None] + np.arange(6), blocks.shape))
-    rows = np.arange(3 * len(node)).reshape(-1, 3, 1)
-    return sparse.csr_array(
-        (np.ravel(values), (np.ravel([np.broadcast_to(rows, value.shape) for value in values]), np.ravel(columns))),
-        shape=(3 * len(node), 6 * len(centre)),
-    )
+        entries.append((blocks, rows, 6 * body[:, None, None] + np.arange(6)))
+    return from_entries(entries, (3 * len(node), 6 * len(centre)))
 
 
 def _null_space(B: sparse.csr_array) -> np.ndarray:
@@ -312,17 +305,14 @@ def grounded(mesh: Mesh) -> tuple[Grounded, ...]:
 
 def links(mesh: Mesh) -> tuple[Grounded, ...]:
     """All springs and relations between several nodes, the one that a rigid motion stretches most first."""
-    return tuple(sorted(_each(mesh), key=lambda own: -own.share))
-
-
-def _each(mesh: Mesh) -> Iterator[Grounded]:
-    x = mesh.position - mesh.position.mean(axis=0)
+    x, found = mesh.position - mesh.position.mean(axis=0), list[Grounded]()
     for spring in mesh.springs:
         for i in np.flatnonzero(spring.stiffness > 0):
             part = spring.spring == i
-            yield from _checked(x, spring.name, spring.node[part], spring.component[part], spring.value[part], {})
+            found += _checked(x, spring.name, spring.node[part], spring.component[part], spring.value[part], {})
     for tie in mesh.relations:
-        yield from _checked(x, str(tie), tie.node, tie.component, tie.value, mesh.axes)
+        found += _checked(x, str(tie), tie.node, tie.component, tie.value, mesh.axes)
+    return tuple(sorted(found, key=lambda own: -own.share))
 
 
 def _checked(

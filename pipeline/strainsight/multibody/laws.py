@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -30,7 +31,7 @@ Measure = Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class AlongDisplacement:
+class AlongDisplacement(ABC):
     """T(x, ẋ, θ) along a displacement x(ρ), ẋ = ∇x·ρ̇:
 
     F = T ∇x,     ∂F/∂ρ = ∇x (T_x ∇x + T_ẋ ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = T_ẋ ∇x ∇xᵀ,     ∂F/∂θ = ∇x T_θᵀ
@@ -38,9 +39,9 @@ class AlongDisplacement:
 
     measure: Measure
 
+    @abstractmethod
     def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
         """T, T_x, T_ẋ, T_θ."""
-        raise NotImplementedError
 
     def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
         x, slope, bend = self.measure(rho)
