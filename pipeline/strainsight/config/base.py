@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Annotated, Any, get_args
@@ -34,7 +34,7 @@ def marked(section: BaseModel, kind: Any, above: str = "") -> Iterator[Marked]:
     """Every text and number that a marker of this kind marks, in a section and below; above: dotted key of the section."""
     for name, field in type(section).model_fields.items():
         mark, below = mark_of(field, kind), f"{above}.{field.alias or name}".removeprefix(".")
-        for key, value in _leaves(below, getattr(section, name)):
+        for key, value in leaves(below, getattr(section, name)):
             if isinstance(value, BaseModel):
                 yield from marked(value, kind, key)
             elif mark is not None and isinstance(value, str | int | float) and not isinstance(value, bool):
@@ -47,13 +47,13 @@ def _parts(*annotations: Any) -> Iterator[Any]:
         yield from _parts(*get_args(item))
 
 
-def _leaves(key: str, value: Any, vectors: bool = False) -> Iterator[tuple[str, Any]]:
+def leaves(key: str, value: Any, vectors: bool = False) -> Iterator[tuple[str, Any]]:
     """The values that mappings and lists hold, with their keys; vectors: a list of numbers is one."""
     if not isinstance(value, dict | tuple) or (vectors and isinstance(value, tuple) and isinstance(value[0], float)):
         yield key, value
         return
     for place, item in value.items() if isinstance(value, dict) else enumerate(value):
-        yield from _leaves(f"{key}.{place}", item, vectors)
+        yield from leaves(f"{key}.{place}".removeprefix("."), item, vectors)
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,18 @@ def undivided(key: str, duration: float, step: float, other: str = "") -> Iterat
         yield Problem(key, what, f"take {duration / round(steps):.9g} s{longer}")
 
 
-def known(key: str, name: str, names: Collection[str], what: str) -> Iterator[Problem]:
+def known(key: str, name: str, names: Collection[str], what: str, at_key: bool = False) -> Iterator[Problem]:
     """A problem unless the name is one of these."""
     if name not in names:
         listed = ", ".join(names) or "none"
-        yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known here: {listed}"))
+        yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known here: {listed}"), at_key)
+
+
+def named_twice(key: str, names: Sequence[str]) -> Iterator[Problem]:
+    """A problem for every entry of the list at a key that is there before."""
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            yield Problem(f"{key}.{i}", f"'{name}' is named twice", "remove one of them")
 
 
 def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
@@ -289,7 +296,7 @@ def section_problems(section: Section, above: str = "") -> Iterator[Problem]:
         yield replace(problem, key=f"{above}.{problem.key}".strip("."))
     for name, field in type(section).model_fields.items():
         directed = mark_of(field, Unbounded) is DIRECTION
-        for key, value in _leaves(f"{above}.{field.alias or name}".removeprefix("."), getattr(section, name), directed):
+        for key, value in leaves(f"{above}.{field.alias or name}".removeprefix("."), getattr(section, name), directed):
             if isinstance(value, Section):
                 yield from section_problems(value, key)
             elif directed and isinstance(value, tuple) and not any(value):

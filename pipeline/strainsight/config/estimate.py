@@ -91,12 +91,8 @@ class DamageSettings(Section):
     def problems(self) -> Iterator[Problem]:
         curve, mean = self.curve, self.mean_stress
         if curve.second_slope is not None and curve.knee is None:
-            yield Problem(
-                "curve.second_slope",
-                "there is no knee",
-                "state estimate.damage.curve.knee, or leave it out",
-                at_key=True,
-            )
+            remedy = "state estimate.damage.curve.knee, or leave it out"
+            yield Problem("curve.second_slope", "there is no knee", remedy, at_key=True)
         if curve.cut_off is not None and curve.knee is not None and curve.cut_off <= curve.knee:
             what = f"{curve.cut_off:g} cycles are not beyond the knee, {curve.knee:g}"
             yield Problem("curve.cut_off", what, "state more, or leave it out")
