@@ -46,8 +46,7 @@ def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray,
     root = g * np.sqrt(w * det)[:, :, None, None]
     flat = root.reshape(len(position), len(w), 3 * size)
     outer = np.matmul(flat.swapaxes(1, 2), flat).reshape(-1, size, 3, size, 3)
-    lam = (nu / ((1 + nu) * (1 - 2 * nu)))[:, None, None, None]
-    mu = (0.5 / (1 + nu))[:, None, None, None]
+    lam, mu = (constant[:, None, None, None] for constant in lame(nu))
     if kind.bubble_gradient:
         K = _isotropic(outer.transpose(0, 1, 3, 2, 4), lam[..., None], mu[..., None])
         K = _condensed(K, len(kind.nodes))
@@ -153,6 +152,11 @@ def bubble_gradients(kind: ElementKind, position: np.ndarray, xi: np.ndarray, de
     J = np.einsum("qkd,ekc->eqdc", kind.gradient(kind.centre), position)[:, 0]
     g = np.einsum("qid,ecd->eqic", kind.bubble_gradient(xi), np.linalg.inv(J))
     return g * (np.linalg.det(J)[:, None] / det)[:, :, None, None]
+
+
+def lame(nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """λ = ν/((1 + ν)(1 − 2ν)) and μ = 1/(2(1 + ν)) of unit modulus."""
+    return nu / ((1 + nu) * (1 - 2 * nu)), 0.5 / (1 + nu)
 
 
 def _isotropic(outer: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray:

@@ -187,7 +187,10 @@ def _lowest(
             if relief is None:
                 inverse, shapes = _dense(A.toarray(), M.toarray(), count, wanted)
             else:
-                inverse, shapes = _dense_free(A, M, count, wanted, relief)
+                # (M − MR(MR)ᵀ)φ′ = (1/λ) A′φ′ on the springs of `pinned`: φ′ is φ moved so that they are not stretched
+                M_elastic = M.toarray() - relief.inertia @ relief.inertia.T
+                inverse, moved = _dense(pinned(A, relief.shapes).toarray(), M_elastic, count, wanted)
+                shapes = relief.elastic(moved)
         else:
             factor = factor or (by(A) if relief is None else factorise_free(A, relief, by))
             if _basis(wanted) <= massive:
@@ -215,15 +218,6 @@ def _dense(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple[np.nd
     # beside those asked for, what has no mass is no mode
     found = max(count, int(np.count_nonzero(inverse > n * np.finfo(float).eps * inverse[-1])))
     return inverse[-found:][::-1], (V[:, -found:] / np.sqrt(inverse[-found:]))[:, ::-1]
-
-
-def _dense_free(
-    A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, relief: Relief
-) -> tuple[np.ndarray, np.ndarray]:
-    """(M − MR(MR)ᵀ)φ′ = (1/λ) A′φ′ on the springs of `pinned`: φ′ is φ moved so that they are not stretched."""
-    M_elastic = M.toarray() - relief.inertia @ relief.inertia.T
-    inverse, moved = _dense(pinned(A, relief.shapes).toarray(), M_elastic, count, wanted)
-    return inverse, relief.elastic(moved)
 
 
 def _condensed(
@@ -280,7 +274,7 @@ def _iterated(
     if factor.lowest is not None or (near is None and count > SINGLY):
         return None
     n, width = A.shape[0], 1 if near is None or near.shape[1] < count + EXTRA else count + EXTRA
-    most = 3 * (count + EXTRA) + 30 if width == 1 else _blocks(count)
+    most = 3 * (count + EXTRA) + 30 if width == 1 else 12 * (count + EXTRA)
     require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"{count} modes of {n} unknowns")
     try:
         if near is None or width == 1:
@@ -312,11 +306,6 @@ def _nothing_beside(M: sparse.csr_array, factor: Factor, shapes: np.ndarray, las
     except (np.linalg.LinAlgError, NumericalError):
         return False
     return not len(more) or bool((1 + ROUGHLY) * more[0] <= last)
-
-
-def _blocks(count: int) -> int:
-    """Vectors of block iterations from near modes."""
-    return 12 * (count + EXTRA)
 
 
 def _by_fours(factor: Factor, B: np.ndarray) -> np.ndarray:
@@ -357,18 +346,14 @@ def _ascending(M: sparse.csr_array, lam: np.ndarray, V: np.ndarray) -> tuple[np.
     return 1.0 / lam[order], V / np.sqrt(np.einsum("ij,ij->j", V, M @ V))
 
 
-def _cancels(A: sparse.csr_array, lam: float, shape: np.ndarray) -> bool:
-    """Whether φᵀAφ = λ is a difference of terms that are 1e12 times as large. A rotation about the normal of a shell that is not
-    quite along an axis has next to no mass, and K_ii/M_ii says nothing there."""
-    size = np.abs(shape)
-    return not lam > 1e-12 * float(size @ (abs(A) @ size))
-
-
 def _check(A: sparse.csr_array, M: sparse.csr_array, lam: np.ndarray, shapes: np.ndarray) -> None:
     """A mode whose energy is rounding error is a mechanism; the others must satisfy the equation."""
     m, k = M.diagonal(), A.diagonal()
     stiffest = (k[m > 0] / m[m > 0]).max()
-    if not lam[0] > 1e-15 * stiffest and _cancels(A, lam[0], shapes[:, 0]):
+    # φᵀAφ = λ may be a difference of terms that are 1e12 times as large; a rotation about the normal of a shell that is not quite
+    # along an axis has next to no mass, and K_ii/M_ii alone says nothing there
+    size = np.abs(shapes[:, 0])
+    if not lam[0] > 1e-15 * stiffest and not lam[0] > 1e-12 * float(size @ (abs(A) @ size)):
         raise UserError(
             f"the structure has a mechanism: a mode at {np.sqrt(max(lam[0], 0.0)) / (2 * np.pi):.2g} Hz is "
             "stiffness of rounding size",

@@ -24,6 +24,7 @@ from strainsight.fem.elasticity import (
     facet_laws,
     gradients,
     jacobians,
+    lame,
     symmetric_gradient,
 )
 from strainsight.mesh.facets import Facets, on_solids
@@ -197,11 +198,6 @@ def bubble_amplitudes(
     stress = law @ Ba if law.ndim == 4 else isotropic(Ba, *(part[:, None, None] for part in lame(law)))
     DBa = np.swapaxes(weight * stress, 2, 3)
     return -np.linalg.solve((DBa @ Ba).sum(axis=1), (DBa @ Bu).sum(axis=1))
-
-
-def lame(nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """λ = ν/((1 + ν)(1 − 2ν)) and μ = 1/(2(1 + ν)) of unit modulus."""
-    return nu / ((1 + nu) * (1 - 2 * nu)), 0.5 / (1 + nu)
 
 
 def isotropic(strain: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import ceil, comb, factorial
 
@@ -107,7 +107,14 @@ def transient(
     Source: Song, Eisenträger and Zhang (2022), in partial fractions.
     """
     K, M = model.stiffness.at(theta), model.mass.at(theta)
-    mass = None if acceleration_rows is None or not acceleration_rows.shape[0] else _mass_factor(M)
+    mass = None
+    if acceleration_rows is not None and acceleration_rows.shape[0]:
+        if not np.all(M.diagonal() > 0):
+            raise UserError(
+                "accelerations of a model with unknowns that have no mass are not defined",
+                remedy="give every unknown a mass, or read strains and displacements only",
+            )
+        mass = factorise(M)
     reach = highest
     if reach is None:
         reach = max(_reach(K, M, damping, held, h, model.rigid), 0.0 if mass is None else BAND / h)
@@ -242,15 +249,6 @@ def _real_times(X: np.ndarray, w: np.ndarray) -> np.ndarray:
     return real + 1j * imaginary
 
 
-def _mass_factor(M: sparse.csr_array) -> Factor:
-    if not np.all(M.diagonal() > 0):
-        raise UserError(
-            "accelerations of a model with unknowns that have no mass are not defined",
-            remedy="give every unknown a mass, or read strains and displacements only",
-        )
-    return factorise(M)
-
-
 def _reach(
     K: sparse.csr_array,
     M: sparse.csr_array,
@@ -330,7 +328,7 @@ def pade(degree: int) -> Scheme:
     y = np.linspace(0.05, 2.0 * degree, 2000)
     period, damping = found.errors(y)
     bad = np.flatnonzero((np.abs(period) > TOLERANCE) | (np.abs(damping) > TOLERANCE))
-    return Scheme(found.degree, found.pole, found.residue, found.infinity, float(y[bad[0] - 1]))
+    return replace(found, reach=float(y[bad[0] - 1]))
 
 
 def choose(y: float) -> tuple[Scheme, int]:

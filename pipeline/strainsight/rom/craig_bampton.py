@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -129,13 +129,12 @@ def floating_basis(body: CraigBampton, node: int) -> CraigBampton:
         raise UserError(f"the frame of the body is fixed to node {fixed[0]} already", remedy="fix it to one node only")
     stay = np.flatnonzero(~held)
     square = np.ix_(stay, stay)
-    return CraigBampton(
-        body.stiffness.of_all(lambda X: X[square]),
-        body.mass[square],
-        body.basis[:, stay],
-        {other: rows[:, stay] for other, rows in body.interface.items()},
-        body.frequency,
-        body.cut,
+    return replace(
+        body,
+        stiffness=body.stiffness.of_all(lambda X: X[square]),
+        mass=body.mass[square],
+        basis=body.basis[:, stay],
+        interface={other: rows[:, stay] for other, rows in body.interface.items()},
     )
 
 
