@@ -59,7 +59,8 @@ def _unresisted(
 ) -> tuple[sparse.csr_array, np.ndarray]:
     """Springs (s, 3n + 3r) about the axes v of single nodes with (Σ k r rᵀ + k̂ Σ e eᵀ) v = 0, r the rotations of the node in
     each spring, e those that supports hold, k̂ their stiffness (s,), the largest there."""
-    entries, stiffness = [], []
+    entries: list[tuple[np.ndarray, int, np.ndarray]] = []
+    stiffness = []
     for node in _alone(mesh, rotation_rows):
         at = rotation_rows[node] + np.arange(3)
         r = R[:, at].toarray()
