@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 
 from strainsight.config.base import Problem, known
-from strainsight.config.gauges import AbsoluteNoise, BondedBridge, Gauges, type_problems
+from strainsight.config.gauges import AbsoluteNoise, BondedBridge, type_problems
 from strainsight.config.mesh import ResultsSection
 from strainsight.config.placement import GuessFrom, PlacementConfig, RayleighDamping
 from strainsight.config.tolerances import tolerances_of
@@ -249,7 +249,11 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
             f"{value:g} m/m are {100 * value:g} % of strain",
             f"give it in m/m: {value:g} um/m are {1e-6 * value:.1e}",
         )
-    yield from _rosette(gauges)
+    grids = 0 if gauges.direction is None or not gauges.rosette else len(gauges.direction.angles)
+    if grids == 1:
+        yield Problem("gauges.rosette", "a rosette of one grid", "give gauges.direction.angles, such as [0, 45, 90]")
+    if grids > LARGEST_ROSETTE:
+        yield Problem("gauges.direction.angles", f"a rosette of {grids} grids", "give at most three")
     if gauges.direction is not None:
         yield from type_problems(gauges, len(gauges.direction.angles) if gauges.rosette else 1)
     for name, sensors in config.motion_sensors.items():
@@ -299,14 +303,6 @@ def _given(config: PlacementConfig) -> Iterator[Problem]:
                 "gauges.bridge": "the row of a given bridge is the sum of its arms already",
             }.get(key, "it needs a surface to lie on")
             yield Problem(key, f"{what}, and gauges.given is there", "remove the key", at_key=True)
-
-
-def _rosette(gauges: Gauges) -> Iterator[Problem]:
-    grids = 0 if gauges.direction is None or not gauges.rosette else len(gauges.direction.angles)
-    if grids == 1:
-        yield Problem("gauges.rosette", "a rosette of one grid", "give gauges.direction.angles, such as [0, 45, 90]")
-    if grids > LARGEST_ROSETTE:
-        yield Problem("gauges.direction.angles", f"a rosette of {grids} grids", "give at most three")
 
 
 def _bridges(config: PlacementConfig) -> Iterator[Problem]:

@@ -52,13 +52,6 @@ def couple(mesh: Mesh, constraint: Constraint, nodes: np.ndarray, weight: np.nda
     return e
 
 
-def exerted(mesh: Mesh, constraint: Constraint, e: np.ndarray) -> np.ndarray:
-    """The moment (3,) [N m] about the origin of forces and moments e (3n + 3r,) on the rows of z."""
-    forces = e[: 3 * len(mesh.position)].reshape(-1, 3)
-    turned = [e[row : row + 3] for row in constraint.reference_rows.values()]
-    return np.cross(mesh.position, forces).sum(axis=0) + np.sum([np.zeros(3), *turned], axis=0)
-
-
 def nodes_at(mesh: Mesh, node: int) -> np.ndarray:
     """Nodes (indices) of the elements at a node, and of the ties that it leads: where the couple of a moment on it acts."""
     found = [nodes[(nodes == node).any(axis=1)].ravel() for nodes in mesh.connectivity]
@@ -146,7 +139,9 @@ def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray
     e = couple(mesh, constraint, nodes, np.ones(len(nodes)), moment)
     if not whole:
         return e
-    missed = np.linalg.norm(exerted(mesh, constraint, e) - moment) / np.linalg.norm(moment)
+    turned = [e[row : row + 3] for row in constraint.reference_rows.values()]
+    exerted = np.cross(mesh.position, e[: 3 * len(mesh.position)].reshape(-1, 3)).sum(axis=0) + sum(turned, np.zeros(3))
+    missed = np.linalg.norm(exerted - moment) / np.linalg.norm(moment)
     if missed > 1e-6 or not np.any(constraint.transform.T @ e):
         where = f"node {load.node_id}" if load.node_id is not None else f"set {load.node_set!r}"
         raise UserError(

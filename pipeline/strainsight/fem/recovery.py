@@ -226,10 +226,6 @@ class SurfaceModel:
     laws: FacetLaws | None = None
     change: AffineOperator = NO_CHANGE
 
-    def strain_at(self, theta: Mapping[str, float]) -> np.ndarray:
-        """B(θ) (p, 6, r)."""
-        return np.asarray(self.strain + self.change.at(theta))
-
     def unit_stress(
         self, strain: np.ndarray, law: np.ndarray | None, start: int = 0, factor: np.ndarray | float = 1.0
     ) -> np.ndarray:
@@ -317,7 +313,7 @@ def surface_state(
     r = model.strain.shape[2]
     if covariance is not None and np.shape(covariance) != (r + len(free),) * 2:
         raise ValueError(f"covariance {np.shape(covariance)} of {r} coordinates and {len(free)} parameters")
-    B = model.strain_at(theta)
+    B = np.asarray(model.strain + model.change.at(theta))
     strain = (B.reshape(-1, r) @ q).reshape(-1, 6)
     E = np.asarray(model.modulus.at(theta))
     law = None if model.laws is None else np.asarray(model.laws.stiffness.at(theta))

@@ -8,7 +8,7 @@ from typing import Any, Self
 import numpy as np
 
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
-from strainsight.records.record import dataset, group, record
+from strainsight.records.record import dataset, group, record, record_from
 from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
 
 
@@ -115,17 +115,9 @@ class ModelTerms:
     @classmethod
     def of(cls, model: ReducedModel) -> ModelTerms:
         slopes = {name: damping_derivative(model, model.reference, name) for name in model.parameters}
-        return cls(
-            mass=model.mass,
-            stiffness=model.stiffness,
-            damping=AffineOperator(damping_matrix(model, model.reference), slopes),
-            law=model.damping,
-            input_shape=model.input_shape,
-            input_slope=dict(model.input_slope),
-            inputs=model.inputs,
-            parameters=model.parameters,
-            reference=np.array(list(model.reference.values()), dtype=float),
-        )
+        damping = AffineOperator(damping_matrix(model, model.reference), slopes)
+        reference = np.array(list(model.reference.values()), dtype=float)
+        return record_from(cls, model, damping=damping, law=model.damping, reference=reference)
 
     def made(self) -> ReducedModel:
         return ReducedModel(

@@ -93,7 +93,9 @@ def craig_bampton(
         )
     b, unit = interface_motions(model, interface)
     i = np.setdiff1d(np.arange(model.size), b)
-    K, M = _at_reference(model, reference or {}), model.mass.constant
+    if missing := [name for name in model.stiffness.parameters if name not in (reference or {})]:
+        raise UserError(f"parameter {missing[0]} has no reference value", remedy="give the value to reduce the body at")
+    K, M = sparse.csr_array(model.stiffness.at(reference or {})), model.mass.constant
     K_i = sparse.csr_array(K[i])
     R = rigid_motions(model)
     F = own_inertia(model, R.shape[1])
@@ -252,13 +254,6 @@ def _held_modes(
     kept = int(modes) if modes is not None else int(np.count_nonzero(frequency <= cutoff))
     cut = float(frequency[kept]) if kept < len(frequency) else np.inf
     return frequency[:kept], U[:, :kept], cut
-
-
-def _at_reference(model: FiniteElementModel, reference: Mapping[str, float]) -> sparse.csr_array:
-    missing = [name for name in model.stiffness.parameters if name not in reference]
-    if missing:
-        raise UserError(f"parameter {missing[0]} has no reference value", remedy="give the value to reduce the body at")
-    return sparse.csr_array(model.stiffness.at(reference))
 
 
 def rigid_field(model: FiniteElementModel) -> np.ndarray:

@@ -27,7 +27,7 @@ from scipy import sparse
 
 from strainsight.contrib.mpi.supervisor import END, ENDED, SAID
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.factorisation import MECHANISM, Factor, conditioned, scaled_upper
+from strainsight.fem.factorisation import MECHANISM, NOT_DEFINITE, Factor, conditioned, scaled_upper
 from strainsight.memory import GIB, SMALLER, available_memory
 from strainsight.processes import SAFE_PATH, inherited
 from strainsight.processes import python as command_of
@@ -330,7 +330,7 @@ class _Session:
         """What all processes know alike."""
         kind = found["refused"]
         if kind == "indefinite":
-            return NumericalError("the stiffness is not positive definite: a pivot is not positive", remedy=MECHANISM)
+            return NumericalError(NOT_DEFINITE, remedy=MECHANISM)
         if kind == "converged":
             return NumericalError(
                 f"the Krylov-Schur iterations did not converge: {found['found']} modes after {found['iterations']} restarts",
