@@ -182,7 +182,6 @@ COMPARED = Unbounded("a number of any stage")
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
 MISPLACED = Plausible(1e-6, 0.1, "m", share=0.1)
-SNAP = Plausible(1e-9, 0.1, "m", share=1.0)
 ANGLE = Plausible(0.0, 360.0, "deg")
 MISALIGNED = Plausible(0.01, 20.0, "deg")
 TURN = Plausible(0.0, 6.2832, "rad")
@@ -199,14 +198,11 @@ VISCOUS = Plausible(1e-9, 1e12, "N s/m or N m s/rad")
 FORCE = Plausible(0.0, 1e9, "N")
 MOMENT = Plausible(0.0, 1e10, "N m")
 DRIVEN = Plausible(0.0, 1e10, "N, N m or the unit of the drive")
-DAMPING = Plausible(1e-5, 0.2)
-KAPPA = Plausible(1e-6, 1e4)
 STRAIN = Plausible(1e-9, 1e-2, "strain")
 STRAIN_RANGE = Plausible(1e-5, 0.5, "strain")
 NOISE = Plausible(1e-12, 1e3, "strain, m, m/s² or rad")
 GAIN = Plausible(1e-5, 0.2)
 RELATIVE_STD = Plausible(1e-6, 100.0)
-SCALE = Plausible(1e-6, 1e6)
 GAUGE_FACTOR = Plausible(1.0, 200.0)
 RESISTANCE = Plausible(50.0, 1e4, "Ω")
 PARAMETER = Plausible(1e-15, 2e12, "Pa, kg/m³, m or 1")
@@ -274,7 +270,7 @@ TimeStep = Annotated[Positive, Plausible(1e-7, 10.0, "s")]
 Duration = Annotated[Positive, DURATION]
 Frequency = Annotated[Positive, FREQUENCY]
 Amplitude = Annotated[Positive, Plausible(1e-6, 1e10, "in the unit of the load")]
-YoungsModulus = Annotated[Positive, Plausible(1e5, 2e12, "Pa")]
+YoungsModulus = Annotated[Positive, MODULUS]
 Stress = Annotated[Positive, Plausible(1e5, 1e10, "Pa")]
 Cycles = Annotated[Positive, Plausible(1.0, 1e12)]
 ParameterValue = Annotated[Positive, PARAMETER]

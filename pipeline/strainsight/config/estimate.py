@@ -13,7 +13,6 @@ from strainsight.config.base import (
     NOISE,
     READING,
     RELATIVE_STD,
-    SCALE,
     Count,
     Cycles,
     Id,
@@ -161,7 +160,7 @@ class Channel(Section):
     )
     bridge: BridgeSection | None = Field(None, description="For mV/V and V/V, and only there.")
     sign: Literal[1, -1] = expert(1, description="-1: wired the other way round.")
-    scale: Annotated[Positive, SCALE] = expert(1.0, description="Factor on the calibrated signal [-].")
+    scale: Annotated[Positive, Plausible(1e-6, 1e6)] = expert(1.0, description="Factor on the calibrated signal [-].")
     offset: Annotated[float, READING] = expert(0.0, description="Subtracted from the readings [unit].")
     drift: Annotated[float, READING] = expert(
         0.0, description="Subtracted from the readings, times the time since the start [unit/s]."

@@ -14,7 +14,6 @@ from strainsight.config.base import (
     NOISE,
     PRICE,
     RESISTANCE,
-    SNAP,
     STRAIN_RANGE,
     DirectionVector,
     Name,
@@ -339,7 +338,7 @@ class Priced(Section):
 class Snapped(Section):
     """What is moved to the surface of the mesh."""
 
-    snap_tolerance: Annotated[Positive, SNAP] = expert(
+    snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=1.0)] = expert(
         0.005, description="How far a bonded gauge may be from the surface of the mesh before it is refused [m]."
     )
 

@@ -10,7 +10,6 @@ from pydantic import Discriminator, Field, Tag
 from strainsight.config.base import (
     DURATION,
     FREQUENCY,
-    KAPPA,
     TURN,
     Amplitude,
     Count,
@@ -120,7 +119,7 @@ class InputNoise(TypicalMotion):
         description="random_walk: any load, and noisy (the thesis); integrated_random_walk: a smooth one; matern: one with a "
         "bandwidth; oscillator: one about a known frequency.",
     )
-    kappa: Annotated[Positive | None, KAPPA] = expert(
+    kappa: Annotated[Positive | None, Plausible(1e-6, 1e4)] = expert(
         None,
         description="Factor κ of the intensity κω of both walks [-]; null: 1/(2π), by which the load, or its rate, moves by an "
         "amplitude in a period.",

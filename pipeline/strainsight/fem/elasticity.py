@@ -343,7 +343,10 @@ def facet_laws(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ())
         other = mesh
         for own in free:
             other = with_value(other, own.property, own.regions, theta[own.name], own.material)
-        return _joined([*(_of_block(other, block, facets) for block in other.shells), _of_solids(other, facets)])
+        parts = [*(_of_block(other, block, facets) for block in other.shells), _of_solids(other, facets)]
+        facet, stiffness, contraction = (np.concatenate([part[i] for part in parts]) for i in range(3))
+        order = np.argsort(facet)
+        return facet[order], stiffness[order], contraction[order]
 
     facet, stiffness, contraction = at({own.name: own.reference for own in free})
     if not len(facet):
@@ -353,13 +356,6 @@ def facet_laws(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ())
     unknown = np.isnan(stiffness)  # of shells of several materials; nothing free changes them
     C = interpolated(lambda theta: np.where(unknown, 0.0, at(theta)[1]), free)
     return FacetLaws(facet, replace(C, constant=np.where(unknown, np.nan, C.constant)), contraction)
-
-
-def _joined(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of all blocks and solids, by facet."""
-    facet, stiffness, contraction = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    order = np.argsort(facet)
-    return facet[order], stiffness[order], contraction[order]
 
 
 def _of_solids(mesh: Mesh, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

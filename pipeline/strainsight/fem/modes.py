@@ -50,7 +50,8 @@ def largest(
         MW = M @ W
         share = Q[:, :behind].T @ MW
         T = np.block([[T, share[:used]], [share[:used].T, 0.5 * (share[used:] + share[used:].T)]])
-        whole = _length(W, MW)
+        # the largest norm in M of its columns
+        whole = float(np.sqrt(np.maximum(np.einsum("ij,ij->j", W, MW), 0.0).max(initial=0.0)))
         W -= Q[:, :behind] @ share
         q, Mq, R = _krylov_beside(Q[:, :behind], M, W, M @ W, DEPENDENT * whole)
         mu, s = eigh(T)
@@ -68,11 +69,6 @@ def largest(
         f"the Lanczos iterations did not converge in {MOST} steps",
         remedy="check the model for nearly loose parts, or ask for fewer modes",
     )
-
-
-def _length(W: np.ndarray, MW: np.ndarray) -> float:
-    """The largest norm in M of columns."""
-    return float(np.sqrt(np.maximum(np.einsum("ij,ij->j", W, MW), 0.0).max(initial=0.0)))
 
 
 def _krylov_beside(

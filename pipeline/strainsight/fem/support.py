@@ -294,17 +294,13 @@ class Grounded:
     apart: float
 
 
-def grounded(mesh: Mesh) -> tuple[Grounded, ...]:
-    """Springs and relations with s = Σ r z ≠ 0 under a rigid motion z = u + ω × (x − x₀) of the whole, the worst first.
+def links(mesh: Mesh, least: float = 0.0) -> tuple[Grounded, ...]:
+    """Springs and relations between several nodes, s = Σ r z under a rigid motion z = u + ω × (x − x₀) of the whole: the one that
+    such a motion stretches most first; least: of those by a share larger than this alone, EXACT where s should be 0.
 
     What has one node alone leads to the ground, and is a support. Elements, rigid and averaging elements follow a rigid motion
     exactly.
     """
-    return tuple(own for own in links(mesh) if own.share > EXACT)
-
-
-def links(mesh: Mesh) -> tuple[Grounded, ...]:
-    """All springs and relations between several nodes, the one that a rigid motion stretches most first."""
     x, found = mesh.position - mesh.position.mean(axis=0), list[Grounded]()
     for spring in mesh.springs:
         for i in np.flatnonzero(spring.stiffness > 0):
@@ -312,7 +308,7 @@ def links(mesh: Mesh) -> tuple[Grounded, ...]:
             found += _checked(x, spring.name, spring.node[part], spring.component[part], spring.value[part], {})
     for tie in mesh.relations:
         found += _checked(x, str(tie), tie.node, tie.component, tie.value, mesh.axes)
-    return tuple(sorted(found, key=lambda own: -own.share))
+    return tuple(sorted((own for own in found if own.share >= least), key=lambda own: -own.share))
 
 
 def _checked(

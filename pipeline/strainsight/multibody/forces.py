@@ -99,8 +99,8 @@ class RelativeElement:
 
 
 @dataclass(frozen=True)
-class PointForce:
-    """Σ u_k d_k at a frame's origin, in global axes; directions (3, k), inputs: the names of u_k [N]."""
+class FrameLoad:
+    """Σ u_k d_k on a frame, in global axes; directions (3, k), inputs: the names of u_k."""
 
     name: str
     frame: Frame
@@ -108,17 +108,12 @@ class PointForce:
     inputs: Sequence[str]
 
 
-@dataclass(frozen=True)
-class PointMoment:
-    """T = Σ u_k d_k on a frame, in global axes; directions (3, k), inputs: the names of u_k [N m].
+class PointForce(FrameLoad):
+    """A force at the frame's origin, u_k [N]."""
 
-    virtual work T·δθ,  δθ = ½ Σ R_k × δR_k + R Ψ δη
-    """
 
-    name: str
-    frame: Frame
-    directions: np.ndarray
-    inputs: Sequence[str]
+class PointMoment(FrameLoad):
+    """A moment T, u_k [N m]: virtual work T·δθ,  δθ = ½ Σ R_k × δR_k + R Ψ δη."""
 
 
 @dataclass(frozen=True)

@@ -23,7 +23,7 @@ from strainsight.multibody.bodies import (
     mass_moment,
     metric,
 )
-from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
+from strainsight.multibody.forces import Force, FrameLoad, Gravity, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.joints import DrivenRelation, Drives, Joint, compile_drives
 from strainsight.multibody.relations import Products, Relation, compile_products, place
 
@@ -219,7 +219,7 @@ def _moment(force: PointMoment, bodies: Sequence[Body], of: Mapping[str, slice],
     return TurningMoment(R, eta, np.asarray(rotation, dtype=float), _directions(force).T, which)
 
 
-def _directions(force: PointForce | PointMoment) -> np.ndarray:
+def _directions(force: FrameLoad) -> np.ndarray:
     """The columns of the directions as rows (k, 3)."""
     D = np.asarray(force.directions, dtype=float)
     D = D[:, None] if D.ndim == 1 else D
