@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from scipy import sparse
@@ -13,27 +13,15 @@ from scipy import sparse
 
 @dataclass(frozen=True)
 class Parameter:
-    """A property of some regions that stays free: name, what it is, where, and its reference value [SI]. A stiffness_factor [-]
+    """A property of some regions that stays free: name, what it is, where, and its reference value [SI]: youngs_modulus, density,
+    stiffness_factor, e1, e2, g12, g1z, g2z, area_factor, bending_factor, torsion_factor or thickness. A stiffness_factor [-]
     multiplies their stiffness as it is, whatever their materials and sections, or that of the springs of these names; e1 to g2z
     are moduli of plies, material the id or name of theirs; factors of a section are those of beams, thickness is that of
     shells. range: from which value to which it is to be free; those that the stiffness is not proportional to stay at their
     references without one."""
 
     name: str
-    property: Literal[
-        "youngs_modulus",
-        "density",
-        "stiffness_factor",
-        "e1",
-        "e2",
-        "g12",
-        "g1z",
-        "g2z",
-        "area_factor",
-        "bending_factor",
-        "torsion_factor",
-        "thickness",
-    ]
+    property: str
     regions: tuple[int, ...]
     reference: float
     springs: tuple[str, ...] = ()
