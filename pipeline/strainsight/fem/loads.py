@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from strainsight.errors import UserError
 from strainsight.fem.constraints import Constraint
 from strainsight.fem.model import FiniteElementModel
-from strainsight.fem.nodal_forces import bearing, body_forces, evenly, pressure, turning
+from strainsight.fem.nodal_forces import bearing, body_forces, evenly, pressure, summed, turning
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
@@ -276,13 +276,8 @@ def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
             f"load {load.name}: the forces of {load.deck_load} add up to nothing",
             remedy="state `factor: true`: the load is then how often it acts, and not its resultant in N",
         )
-    nodes, place = np.unique(forces.nodes, return_inverse=True)
-    f, moment = np.zeros((len(nodes), 3)), None
-    np.add.at(f, place, forces.force / total)
-    if forces.moment is not None:
-        moment = np.zeros((len(nodes), 3))
-        np.add.at(moment, place, forces.moment / total)
-    return NodalForces(nodes, f, moment, regions=forces.regions)
+    whole = summed([forces])
+    return replace(whole, force=whole.force / total, moment=None if whole.moment is None else whole.moment / total)
 
 
 def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:

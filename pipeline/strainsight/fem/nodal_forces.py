@@ -123,11 +123,12 @@ def with_body_forces(mesh: Mesh) -> Mesh:
     loads = {}
     for name, load in mesh.loads.items():
         parts = [replace(load, body=()), *(body_forces(mesh, body) for body in load.body)]
-        loads[name] = _sum(parts) if load.body else load
+        loads[name] = summed(parts) if load.body else load
     return replace(mesh, loads=loads)
 
 
-def _sum(parts: list[NodalForces]) -> NodalForces:
+def summed(parts: list[NodalForces]) -> NodalForces:
+    """One force and one moment a node."""
     nodes, place = np.unique(np.concatenate([part.nodes for part in parts]), return_inverse=True)
     force, moment, start = np.zeros((len(nodes), 3)), np.zeros((len(nodes), 3)), 0
     for part in parts:

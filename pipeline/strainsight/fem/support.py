@@ -182,15 +182,13 @@ def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_fi
     parted = _parted(mesh, pieces, centre, radius)
     size = np.sqrt(np.asarray(loose.multiply(loose).sum(axis=0)).ravel())
     size[size == 0] = 1.0
-    B = sparse.hstack([Th[:, np.flatnonzero(inside)] @ R[free[inside]] - R[held_rows], loose / size], format="csr")
-    if stretched.shape[0]:
-        outside = stretched[:, np.flatnonzero(~inside)] / size
-        B = sparse.vstack(
-            [B, sparse.hstack([stretched[:, np.flatnonzero(inside)] @ R[free[inside]], outside])], format="csr"
-        )
-    if parted.shape[0]:
-        apart = sparse.csr_array((parted.shape[0], loose.shape[1]))
-        B = sparse.vstack([B, sparse.hstack([parted, apart])], format="csr")
+    within, moved = np.flatnonzero(inside), R[free[inside]]
+    rows = [
+        (Th[:, within] @ moved - R[held_rows], loose / size),
+        (stretched[:, within] @ moved, stretched[:, np.flatnonzero(~inside)] / size),
+        (parted, sparse.csr_array((parted.shape[0], loose.shape[1]))),
+    ]
+    B = sparse.vstack([sparse.hstack(row) for row in rows], format="csr")
     null = _that_move(_null_space(B), R)
     words: list[str] = []
     named = null @ _null_space(sparse.csr_array(null[:6])) if against_first else null
@@ -199,10 +197,10 @@ def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_fi
         words += motion_words(named[6 * b : 6 * b + 6], centre[b], radius[b], where)
     column = null[6 * bodies :]
     if column.size and not words:
-        rows = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
-        words = [describe_row(mesh, constraint, int(row)) + _of_tie(mesh, constraint, int(row)) for row in rows]
+        loosest = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
+        words = [describe_row(mesh, constraint, int(row)) + _of_tie(mesh, constraint, int(row)) for row in loosest]
     vectors = np.empty((len(free), null.shape[1]))
-    vectors[inside] = R[free[inside]] @ null[: 6 * bodies]
+    vectors[inside] = moved @ null[: 6 * bodies]
     vectors[~inside] = null[6 * bodies :] / size[:, None]
     return FreeMotions(tuple(words), vectors)
 
