@@ -211,16 +211,10 @@ def with_arms(mesh: Mesh, rows: MotionRows, T: sparse.csr_array) -> sparse.csr_a
 
 def _rigid(mesh: Mesh, rows: MotionRows) -> sparse.csr_array:
     arm, reference = mesh.arms.T
-    leads = _six(rows, reference)
+    leads = rows.of(reference[:, None], np.arange(6))
     values = rigid_rows(mesh.position[arm] - mesh.position[reference])
     row = (3 * arm[:, None] + np.arange(3))[:, :, None]
     return from_entries([(values, row, leads[:, None, :])], (rows.size, rows.size))
-
-
-def _six(rows: MotionRows, nodes: np.ndarray) -> np.ndarray:
-    """Rows (k, 6) of the translations and rotations of nodes (k,)."""
-    first = np.array([rows.first[node] for node in nodes.tolist()], dtype=np.int64)
-    return np.concatenate([3 * nodes[:, None] + np.arange(3), first[:, None] + np.arange(3)], axis=1)
 
 
 def _of_sides(mesh: Mesh, block: BeamBlock, rows: MotionRows) -> sparse.csr_array:
@@ -245,7 +239,7 @@ def _of_sides(mesh: Mesh, block: BeamBlock, rows: MotionRows) -> sparse.csr_arra
         -0.5 * (sign * length[:, None])[:, :, None, None, None] * across[:, None, :, None, None] * slope[:, None, None]
     )
     corner = 3 * corners[:, :, None] + np.arange(3)
-    row, six = corner[..., None, None], _six(rows, ends.ravel()).reshape(-1, 2, 6)
+    row, six = corner[..., None, None], rows.of(ends[:, :, None], np.arange(6))
     entries = [(contraction, row, corner[:, None, None]), (turned, row, six[:, None, None])]
     return from_entries(entries, (rows.size, rows.size))
 
@@ -281,4 +275,6 @@ def _of_curved_sides(mesh: Mesh, block: BeamBlock, rows: MotionRows) -> sparse.c
         shift -= size[own, 2, None, None] * (xi[:, None] * mean[:, None] + 0.5 * xi[:, None] ** 2 * rise[:, None])
         value[own] = axes[own][:, at][..., 2 - axis, None] * shift[:, :, None]
     row = (3 * corners[:, :, None] + np.arange(3))[..., None]
-    return from_entries([(value, row, _six(rows, nodes.ravel()).reshape(-1, 1, 1, 18))], (rows.size, rows.size))
+    return from_entries(
+        [(value, row, rows.of(nodes[:, :, None], np.arange(6)).reshape(-1, 1, 1, 18))], (rows.size, rows.size)
+    )

@@ -47,7 +47,7 @@ class MotionRows:
         return 3 * self.nodes + 3 * len(self.first)
 
     def of(self, nodes: np.ndarray, components: np.ndarray | int) -> np.ndarray:
-        """Rows of components 0-5 of nodes (k,); −1 for a rotation of a node that has none."""
+        """Rows of components 0-5 of nodes, which broadcast; −1 for a rotation of a node that has none."""
         nodes, components = np.broadcast_arrays(np.asarray(nodes, dtype=np.int64), components)
         rows = 3 * nodes + components
         turning = components > 2
@@ -161,6 +161,11 @@ def add_relations(mesh: Mesh, rows: MotionRows, found: Equations) -> None:
 def followers(mesh: Mesh) -> set[int]:
     """Nodes (indices) that a RigidElement turns."""
     return {int(node) for e in mesh.rigid if max(e.components, default=0) > 2 for node in e.nodes}
+
+
+def joined(mesh: Mesh) -> set[int]:
+    """Nodes (indices) whose rotations ties, relations, shells or beams have."""
+    return references(mesh) | turned_by_name(mesh) | followers(mesh) | {*mesh.turning.tolist()}
 
 
 def turning_nodes(mesh: Mesh) -> list[int]:

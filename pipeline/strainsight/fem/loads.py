@@ -101,10 +101,7 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
             e[:, column] = moment_forces(model, load, np.asarray(load.moment) / np.linalg.norm(load.moment))
             continue
         own = nodal_forces(mesh, load)
-        if load.deck_load is not None or load.of_mass or load.node_set in mesh.faces:
-            _check_acts(mesh, T, load, own)
-        else:
-            _check_all_act(mesh, T, load, own)
+        _check_acts(mesh, T, load, own)
         e[:, column] = on_rows(model, own)
         if own.moment is not None:
             _check_moments(model, load, own, e[:, column])
@@ -199,21 +196,17 @@ def _unit(name: str, vector: tuple[float, float, float] | None) -> np.ndarray:
     return np.asarray(direction / length)
 
 
-def _check_all_act(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForces) -> None:
-    """Raise UserError where one of the forces acts on a node that cannot move in its direction."""
-    for node, force in zip(own.nodes.tolist(), own.force, strict=True):
-        if not np.any(T[3 * node : 3 * node + 3].T @ force):
-            raise UserError(
-                f"load {load.name} acts on node {mesh.node_ids[node]}, which cannot move in its direction",
-                remedy="it is clamped or in no element: load another node or direction",
-            )
-
-
 def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForces) -> None:
-    """Raise UserError where none of the forces of a deck or on a face acts on a free motion; warn where some of a deck do not: at
-    the rim of a face a support takes them."""
+    """Raise UserError where a force on nodes, or none of those of a deck, on mass or on a face, acts on a free motion; warn where
+    some of a deck do not: at the rim of a face a support takes them."""
     loaded = np.flatnonzero(own.force.any(axis=1))
     idle = [i for i in loaded.tolist() if not np.any(T[3 * own.nodes[i] : 3 * own.nodes[i] + 3].T @ own.force[i])]
+    distributed = load.deck_load is not None or load.of_mass or load.node_set in mesh.faces
+    if idle and not distributed:
+        raise UserError(
+            f"load {load.name} acts on node {mesh.node_ids[own.nodes[idle[0]]]}, which cannot move in its direction",
+            remedy="it is clamped or in no element: load another node or direction",
+        )
     if len(idle) == len(loaded) and own.moment is None:
         what = load.deck_load or load.node_set or "on all mass"
         raise UserError(

@@ -290,18 +290,24 @@ def _iterated(
 def _nothing_beside(M: sparse.csr_array, factor: Factor, shapes: np.ndarray, last: float) -> bool:
     """Whether the largest 1/λ in the complement of shapes (n, k), which are orthonormal in M, is below `last`, by iterations to
     `ROUGHLY` of it."""
-    weighted = M @ shapes
-
-    def solve(X: np.ndarray) -> np.ndarray:
-        Y = factor.solve(X)
-        return np.asarray(Y - shapes @ (weighted.T @ Y))
-
+    solve = _beside_them(M, factor, shapes)
     start = solve(M @ np.random.default_rng(1).standard_normal((len(shapes), 1)))
     try:
         more, _, _ = largest(solve, M, 1, start, ROUGH_BASIS, ROUGHLY)
     except (np.linalg.LinAlgError, NumericalError):
         return False
     return not len(more) or bool((1 + ROUGHLY) * more[0] <= last)
+
+
+def _beside_them(M: sparse.csr_array, factor: Factor, shapes: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """(I − Φ ΦᵀM) A⁻¹ of shapes Φ (n, k), which are orthonormal in M."""
+    weighted = M @ shapes
+
+    def solve(X: np.ndarray) -> np.ndarray:
+        Y = factor.solve(X)
+        return np.asarray(Y - shapes @ (weighted.T @ Y))
+
+    return solve
 
 
 def _by_fours(factor: Factor, B: np.ndarray) -> np.ndarray:
@@ -314,12 +320,7 @@ def _beside(
 ) -> tuple[np.ndarray, np.ndarray]:
     """1/λ, falling, and φ of the lowest modes in the complement of shapes (n, k), which are orthonormal in M; to a share
     `tolerance` of 1/λ, 0: to rounding."""
-    n, weighted = A.shape[0], M @ shapes
-
-    def solve(x: np.ndarray) -> np.ndarray:
-        y = factor.solve(x)
-        return y - shapes @ (weighted.T @ y)
-
+    n, solve = A.shape[0], _beside_them(M, factor, shapes)
     start = M @ np.random.default_rng(0).standard_normal(n)
     if factor.lowest is not None:
         lam, V = factor.lowest(M, count, _basis(count), solve(start), shapes, tolerance)

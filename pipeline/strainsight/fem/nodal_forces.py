@@ -10,7 +10,7 @@ from scipy import sparse
 
 from strainsight.errors import UserError
 from strainsight.fem.assembly import assemble_stiffness
-from strainsight.fem.equations import followers, references, turned_by_name
+from strainsight.fem.equations import joined
 from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.patch import Patch
 from strainsight.fem.thin import thin_mass
@@ -55,12 +55,7 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
         force[own] += f[:, :3]
         moment[own] += f[:, 3:]
         regions |= set(named)
-    turning = (
-        references(mesh)
-        | turned_by_name(mesh)
-        | followers(mesh)
-        | {*mesh.turning.tolist(), *mesh.turned_by_springs.tolist()}
-    )
+    turning = joined(mesh) | {*mesh.turned_by_springs.tolist()}
     for point in mesh.point_masses:
         if body.elements is not None and point.id not in body.elements:
             continue

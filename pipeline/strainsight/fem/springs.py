@@ -9,7 +9,7 @@ from scipy import sparse
 
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator, Parameter, from_entries
-from strainsight.fem.equations import followers, references, turned_by_name
+from strainsight.fem.equations import joined
 from strainsight.mesh.additions import spring_names
 from strainsight.mesh.model import Mesh
 
@@ -50,8 +50,7 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
 
 def _alone(mesh: Mesh, rotation_rows: Mapping[int, int]) -> list[int]:
     """Nodes whose rotations springs resist, and neither elements nor ties."""
-    joined = references(mesh) | turned_by_name(mesh) | followers(mesh) | {*mesh.turning.tolist()}
-    return sorted({*mesh.turned_by_springs.tolist()} & rotation_rows.keys() - joined)
+    return sorted({*mesh.turned_by_springs.tolist()} & rotation_rows.keys() - joined(mesh))
 
 
 def _unresisted(

@@ -30,6 +30,12 @@ class ViscousDamping:
     shapes: np.ndarray | None = None
     rate: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
+    def share(self, s: complex | np.ndarray) -> np.ndarray:
+        """s cᵢ/(aᵢ + s cᵢ) (..., N), aᵢ = s² + s α + (1 + s β) ωᵢ²: what the c_i take from the motions φᵢ of a solution at s
+        (Woodbury); the shapes are eigenvectors, (K + …)⁻¹Mφ = φ/a without a further solve."""
+        taken = s * self.rate
+        return np.asarray(taken / (s * s + s * self.alpha + (1 + s * self.beta) * self.frequency**2 + taken))
+
 
 def modal_damping(
     K: sparse.csr_array, M: sparse.csr_array, ratio: float, modes: int, rigid: np.ndarray | None = None
@@ -170,10 +176,7 @@ class _TransientStep:
         self.solve = [factorise_complex((1 + s * beta) * K + (s * s + s * alpha) * M) for s in self.s]
         self.modal = damping.shapes is not None and bool(np.any(damping.rate))
         if self.modal:
-            s, c = self.s[:, None], damping.rate
-            # the shapes are eigenvectors: (K + …)⁻¹Mφ = φ/a without a further solve
-            a = s * s + s * alpha + (1 + s * beta) * damping.frequency**2
-            self.gain = s * c / (a + s * c)
+            self.gain = damping.share(self.s[:, None])
             self.shapes = np.asarray(damping.shapes)
             self.M_shapes = M @ self.shapes
 
@@ -397,6 +400,4 @@ def _response(
         )
     if damping.shapes is None:
         return Z
-    rate = s * damping.rate
-    a = s * s + s * damping.alpha + (1 + s * damping.beta) * damping.frequency**2
-    return Z - damping.shapes @ (rate / (a + rate) * (damping.shapes.T @ (M @ Z)))
+    return Z - damping.shapes @ (damping.share(s) * (damping.shapes.T @ (M @ Z)))
