@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import qr
@@ -152,10 +151,11 @@ def nearest_state(
     before, per = np.inf, 1 / d
     for _ in range(NEAREST):
         phi, B, rate = constraints_at(system, q, u)
-        across = _factor(B, per)
-        if across is None:
+        unit, s = unit_rows(B, per)
+        lower, singular = dpotrf(unit @ unit.T, lower=1)
+        if singular:
             break
-        x = _across(across, phi)
+        x = _across(unit, lower, s * phi)
         q -= x * per
         y = d * q
         size, whole = math.sqrt(x @ x), math.sqrt(y @ y)
@@ -164,7 +164,7 @@ def nearest_state(
         if size <= AT_REST * whole or (size < 1e-12 * whole and size > 0.3 * before):
             y = d * v
             for _ in range(2):
-                y = y - _across(across, B @ (y * per) + rate)
+                y = y - _across(unit, lower, s * (B @ (y * per) + rate))
             return q, y * per
         before = size
     project_position(system, q, u)
@@ -174,24 +174,9 @@ def nearest_state(
     )
 
 
-class _Across(NamedTuple):
-    """Lengths⁻¹ s (m,) of the rows of B, these as units (m, n), and Cholesky's factor of unit unitᵀ."""
-
-    s: np.ndarray
-    unit: np.ndarray
-    lower: np.ndarray
-
-
-def _factor(B: np.ndarray, per: np.ndarray) -> _Across | None:
-    """None where BD⁻²Bᵀ is singular."""
-    unit, s = unit_rows(B, per)
-    lower, info = dpotrf(unit @ unit.T, lower=1)
-    return _Across(s, unit, lower) if info == 0 else None
-
-
-def _across(B: _Across, value: np.ndarray) -> np.ndarray:
-    """Bᵀ(BBᵀ)⁻¹ value."""
-    return np.asarray(dpotrs(B.lower, B.s * value, lower=1)[0] @ B.unit)
+def _across(B: np.ndarray, lower: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Bᵀ(BBᵀ)⁻¹ value (m,) of B (m, n), lower Cholesky's factor of BBᵀ."""
+    return np.asarray(dpotrs(lower, value, lower=1)[0] @ B)
 
 
 def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> None:
