@@ -26,27 +26,27 @@ from strainsight.multibody.relations import (
 SHORTEST = 1e-6
 """[m] between the ends of a spring below which its direction is rounding."""
 
-Measure = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-"""ρ (k,) → ∇x (k,), ∇²x (k, k) of a displacement x(ρ)."""
+Measure = Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]]
+"""ρ (k,) → a displacement x(ρ), ∇x (k,), ∇²x (k, k)."""
 
 
 @dataclass(frozen=True)
 class AlongDisplacement(ABC):
-    """T(ẋ, θ) along a displacement x(ρ), ẋ = ∇x·ρ̇:
+    """T(x, ẋ, θ) along a displacement x(ρ), ẋ = ∇x·ρ̇:
 
-    F = T ∇x,     ∂F/∂ρ = T_ẋ ∇x (∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = T_ẋ ∇x ∇xᵀ,     ∂F/∂θ = ∇x T_θᵀ
+    F = T ∇x,     ∂F/∂ρ = ∇x (T_x ∇x + T_ẋ ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = T_ẋ ∇x ∇xᵀ,     ∂F/∂θ = ∇x T_θᵀ
     """
 
     measure: Measure
 
     @abstractmethod
-    def force(self, rate: float, theta: np.ndarray) -> tuple[float, float, Sequence[float]]:
-        """T, T_ẋ, T_θ."""
+    def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
+        """T, T_x, T_ẋ, T_θ."""
 
     def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
-        slope, bend = self.measure(rho)
-        T, by_rate, by_theta = self.force(float(slope @ rho_dot), theta)
-        F_rho = np.outer(slope, by_rate * (bend @ rho_dot)) + T * bend
+        x, slope, bend = self.measure(rho)
+        T, by_x, by_rate, by_theta = self.force(x, float(slope @ rho_dot), theta)
+        F_rho = np.outer(slope, by_x * slope + by_rate * (bend @ rho_dot)) + T * bend
         F_rate = by_rate * np.outer(slope, slope) if by_rate else None
         return Load(T * slope, F_rho, F_rate, np.outer(slope, by_theta))
 
@@ -86,13 +86,13 @@ def _no_direction(rho: np.ndarray, first: str, second: str) -> NumericalError:
     )
 
 
-def length_of(rho: np.ndarray, first: str, second: str) -> tuple[np.ndarray, np.ndarray]:
-    """dl/dρ, d²l/dρ² of l = √ρ. Raises NumericalError, naming the two frames, where it has no direction."""
+def length_of(rho: np.ndarray, first: str, second: str) -> tuple[float, np.ndarray, np.ndarray]:
+    """l = √ρ, dl/dρ, d²l/dρ². Raises NumericalError, naming the two frames, where it has no direction."""
     s = float(rho[0])
     if not s > SHORTEST**2:
         raise _no_direction(rho, first, second)
     l = float(np.sqrt(s))
-    return np.array([0.5 / l]), np.array([[-0.25 / (l * s)]])
+    return l, np.array([0.5 / l]), np.array([[-0.25 / (l * s)]])
 
 
 def _pull(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
@@ -135,12 +135,12 @@ def torsion(
     return RelativeElement(name, (dot(i, 0, j, 0), dot(i, 1, j, 0)), law, aligned=(cosine(i, 2, j, 2),))
 
 
-def turned_by(rho: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """∇φ (2,), ∇²φ (2, 2) of φ = atan2(y, x), ρ = (x, y): slopes and so rates are regular at every angle."""
+def turned_by(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    """φ = atan2(y, x) of ρ = (x, y), ∇φ (2,), ∇²φ (2, 2): slopes and so rates are regular at every angle."""
     x, y = float(rho[0]), float(rho[1])
     r = x * x + y * y
     bend = np.array([[2 * x * y, y * y - x * x], [y * y - x * x, -2 * x * y]]) / r**2
-    return np.array([-y, x]) / r, bend
+    return float(np.arctan2(y, x)), np.array([-y, x]) / r, bend
 
 
 def _turned(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
@@ -220,8 +220,8 @@ def bushing(name: str, i: Frame, j: Frame, stiffness: Sequence[float], damping: 
 class Actuator(AlongDisplacement):
     """T = −u of a load u(t), which does the work u ẋ on the bench."""
 
-    def force(self, rate: float, theta: np.ndarray) -> tuple[float, float, Sequence[float]]:
-        return -theta[0], 0.0, (-1.0,)
+    def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
+        return -theta[0], 0.0, 0.0, (-1.0,)
 
 
 @dataclass(frozen=True)
@@ -293,9 +293,9 @@ class Friction(AlongDisplacement):
     viscous: float
     speed: float
 
-    def force(self, rate: float, theta: np.ndarray) -> tuple[float, float, Sequence[float]]:
+    def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
         T, steep, _ = regular_friction(rate, self.coulomb, self.viscous, self.speed)
-        return T, steep, ()
+        return T, 0.0, steep, ()
 
 
 def friction(
@@ -313,7 +313,7 @@ def friction(
     T on j is −T_c tanh(ω/ω₀) − cω. The Coulomb part is as given, whatever the joint carries.
     """
     if motion == "slide":
-        law = Friction(lambda rho: (np.ones(1), np.zeros((1, 1))), coulomb, viscous, speed)
+        law = Friction(lambda rho: (float(rho[0]), np.ones(1), np.zeros((1, 1))), coulomb, viscous, speed)
         return RelativeElement(name, (offset(i, "xyz".index(axis), j),), law)
     i, j = i.turned(axis), j.turned(axis)
     law = Friction(turned_by, coulomb, viscous, speed)

@@ -297,7 +297,7 @@ class BearingLaw:
         size = np.sqrt(squares + SMALL**2)
         share = 0.5 * drag.coefficient * np.array([D, RADIAL_WEIGHT * D, TILT_WEIGHT])
         by_load = held * (share / size)[[0, 1, 1, 2, 2]]
-        slope, bend = turned_by(rho)
+        _, slope, bend = turned_by(rho)
         coulomb = drag.moment + float(share @ (size - SMALL))
         T, steep, by_coulomb = regular_friction(float(slope @ rho_dot), coulomb, drag.viscous, drag.speed)
         F_rho, F_rate = np.zeros((7, 7)), np.zeros((7, 7))
