@@ -25,3 +25,13 @@ class Resources(Protocol):
 
 def silent(doing: str, share: float) -> None:
     """Say nothing."""
+
+
+def of_steps(progress: Callable[[str, float], None], doing: str, steps: int) -> Callable[[int], None]:
+    """Called with the number of every step, reports every fiftieth."""
+
+    def report(step: int) -> None:
+        if step % 50 == 0:
+            progress(doing, step / steps)
+
+    return report

@@ -270,10 +270,10 @@ def _run(run: SuiteRun) -> Mapping[str, Any]:
 def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
     """Numbers and verdict of every unknown by the names of `UnknownRows`."""
     if isinstance(run, BenchPageRun):
-        for name, history in ((unknown.name, unknown.history) for unknown in run.unknowns):
-            numbers = {key: run.number(f"{key}.{name}") for key in OF_A_LOAD}
-            word = ", ".join(run.faults(name)) or str(run.summary.get(f"claim.{name}", ""))
-            yield {"name": name, "unit": history.unit, "verdict": word} | numbers
+        for unknown in run.unknowns:
+            numbers = {key: run.number(f"{key}.{unknown.name}") for key in OF_A_LOAD}
+            word = ", ".join(run.faults(unknown.name)) or str(run.summary.get(f"claim.{unknown.name}", ""))
+            yield {"name": unknown.name, "unit": unknown.unit, "verdict": word} | numbers
         return
     for result in results_of(run):
         unknown, repeats = result.unknown, result.unknown.repeats

@@ -55,6 +55,11 @@ class Bench:
     poses: Mapping[str, Pose]
     theta: np.ndarray
 
+    @property
+    def coordinates(self) -> dict[str, np.ndarray]:
+        """Body → its first coordinate and the one after its last (2,)."""
+        return {name: np.array([part.start, part.stop]) for name, part in self.system.of.items()}
+
     def at(self, theta: np.ndarray) -> Bench:
         """With these values of the parameters (nθ,)."""
         return replace(self, theta=theta)

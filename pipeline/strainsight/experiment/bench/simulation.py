@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.bench import AccelerationSensor, ReactionSensor
+from strainsight.config.bench.bench import ReactionSensor
 from strainsight.config.bench.connections import BearingForce, Driven
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
 from strainsight.experiment.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
-from strainsight.experiment.resources import Resources
+from strainsight.experiment.resources import Resources, of_steps
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
@@ -72,38 +72,12 @@ def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
     return rings
 
 
-Reading = Callable[[np.ndarray, np.ndarray, Instant], np.ndarray]
-"""q, u and what (1.3) says there → the components of a sensor."""
-
-
-def felt(
-    bench: Bench, run: Trajectory, instants: Sequence[Instant], drives: np.ndarray
-) -> tuple[dict[str, np.ndarray], dict[str, DriveMotion]]:
-    """Sensors of reaction (T, components), and the driven joints, drives (nd, 3, T) p, ṗ, p̈."""
-    read: dict[str, np.ndarray] = {}
-    for name, entry in bench.config.sensors.items():
-        if isinstance(entry, ReactionSensor):
-            reaction_of = _reaction(bench, entry)
-            read[name] = np.array([reaction_of(*now) for now in zip(run.q, run.u, instants, strict=True)])
-    force = np.array([now.drive for now in instants])
-    return read, {
-        name: DriveMotion(position=drives[i, 0], rate=drives[i, 1], force=force[:, i])
-        for i, name in enumerate(bench.system.drives.names)
-    }
-
-
-def feels(bench: Bench) -> bool:
-    """Whether anything of the config asks for what (1.3) says of every instant."""
-    sensors = bench.config.sensors.values()
-    return any(isinstance(entry, ReactionSensor | AccelerationSensor) for entry in sensors) or bool(
-        bench.system.drives.names
-    )
-
-
-def _reaction(bench: Bench, entry: ReactionSensor) -> Reading:
-    joint = next(joint for joint in bench.system.joints if joint.name == entry.joint)
-    i, j = (bench.frames[frame] for frame in bench.config.joints[entry.joint].frames)
-    return lambda q, u, now: reaction(bench.system, joint, i, j, q, now.lam, u)
+def reactions_in_time(bench: Bench, name: str, run: Trajectory, instants: Sequence[Instant]) -> np.ndarray:
+    """Force and moment (T, 6) of a joint on its second frame, in the axes of the first, about the second's origin."""
+    joint = next(joint for joint in bench.system.joints if joint.name == name)
+    i, j = (bench.frames[frame] for frame in bench.config.joints[name].frames)
+    states = zip(run.q, run.u, instants, strict=True)
+    return np.array([reaction(bench.system, joint, i, j, q, now.lam, u) for q, u, now in states])
 
 
 SPUN = 1.0
@@ -127,71 +101,54 @@ class Simulation:
 
 def simulation(bench: Bench, using: Resources) -> Simulation:
     """Bring the bench to its start, step through the loads, read the sensors."""
-    h, steps = (settings := bench.config.simulate).time_step, round(settings.duration / settings.time_step)
-    loads = loads_of(bench, using.files)
+    settings, system, theta = bench.config.simulate, bench.system, bench.theta
+    h, steps = settings.time_step, round(settings.duration / settings.time_step)
+    loads, progress = loads_of(bench, using.files), of_steps(using.progress, "simulation", steps)
     u = loads(h * np.arange(steps + 1))
     refuse_spun(bench, u, "simulate")
     with blame("simulate"):
         q0, v0 = start_of(bench, u[0])
-        frequency = coupled_modes(bench.system, q0, v0, u[0], bench.theta).held_frequency
+        frequency = coupled_modes(system, q0, v0, u[0], theta).held_frequency
         try:
-            run, parts = _moved(bench, q0, v0, loads, u, lambda share: using.progress("simulation", share))
+            if settings.tolerance is None:
+                run, parts = simulate(system, q0, v0, u, h, theta, settings.method, progress), 1
+            else:
+                controlled = simulate_controlled(
+                    system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, progress
+                )
+                run, parts = controlled.run, int(controlled.parts.max())
         except NumericalError as error:
             raise explained(error, bench, q0, u, h) from error
-    moved = drives_of(bench, using.files)(run.time)
-    instants = instants_of(bench, run.q, run.v, run.u, moved[:, 2].T) if feels(bench) else []
-    carried, driven = felt(bench, run, instants, moved) if instants else ({}, {})
-    sensors = sensors_of(bench)
+    moved, sensors = drives_of(bench, using.files)(run.time), sensors_of(bench)
+    reacting = {key: entry.joint for key, entry in bench.config.sensors.items() if isinstance(entry, ReactionSensor)}
+    needed = reacting or len(moved) or sensors.readings.accelerometers
+    instants = instants_of(bench, run.q, run.v, run.u, moved[:, 2].T) if needed else []
     measured = read_in_time(bench, sensors.readings, run.q, run.v, run.u, instants)
     measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
     _refuse_tilted(bench, run)
+    constraints = [constraints_at(system, q, u) for q, u in zip(run.q, run.u, strict=True)]
+    rates = [B @ v + rate for (_, B, rate), v in zip(constraints, run.v, strict=True)]
     record = Simulated(
         time=run.time,
         q=run.q,
         v=run.v,
-        violation=_violation(bench, run),
+        violation=Violation(
+            position=np.array([np.abs(phi).max(initial=0.0) for phi, *_ in constraints]),
+            velocity=np.array([np.abs(rate).max(initial=0.0) for rate in rates]),
+        ),
         frequency=frequency,
-        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
-        inputs=dict(zip(bench.system.inputs, u.T[: len(bench.system.inputs)], strict=True)),
-        sensors={name: measured[:, part] for name, part in sensors.channels.items()} | carried,
+        coordinates=bench.coordinates,
+        inputs=dict(zip(system.inputs, u.T[: len(system.inputs)], strict=True)),
+        sensors={name: measured[:, part] for name, part in sensors.channels.items()}
+        | {name: reactions_in_time(bench, joint, run, instants) for name, joint in reacting.items()},
         bearings=rings_in_time(bench, run),
-        drives=driven,
+        drives={
+            name: DriveMotion(position=p, rate=rate, force=np.array([now.drive[i] for now in instants]))
+            for i, (name, (p, rate, _)) in enumerate(zip(system.drives.names, moved, strict=True))
+        },
     )
     turn = max(turns_in_a_step(bench, run.v, h).values(), default=0.0)
     return Simulation(record, bench, sensors, turn, parts)
-
-
-def _moved(
-    bench: Bench,
-    q0: np.ndarray,
-    v0: np.ndarray,
-    loads: Callable[[np.ndarray], np.ndarray],
-    u: np.ndarray,
-    progress: Callable[[float], None],
-) -> tuple[Trajectory, int]:
-    """The run, by steps as they are or divided by their error, and the most parts of a step."""
-    settings, steps, system, theta = bench.config.simulate, len(u) - 1, bench.system, bench.theta
-    h = settings.time_step
-
-    def tell(k: int) -> None:
-        if k % 50 == 0:
-            progress(k / steps)
-
-    if settings.tolerance is None:
-        return simulate(system, q0, v0, u, h, theta, settings.method, tell), 1
-    controlled = simulate_controlled(system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, tell)
-    return controlled.run, int(controlled.parts.max())
-
-
-def _violation(bench: Bench, run: Trajectory) -> Violation:
-    """Largest |φ| and |Bv| of every instant."""
-    if not bench.system.constrained:
-        return Violation(position=np.zeros(len(run.time)), velocity=np.zeros(len(run.time)))
-    pairs = [constraints_at(bench.system, q, u) for q, u in zip(run.q, run.u, strict=True)]
-    return Violation(
-        position=np.array([np.abs(phi).max() for phi, *_ in pairs]),
-        velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, run.v, strict=True)]),
-    )
 
 
 def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
@@ -333,28 +290,25 @@ def rest_of(bench: Bench, using: Resources, balanced: bool) -> BenchAtRest:
     return BenchAtRest(bench, q, v, u, modes, *growth(bench.system, modes))
 
 
-def at_rest(rest: BenchAtRest, using: Resources) -> AtRest:
+def at_rest(rest: BenchAtRest) -> AtRest:
     """The equilibrium in numbers: frames, sensors, reactions of every joint, drives, bearings."""
     bench, q, config = rest.bench, rest.q, rest.bench.config
-    every = {f"joint {name}": ReactionSensor(type="reaction", joint=name) for name in config.joints}
-    with_reactions = replace(bench, config=config.model_copy(update={"sensors": {**config.sensors, **every}}))
     still = Trajectory(np.zeros(1), q[None], 0 * q[None], rest.u[None], np.zeros((0, bench.system.constrained)))
-    moved = drives_of(bench, using.files)(still.time)
-    moved[:, 1:] = 0.0
-    instants = instants_of(bench, still.q, still.v, still.u, moved[:, 2].T)
-    reactions, drives = felt(with_reactions, still, instants, moved)
+    instants = instants_of(bench, still.q, still.v, still.u, np.zeros((1, len(bench.system.drives.names))))
+    reactions = {name: reactions_in_time(bench, name, still, instants)[0] for name in config.joints}
     sensors = sensors_of(bench)
     read = read_in_time(bench, sensors.readings, still.q, still.v, still.u, instants)[0]
+    frames = {name: _looked_at(bench, frame, q)[0] for name, frame in bench.frames.items()}
     return AtRest(
         q=q,
         growth=rest.growth,
-        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
+        coordinates=bench.coordinates,
         inputs=dict(zip(bench.system.inputs, rest.u.tolist(), strict=False)),
-        frames={name: _frame_at_rest(bench, frame, q) for name, frame in bench.frames.items()},
+        frames={name: FrameAtRest(position=y[:3], axes=y[3:].reshape(3, 3).T) for name, y in frames.items()},
         sensors={name: read[part] for name, part in sensors.channels.items()}
-        | {name: values[0] for name, values in reactions.items() if name in config.sensors},
-        reactions={name: reactions[f"joint {name}"][0] for name in config.joints},
-        drives={name: float(drive.force[0]) for name, drive in drives.items()},
+        | {name: reactions[entry.joint] for name, entry in config.sensors.items() if isinstance(entry, ReactionSensor)},
+        reactions=reactions,
+        drives=dict(zip(bench.system.drives.names, instants[0].drive.tolist(), strict=True)),
         bearings={
             name: RingAtRest(displacement=ring.displacement[0], load=ring.load[0], pressure=float(ring.pressure[0]))
             for name, ring in rings_in_time(bench, still).items()
@@ -379,7 +333,7 @@ def coupled(rest: BenchAtRest) -> Coupled:
         shape=Phi.T,
         q=rest.q,
         growth=rest.growth,
-        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
+        coordinates=bench.coordinates,
         frames={
             name: _frame_in_modes(bench, frame, rest.q, Phi)
             for name, frame in bench.frames.items()
@@ -395,11 +349,6 @@ def coupled(rest: BenchAtRest) -> Coupled:
             outputs=tuple(outputs),
         ),
     )
-
-
-def _frame_at_rest(bench: Bench, frame: Frame, q: np.ndarray) -> FrameAtRest:
-    y = _looked_at(bench, frame, q)[0]
-    return FrameAtRest(position=y[:3], axes=y[3:].reshape(3, 3).T)
 
 
 def _frame_in_modes(bench: Bench, frame: Frame, q: np.ndarray, Phi: np.ndarray) -> FrameInModes:

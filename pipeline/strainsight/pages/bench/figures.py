@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray, History, largest, rms
-from strainsight.pages.bench.data import BenchEstimate, BenchSensor, BenchUnknown
+from strainsight.pages.bench.data import BenchSensor, BenchUnknown
 from strainsight.pages.chart.drawing import (
     BLUE,
     GREEN,
@@ -36,6 +36,7 @@ from strainsight.pages.chart.panels import (
     shown_unit,
     time_axis,
 )
+from strainsight.records.bench import BenchEstimated
 from strainsight.text import number, ratio, reading_unit, short
 
 if TYPE_CHECKING:
@@ -95,20 +96,20 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, H
 def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
     """A load over the one on the bench that was measured: both above, their quotient below where the other is large."""
     name = lines[0][1].name
-    factor, unit = shown_unit(*(unknown.history for _, unknown in lines))
+    factor, unit = shown_unit(*(unknown for _, unknown in lines))
     labels = [line_label(label, len(lines)) for label, _ in lines]
     drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
     text = []
     for place, (label, (run, unknown)) in enumerate(zip(labels, lines, strict=True)):
-        measured, history, style = unknown.there, unknown.history, line_style(place)
+        measured, style = unknown.there, line_style(place)
         assert measured is not None
         large = np.abs(measured) > LARGE * largest(measured)
         large[0] = False  # the first guess
         quotient = np.full(len(measured), np.nan)
-        quotient[large] = history.mean[large] / measured[large]
-        index = visible_instants(np.column_stack([history.mean, drawable(quotient)]), 240)
-        axes.plot(history.time[index], history.mean[index] / factor, **style, label=label)
-        below.plot(history.time[index], drawable(quotient)[index], **style)
+        quotient[large] = unknown.mean[large] / measured[large]
+        index = visible_instants(np.column_stack([unknown.mean, drawable(quotient)]), 240)
+        axes.plot(unknown.time[index], unknown.mean[index] / factor, **style, label=label)
+        below.plot(unknown.time[index], drawable(quotient)[index], **style)
         if (known := quotient[np.isfinite(quotient)]).size:
             text.append(f"{run or name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
@@ -128,7 +129,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
 def runs_figure(unknown: BenchUnknown) -> Drawing:
     """A parameter's error in every run over seeds and starts on bars of the claimed σ, relative, on a logarithmic axis."""
     assert unknown.errors is not None
-    scale = 1.0 if unknown.history.truth is None else largest(unknown.history.truth)
+    scale = 1.0 if unknown.truth is None else largest(unknown.truth)
     errors = np.abs(unknown.errors) / scale
     drawn, axes = figure(3.0)
     at = np.arange(1, len(errors) + 1)
@@ -293,7 +294,7 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
 
 
 @styled()
-def consistency_figure(estimate: BenchEstimate, expected: float | None) -> Drawing:
+def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Drawing:
     """NIS over the number of channels at every step, and the violation of the constraints after every correction; expected: NIS,
     where it is known."""
     drawn, axes, below = figure(4.2, (1.4, 1.0))

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.bench.bearing_page import balls_figures
-from strainsight.pages.bench.data import BenchMotion, BenchPageRun, BenchStress
+from strainsight.pages.bench.data import BenchPageRun, BenchStress
 from strainsight.pages.bench.figures import (
     components_figure,
     consistency_figure,
@@ -32,19 +32,19 @@ from strainsight.records.bench import BenchPlaced, DriveMotion, RingMotion
 from strainsight.text import number, percent, prefix, quantity, short
 
 
-def loads_figure(motion: BenchMotion) -> Drawing:
-    """Forces above, moments below, as they act on the bench."""
-    largest = {name: float(np.max(np.abs(values), initial=0.0)) for name, (_, values) in motion.inputs.items()}
+def loads_figure(time: FloatArray, every: Mapping[str, tuple[str, FloatArray]]) -> Drawing:
+    """Forces above, moments below, as they act on the bench; every: name → (unit, history (T,))."""
+    largest = {name: float(np.max(np.abs(values), initial=0.0)) for name, (_, values) in every.items()}
     panels, listed = [], []
-    for unit in dict.fromkeys(unit for unit, _ in motion.inputs.values()):
-        loads = {name: values for name, (other, values) in motion.inputs.items() if other == unit}
+    for unit in dict.fromkeys(unit for unit, _ in every.values()):
+        loads = {name: values for name, (other, values) in every.items() if other == unit}
         shown_unit = unit.replace("N m", "N·m")
         factor, shown = prefix(max(largest[name] for name in loads), shown_unit)
         panels.append(
             (f"load [{short(shown)}]", np.column_stack(list(loads.values())) / factor, tuple(map(short, loads)))
         )
         listed += [f"{name} at most {quantity(largest[name], shown_unit, 3)}" for name in loads]
-    return _stacked("loads", "Loads", motion.time, panels, f"Loads on the bench in time: {'; '.join(listed)}.", 1.8)
+    return _stacked("loads", "Loads", time, panels, f"Loads on the bench in time: {'; '.join(listed)}.", 1.8)
 
 
 def bearing_figures(time: FloatArray, name: str, ring: RingMotion) -> list[Drawing]:
@@ -176,42 +176,50 @@ FOOTER = (
 def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
     """Section of the page → its figures: "unknowns", "sensors", "hold-out", "placement", "motion"."""
     shown: dict[str, tuple[Drawing, ...]] = {}
-    if (estimate := run.estimate) is not None:
-        unknowns, ratios, runs = [], [], []
-        for i, unknown in enumerate(estimate.unknowns):
-            name, kind = unknown.name, "load" if unknown.kind == "input" else "parameter"
-            lines = [("", unknown.history)]
-            unknowns.append(unknown_figure(f"unknown-{i}", f"{name}, {kind}", unknown.kind, lines))
-            if unknown.there is not None:
-                ratios.append(ratio_figure(f"ratio-{i}", f"{name}: ratio of the loads", [("", unknown)]))
-            if unknown.errors is not None:
-                runs.append(runs_figure(unknown))
-        balls = [drawn for name, ring in estimate.bearings.items() for drawn in balls_figures(name, ring)]
-        shown["unknowns"] = (*unknowns, *ratios, *balls, *runs)
+    kinds = {"input": "load", "parameter": "parameter"}
+    if (estimate := run.estimated) is not None:
+        every = list(enumerate(run.unknowns))
+        shown["unknowns"] = (
+            *(
+                unknown_figure(f"unknown-{i}", f"{one.name}, {kinds[one.kind]}", one.kind, [("", one)])
+                for i, one in every
+            ),
+            *(
+                ratio_figure(f"ratio-{i}", f"{one.name}: ratio of the loads", [("", one)])
+                for i, one in every
+                if one.there is not None
+            ),
+            *(drawing for name, ring in estimate.bearings.items() for drawing in balls_figures(name, ring)),
+            *(runs_figure(one) for _, one in every if one.errors is not None),
+        )
         shown["sensors"] = (
             *(
                 components_figure(f"sensor-{i}", f"{sensor.name}: measured against estimated", sensor)
-                for i, sensor in enumerate(estimate.sensors)
+                for i, sensor in enumerate(run.sensors)
             ),
             consistency_figure(estimate, run.number("expected_nis")),
         )
-        shown["hold-out"] = tuple(hold_out_figures(estimate.hold_out))
+        shown["hold-out"] = tuple(hold_out_figures(run.hold_out))
     if (placement := run.placement) is not None:
         random = [random_figure(placement.placed)] if placement.placed.random_std.size else []
         shown["placement"] = (trend_figure(placement.trend), *random)
-    if (motion := run.motion) is not None:
-        drawings = [loads_figure(motion)] if motion.inputs else []
-        drawings += [stress_figure(run.stress)] if run.stress is not None else []
-        drawings += [drive_figure(motion.time, name, *drive) for name, drive in motion.drives.items()]
-        for name, ring in motion.bearings.items():
-            drawings += bearing_figures(motion.time, name, ring)
+    if (motion := run.simulated) is not None:
         estimated = {sensor.name for sensor in run.sensors}
-        drawings += [
-            components_figure(f"motion-{i}", f"{sensor.name}: reading", sensor)
-            for i, sensor in enumerate(motion.sensors)
-            if sensor.name not in estimated
-        ]
-        shown["motion"] = tuple(drawings)
+        shown["motion"] = (
+            *([loads_figure(motion.time, run.loads)] if run.loads else []),
+            *([stress_figure(run.stress)] if run.stress is not None else []),
+            *(drive_figure(motion.time, name, name in run.turning, drive) for name, drive in motion.drives.items()),
+            *(
+                drawing
+                for name, ring in motion.bearings.items()
+                for drawing in bearing_figures(motion.time, name, ring)
+            ),
+            *(
+                components_figure(f"motion-{i}", f"{sensor.name}: reading", sensor)
+                for i, sensor in enumerate(run.readings)
+                if sensor.name not in estimated
+            ),
+        )
     return shown
 
 
@@ -230,19 +238,19 @@ def bench_page(
         return [card(entry, keys.index(entry.key)) for entry in drawings.get(key, ())]
 
     sections = [notes_card("Warnings", bullets(run.warnings), kind="warnings")]
-    if run.estimate is not None:
+    if run.is_estimated:
         listed = runs_table("unknowns", [(escape(run.name), run)])
         sections.append(f'<section id="answer" aria-label="answer" class="card">{listed}</section>')
         sections.append(figures(each("unknowns"), "<h2>What was estimated</h2>"))
         sections.append(section("Does it explain the sensors?", mismatch_table(run)) + figures(each("sensors")))
-        sections.append(hold_out_section(run.estimate.hold_out, each("hold-out")))
+        sections.append(hold_out_section(run.hold_out, each("hold-out")))
     if pictures:
         head = "Gauges and stress on the body" if run.stress is not None else "Gauges on the body"
         sections.append(f"<h2>{head}</h2>" + "".join(_picture(*entry) for entry in pictures))
     sections.append(turned)
     if run.placement is not None:
         sections.append(f"<h2>Where the gauges go</h2>{_placed(run)}{figures(each('placement'))}")
-    if run.motion is not None:
+    if run.simulated is not None:
         lead = '<p class="lead">Simulated under the loads of the config.</p>'
         sections.append(f"<h2>How the bench moves</h2>{lead}{figures(each('motion'))}")
     sections.append(rests_on({}, provenance, panel("Numbers", table("numbers", (), _facts(run)))))

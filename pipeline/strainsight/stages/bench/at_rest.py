@@ -36,7 +36,7 @@ def statics(context: Context[BenchConfig]) -> Output:
             key="simulate",
             remedy="start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true",
         )
-    record = at_rest(rest, context)
+    record = at_rest(rest)
     carried = max((float(np.abs(six).max()) for six in record.reactions.values()), default=0.0)
     far = max(float(np.abs(frame.position).max()) for frame in record.frames.values())
     loads = [

@@ -92,7 +92,8 @@ class FilteredBench:
         try:
             trial = self.trial_with(others)
             list(undistinguished(trial, self.mean))
-            mean, std, lost = predicted(trial.of_seeds(), self.measured[0], part)
+            seeds = slice(None, None, len(trial.problem.unknowns.starts))
+            mean, std, lost = predicted(trial.of_runs(seeds), self.measured[0], part)
         except (ConfigError, NumericalError) as error:
             return (), f"without it {error.key}: {error.what}" if error.key else f"without it: {error.what}"
         if lost.any():
@@ -215,26 +216,33 @@ class BenchEstimation:
         """Runs of one seed."""
         return len(self.problem.unknowns.starts)
 
-    @property
-    def xi_covariance(self) -> np.ndarray:
-        """Of the parameters (T + 1, b, p, p)."""
-        loads = len(self.problem.unknowns.inputs)
-        return self.filtered.joint[:, :, loads:, loads:]
+    @cached_property
+    def values(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Unknown → its estimate and σ in every run (T + 1, B), loads before parameters, NaN where the run diverges; σ of a
+        parameter is √(s P_ξξ sᵀ), s = ∂θ/∂ξ."""
+        unknowns, model, mean = self.problem.unknowns, self.trial.model, self.filtered.mean
+        values = {}
+        for name, at in zip(self.problem.estimate.inputs, model.u, strict=True):
+            load = mean[:, :, at]
+            values[name] = load, np.where(np.isfinite(load), self.filtered.std[:, :, at], np.nan)
+        theta, std = np.full((2, len(unknowns.free), *mean.shape[:2]), np.nan)
+        P = self.filtered.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :]
+        for k, run in np.ndindex(mean.shape[:2]):
+            if np.isfinite(xi := mean[k, run, model.xi]).all():
+                of_xi = P[k, min(run, P.shape[1] - 1)]
+                theta[:, k, run], std[:, k, run] = unknowns.coordinates.with_std(xi, of_xi)
+        return values | dict(zip(unknowns.free, zip(theta, std, strict=True), strict=True))
 
-    def true_load(self, name: str) -> np.ndarray:
-        """Of every run (T + 1, B), NaN where it is not known: truths are one for all or one a seed, starts run within a seed."""
-        inputs, runs = self.reality.inputs, self.measured.shape[1]
-        true = inputs[:, :, self.problem.bench.system.inputs.index(name)]
-        return np.repeat(true, runs // true.shape[1], axis=1)
-
-    def place(self, name: str) -> int:
-        """Of a parameter that is estimated, among those of the system."""
-        return self.problem.bench.system.parameters.index(self.problem.unknowns.parameters[name])
-
-    def true_parameter(self, name: str) -> np.ndarray:
-        """Of every run (B,), NaN where it is not known."""
-        true = self.reality.theta[:, self.place(name)]
-        return np.repeat(true, self.measured.shape[1] // len(true))
+    @cached_property
+    def truths(self) -> dict[str, np.ndarray]:
+        """Unknown → its true value in every run (T + 1, B), of those where it is known: truths are one for all or one a seed,
+        starts run within a seed."""
+        unknowns, runs, inputs = self.problem.unknowns, self.measured.shape[1], self.reality.inputs
+        true = {name: inputs[:, :, at] for name, at in zip(self.problem.estimate.inputs, unknowns.inputs, strict=True)}
+        for name, at in zip(unknowns.free, unknowns.coordinates.free, strict=True):
+            true[name] = np.tile(self.reality.theta[:, at], (len(inputs), 1))
+        known = {name: values for name, values in true.items() if np.isfinite(values).all()}
+        return {name: np.repeat(values, runs // values.shape[1], axis=1) for name, values in known.items()}
 
     @property
     def held_out(self) -> tuple[LeftOut, ...]:

@@ -341,7 +341,6 @@ def moved_at_rest(problem: BenchProblem, under: tuple[np.ndarray, ...]) -> tuple
         return most, unsolved
     theta = unknowns.starts[0]
     std = np.maximum(np.append(unknowns.std_u, unknowns.std), np.append(unknowns.increment_u, unknowns.increment))
-    free = [bench.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
     for i, u in enumerate(under):
         try:
             with blame("estimate"):
@@ -352,6 +351,6 @@ def moved_at_rest(problem: BenchProblem, under: tuple[np.ndarray, ...]) -> tuple
                 raise
             unsolved = error if isinstance(error, NumericalError) else unsolved
             continue  # loads that rest cannot carry say nothing
-        response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, free]], axis=1)
+        response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, unknowns.coordinates.free]], axis=1)
         most = np.maximum(most, np.abs(channels.read(q, v, at_rest(bench.system, u))[1] @ response) * std)
     return most, unsolved

@@ -126,11 +126,10 @@ class BenchTrial:
             x[i, model.xi] = values
         return self.offsets.behind(x, P)
 
-    def of_seeds(self) -> BenchTrial:
-        """With the first start of every seed."""
-        first = slice(None, None, len(self.problem.unknowns.starts))
-        model = replace(self.model, offset=self.model.offset[first])
-        return replace(self, model=model, start=self.start[first], covariance=self.covariance[first])
+    def of_runs(self, runs: slice) -> BenchTrial:
+        """With these runs alone, and nothing that was remembered."""
+        model = replace(self.model, offset=self.model.offset[runs])
+        return replace(self, model=model, start=self.start[runs], covariance=self.covariance[runs])
 
 
 def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | None, available: np.ndarray) -> BenchTrial:
