@@ -27,11 +27,13 @@ def silent(doing: str, share: float) -> None:
     """Say nothing."""
 
 
-def of_steps(progress: Callable[[str, float], None], doing: str, steps: int) -> Callable[[int], None]:
-    """Called with the number of every step, reports every fiftieth."""
+def of_steps(
+    progress: Callable[[str, float], None], doing: str, steps: int, *, first: int = 0, share: float = 1.0
+) -> Callable[[int], None]:
+    """Called with the number of a step, counted from `first`, reports every fiftieth; share of the whole that all steps are."""
 
     def report(step: int) -> None:
         if step % 50 == 0:
-            progress(doing, step / steps)
+            progress(doing, share * (first + step) / steps)
 
     return report

@@ -60,7 +60,7 @@ def beyond_limit(what: str, pressure: float, bearing: BearingSection) -> list[st
 def loaded(bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase]) -> dict[str, dict[str, BearingCase]]:
     """Bearing → load case → its equilibrium, for the bearings that each case is of."""
     return {
-        name: {case: _loaded(name, bearing, case, entry) for case, entry in cases.items() if _is_of(name, entry)}
+        name: {case: _loaded(name, bearing, case, entry) for case, entry in cases.items() if entry.includes(name)}
         for name, bearing in bearings.items()
     }
 
@@ -101,11 +101,5 @@ def _asked(name: str, bearing: Bearing, curves: Sequence[CurveSection]) -> list[
     return [
         (f"curves.{i}", ALONG.index(curve.along), curve.reach, curve.points)
         for i, curve in enumerate(curves)
-        if _is_of(name, curve)
+        if curve.includes(name)
     ]
-
-
-def _is_of(name: str, entry: LoadCase | CurveSection) -> bool:
-    """Whether a load case or a curve is of this bearing; null means every one."""
-    chosen = entry.bearing
-    return chosen is None or name in ((chosen,) if isinstance(chosen, str) else chosen)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import TypeVar
 
 import numpy as np
 
+from strainsight.config.bench import bodies as stated_bodies
 from strainsight.config.bench import connections as stated
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.bodies import FrameSection, PoseSection, RigidBodySection
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bearings import bearings_of
-from strainsight.experiment.bench.reduction import flexible
 from strainsight.mesh.additions import node_index
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.bearing.element import BearingLaw, Drag, ring_relations
@@ -29,7 +29,7 @@ from strainsight.multibody.initial import (
     state,
     static_equilibrium,
 )
-from strainsight.multibody.joints import JOINTS
+from strainsight.multibody.joints import JOINTS, Joint
 from strainsight.multibody.laws import LAWS, follower_force, follower_moment, turning_gravity
 from strainsight.multibody.relations import cosine, relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
@@ -38,6 +38,7 @@ from strainsight.records.bench import BenchPlaced, ReducedBody
 
 Between = stated.Joint | stated.Law
 """What stands between two frames."""
+Made = TypeVar("Made", Joint, Force)
 
 
 @dataclass(frozen=True)
@@ -82,9 +83,7 @@ def bench_of(
     poses: dict[str, Pose] = {}
     for name, entry in config.bodies.items():
         with blame(f"bodies.{name}"):
-            bodies.append(
-                _rigid(name, entry) if isinstance(entry, RigidBodySection) else _flexible(name, reduced[name])
-            )
+            bodies.append(_body(name, entry, reduced))
         held = entry.type == "flexible" and reduced[name].clamped
         if held and (any(entry.velocity) or any(entry.spin) or entry.pose.origin != (0.0, 0.0, 0.0)):
             raise ConfigError(
@@ -98,47 +97,43 @@ def bench_of(
             )
     frames = {name: _frame(name, entry, reduced, meshes) for name, entry in config.frames.items()}
     bearings = bearings_of(config.bearings)
-    joints = [
-        JOINTS[entry.type](name, *_between(entry, frames), **_keys(entry)) for name, entry in config.joints.items()
-    ]
+    joints = [_between(JOINTS, name, entry, frames) for name, entry in config.joints.items()]
     forces = [_force(name, entry, frames, bearings, free or {}, bodies) for name, entry in config.forces.items()]
     with blame("joints"):
         system = assemble(bodies, joints, forces)
-    values = {key: modulus.value for entry in flexible(config).values() for key, modulus in entry.moduli.items()}
+    values = {key: modulus.value for entry in config.flexible.values() for key, modulus in entry.moduli.items()}
     for name, bearing in bearings.items():
         values |= {f"{name}.{key}": value for key, value in zip(PARAMETERS, bearing.parameters, strict=True)}
     theta = np.array([float(values[name]) for name in system.parameters])
     return Bench(config, reduced, meshes, placed, system, frames, bearings, poses, theta)
 
 
-def axes_of(pose: PoseSection) -> np.ndarray:
+def axes_of(pose: stated_bodies.PoseSection) -> np.ndarray:
     """Right-handed orthonormal axes (3, 3), columns x, y, z, from the x axis and the part of the y axis across it."""
-    x = np.asarray(pose.x_axis, dtype=float)
-    x = x / np.linalg.norm(x)
-    y = np.asarray(pose.y_axis, dtype=float)
-    y = y - (x @ y) * x
-    y = y / np.linalg.norm(y)
+    x, y = unit_vector(pose.x_axis), np.asarray(pose.y_axis, dtype=float)
+    y = unit_vector(y - (x @ y) * x)
     return np.column_stack([x, y, np.cross(x, y)])
 
 
-def unit_vector(direction: Sequence[float]) -> np.ndarray:
+def unit_vector(direction: Sequence[float] | np.ndarray) -> np.ndarray:
     """A direction (3,) of any length, made of length 1."""
     vector = np.asarray(direction, dtype=float)
     return np.asarray(vector / np.linalg.norm(vector))
 
 
-def _flexible(name: str, reduced: ReducedBody) -> FlexibleBody:
-    return FlexibleBody(name, reduced.clamped, reduced.stiffness, reduced.mass, reduced.damping, reduced.inertia)
-
-
-def _rigid(name: str, entry: RigidBodySection) -> RigidBody:
-    """The inertia of the config is about the centre of mass, that of the kernel about the origin."""
+def _body(name: str, entry: stated_bodies.Body, reduced: Mapping[str, ReducedBody]) -> Body:
+    """The inertia of a rigid body is about the centre of mass in the config, in the kernel about the origin."""
+    if entry.type == "flexible":
+        body = reduced[name]
+        return FlexibleBody(name, body.clamped, body.stiffness, body.mass, body.damping, body.inertia)
     I, c = entry.inertia, np.asarray(entry.centre, dtype=float)
     central = np.array([[I.xx, I.xy, I.xz], [I.xy, I.yy, I.yz], [I.xz, I.yz, I.zz]])
     return RigidBody(name, float(entry.mass), c, central + entry.mass * (c @ c * np.eye(3) - np.outer(c, c)))
 
 
-def _frame(name: str, entry: FrameSection, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh]) -> Frame:
+def _frame(
+    name: str, entry: stated_bodies.FrameSection, reduced: Mapping[str, ReducedBody], meshes: Mapping[str, Mesh]
+) -> Frame:
     axes = axes_of(entry.pose)
     if entry.body == "ground":
         return Frame(name, None, np.array(entry.pose.origin), axes)
@@ -152,14 +147,10 @@ def _frame(name: str, entry: FrameSection, reduced: Mapping[str, ReducedBody], m
     return Frame(name, entry.body, origin, axes, rows[:3], rows[3:])
 
 
-def _between(entry: Between, frames: Mapping[str, Frame]) -> tuple[Frame, Frame]:
-    first, second = (frames[frame] for frame in entry.frames)
-    return first, second
-
-
-def _keys(entry: Between) -> dict[str, object]:
-    """What the section of a joint or a force law says beside its kind, its frames and its history."""
-    return {key: value for key, value in dict(entry).items() if key not in ("type", "frames", "drive", "signal")}
+def _between(kinds: Mapping[str, Callable[..., Made]], name: str, entry: Between, frames: Mapping[str, Frame]) -> Made:
+    """A joint or a force law between two frames, by what its section says beside its kind, its frames and its history."""
+    keys = {key: value for key, value in dict(entry).items() if key not in ("type", "frames", "drive", "signal")}
+    return kinds[entry.type](name, *(frames[frame] for frame in entry.frames), **keys)
 
 
 def _force(
@@ -192,7 +183,7 @@ def _force(
             law = BearingLaw(bearings[entry.bearing], properties, drag)
             return RelativeElement(name, ring_relations(outer, inner, drag), law, names, (cosine(outer, 0, inner, 0),))
         case _:
-            return LAWS[entry.type](name, *_between(entry, frames), **_keys(entry))
+            return _between(LAWS, name, entry, frames)
 
 
 SLIP = 0.01
@@ -227,7 +218,15 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
             remedy = f"{error.remedy}; or set simulate.start: as_given"
             raise type(error)(error.what, key="simulate.start", remedy=remedy) from error
         if not settings.allow_unstable:
-            _refuse_unstable(bench, q, u)
+            modes = coupled_modes(bench.system, q, np.zeros_like(q), u, bench.theta)
+            rate_of_growth, body = growth(bench.system, modes)
+            if rate_of_growth > 0:
+                raise ConfigError(
+                    unstable_in_words(rate_of_growth, body),
+                    key="simulate.start",
+                    remedy="start from a pose that is nearer to a stable one, or set simulate.start: as_given or "
+                    "simulate.allow_unstable: true",
+                )
         return q, project_velocity(bench.system, q, np.zeros_like(q), u)
     v = project_velocity(bench.system, q, rate, u)
     if bench.system.drives.names and not rate.any():
@@ -249,18 +248,6 @@ def start_of(bench: Bench, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 def unstable_in_words(rate: float, body: str) -> str:
     """Of an equilibrium that a body leaves at a rate [1/s]."""
     return f"the equilibrium is unstable: '{body}' falls out of it, {math.e:.1f}-fold in {1 / rate:.3g} s"
-
-
-def _refuse_unstable(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:
-    """An equilibrium that nothing would stay in."""
-    rate, body = growth(bench.system, coupled_modes(bench.system, q, np.zeros_like(q), u, bench.theta))
-    if rate > 0:
-        raise ConfigError(
-            unstable_in_words(rate, body),
-            key="simulate.start",
-            remedy="start from a pose that is nearer to a stable one, or set simulate.start: as_given or "
-            "simulate.allow_unstable: true",
-        )
 
 
 def _refuse_opposite(bench: Bench, q: np.ndarray, u: np.ndarray) -> None:

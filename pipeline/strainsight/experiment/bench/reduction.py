@@ -50,14 +50,9 @@ class BodyReduction:
     frequency: np.ndarray
 
 
-def flexible(config: BenchConfig) -> dict[str, FlexibleBodySection]:
-    """The flexible bodies of a config, by name."""
-    return {name: body for name, body in config.bodies.items() if isinstance(body, FlexibleBodySection)}
-
-
 def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> dict[str, BodyReduction]:
     """Body → its reduction."""
-    reduced, bodies = {}, flexible(config)
+    reduced, bodies = {}, config.flexible
     for i, (name, entry) in enumerate(bodies.items()):
         using.progress(name, i / len(bodies))
         with blame(f"bodies.{name}"):
@@ -85,7 +80,7 @@ def _reduction(name: str, entry: FlexibleBodySection, frames: Mapping[str, Frame
     lam = eigh(body.stiffness.at(reference), body.mass, eigvals_only=True)
     if loose:
         stay = np.flatnonzero(~rows_of(body, nodes[0]).any(axis=0))
-        damping = _cut(damping, stay)
+        damping = damping.of_all(lambda matrix: matrix[np.ix_(stay, stay)])
         body = floating_basis(body, nodes[0])
     reduced = ReducedBody(
         clamped=loose == 0,
@@ -144,11 +139,6 @@ def body_damping(body: CraigBampton, law: Damping, reference: Mapping[str, float
     return AffineOperator((MPhi * (2 * law.ratio * omega)) @ MPhi.T, {})
 
 
-def _cut(X: AffineOperator, stay: np.ndarray) -> AffineOperator:
-    square = np.ix_(stay, stay)
-    return X.of_all(lambda matrix: matrix[square])
-
-
 PICTURES = 50
 
 
@@ -185,7 +175,7 @@ def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Body
             key="field.of",
             remedy="correct the estimate, or set field.of: simulate",
         )
-    parameters = moduli_of(settings.body, flexible(config)[settings.body].moduli, mesh)
+    parameters = moduli_of(settings.body, config.flexible[settings.body].moduli, mesh)
     theta = {p.name: motion.moduli.get(p.name, np.full(len(time), p.reference))[at] for p in parameters}
     facets = exterior_facets(mesh)
     with mesh.located():

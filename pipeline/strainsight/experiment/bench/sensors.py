@@ -14,6 +14,7 @@ from strainsight.config.bench.bench import (
     ReactionSensor,
     RelativeSensor,
     StrainSensorSection,
+    units_of,
 )
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
@@ -47,8 +48,6 @@ from strainsight.sensors.installation import (
 )
 from strainsight.sensors.rows import channel_rows
 
-MOTION_UNITS = {"position": "m", "velocity": "m/s"}
-
 
 @dataclass(frozen=True)
 class Sensors:
@@ -68,30 +67,33 @@ class Sensors:
 def sensors_of(bench: Bench) -> Sensors:
     """All sensors of the config that see the state."""
     strains, others, moved = [], [], {}
-    zeroed: list[bool] = []
     for name, entry in bench.config.sensors.items():
-        if isinstance(entry, ReactionSensor):
-            continue
-        if not isinstance(entry, StrainSensorSection):
+        if isinstance(entry, StrainSensorSection):
+            sensor, moved[name] = _strain(bench, name, entry)
+            strains.append(sensor)
+        elif not isinstance(entry, ReactionSensor):
             others.append(motion_sensor(name, entry, bench.frames))
-            continue
-        sensor, moved[name] = _strain(bench, name, entry)
-        strains.append(sensor)
-        zeroed += [entry.zeroed] * len(sensor.rows)
     # in the order of their rows
     others.sort(key=lambda sensor: isinstance(sensor, Accelerometer))
-    compiled = readings(bench.system, [*strains, *others])
-    still = np.zeros(len(compiled.channels), dtype=bool)
-    still[: len(zeroed)] = zeroed
-    return Sensors(compiled, _channels(compiled), still, moved)
+    return _compiled(bench, [*strains, *others], moved)
 
 
 def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
     """Those of these names."""
-    compiled = readings(bench.system, [sensor for sensor in sensors.readings.sensors if sensor.name in names])
-    channels = _channels(compiled)
-    zeroed = np.concatenate([sensors.zeroed[sensors.channels[name]] for name in channels])
-    return Sensors(compiled, channels, zeroed, {})
+    return _compiled(bench, [sensor for sensor in sensors.readings.sensors if sensor.name in names], {})
+
+
+def _compiled(bench: Bench, sensors: Sequence[Sensor], moved: Mapping[str, np.ndarray]) -> Sensors:
+    compiled, channels, at = readings(bench.system, sensors), {}, 0
+    zeroed = np.zeros(len(compiled.channels), dtype=bool)
+    for sensor in compiled.sensors:
+        count = len(sensor.rows) if isinstance(sensor, StrainRows) else 3
+        if isinstance(sensor, RelationSensor):
+            count = len(sensor.relations)
+        channels[sensor.name] = slice(at, at + count)
+        zeroed[channels[sensor.name]] = getattr(bench.config.sensors[sensor.name], "zeroed", False)
+        at += count
+    return Sensors(compiled, channels, zeroed, moved)
 
 
 def gauges_of(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[Candidates, Facets, np.ndarray]:
@@ -144,20 +146,9 @@ def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -
     frame = frames[entry.frame]
     if isinstance(entry, AccelerationSensor):
         return Accelerometer(name, frame, entry.axes == "own", entry.gravity)
-    if entry.quantity in MOTION_UNITS:
+    if entry.quantity in ("position", "velocity"):
         return position_sensor(name, frame, rate=entry.quantity == "velocity")
     return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
-
-
-def _channels(compiled: CompiledSensors) -> dict[str, slice]:
-    channels, at = {}, 0
-    for sensor in compiled.sensors:
-        count = len(sensor.rows) if isinstance(sensor, StrainRows) else 3
-        if isinstance(sensor, RelationSensor):
-            count = len(sensor.relations)
-        channels[sensor.name] = slice(at, at + count)
-        at += count
-    return channels
 
 
 def channel_labels(sensors: Sensors) -> tuple[str, ...]:
@@ -169,21 +160,14 @@ def channel_units(config: BenchConfig, sensors: Sensors) -> tuple[str, ...]:
     """Unit of every channel."""
     units: list[str] = []
     for name in sensors.channels:
-        entry = config.sensors[name]
-        relative = isinstance(entry, RelativeSensor)
-        units += ("m", "m", "m", "rad", "rad") if relative else (unit_of(entry),) * sensors.count(name)
+        of_one = units_of(config.sensors[name])
+        units += of_one * (sensors.count(name) // len(of_one))
     return tuple(units)
 
 
 def unit_of(entry: StatedSensor) -> str:
     """Unit of a sensor's readings."""
-    if isinstance(entry, StrainSensorSection):
-        return "strain"
-    if isinstance(entry, ReactionSensor):
-        return "N or N m"
-    if isinstance(entry, AccelerationSensor):
-        return "m/s²"
-    return "m or rad" if isinstance(entry, RelativeSensor) else MOTION_UNITS.get(entry.quantity, "1")
+    return " or ".join(dict.fromkeys(units_of(entry)))
 
 
 def dataset_units(config: BenchConfig, loads: Mapping[str, str]) -> dict[str, str]:

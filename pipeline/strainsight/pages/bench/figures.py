@@ -66,15 +66,14 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, H
     claimed, smoothed = alone and bool(np.isfinite(first.std).any()), first.smoothed if alone else None
     drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
     _truths(axes, [history for _, history in known], factor)
-    for place, (label, (_, history)) in enumerate(zip(labels, lines, strict=True)):
-        mean, std = drawable(history.mean) / factor, drawable(history.std) / factor
+    if claimed:
+        mean, std = drawable(first.mean) / factor, drawable(first.std) / factor
         index = visible_instants(np.column_stack([mean, std]), 240)
-        if claimed:
-            band(axes, history.time[index], mean[index], std[index], BLUE, "±2σ")
-        axes.plot(history.time[index], mean[index], **line_style(place), label=label)
+        band(axes, first.time[index], mean[index], std[index], BLUE, "±2σ")
+    for place, (label, (_, history)) in enumerate(zip(labels, lines, strict=True)):
+        _line(axes, history.time, history.mean / factor, **line_style(place), label=label)
     if smoothed is not None:
-        index = visible_instants(drawable(smoothed)[:, None], 240)
-        axes.plot(first.time[index], drawable(smoothed)[index] / factor, color=GREEN, lw=1.2, label="smoothed")
+        _line(axes, first.time, smoothed / factor, color=GREEN, lw=1.2, label="smoothed")
     if alone and kind == "input":
         _bulk(axes, first, factor)
     plain_axis(axes)
@@ -107,9 +106,8 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
         large[0] = False  # the first guess
         quotient = np.full(len(measured), np.nan)
         quotient[large] = unknown.mean[large] / measured[large]
-        index = visible_instants(np.column_stack([unknown.mean, drawable(quotient)]), 240)
-        axes.plot(unknown.time[index], unknown.mean[index] / factor, **style, label=label)
-        below.plot(unknown.time[index], drawable(quotient)[index], **style)
+        _line(axes, unknown.time, unknown.mean / factor, **style, label=label)
+        _line(below, unknown.time, quotient, **style)
         if (known := quotient[np.isfinite(quotient)]).size:
             text.append(f"{run or name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
@@ -150,6 +148,13 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     return Drawing(f"runs-{unknown.name}", f"{unknown.name}: other seeds and starts", caption, caption, svg(drawn))
 
 
+def _line(axes: Axes, time: FloatArray, values: FloatArray, **style: Any) -> None:
+    """At the instants that can be told apart."""
+    values = drawable(values)
+    index = visible_instants(values[:, None], 240)
+    axes.plot(time[index], values[index], **style)
+
+
 def line_style(place: int) -> dict[str, Any]:
     """Colour, stroke and width of line number `place`, each thinner than those that it may cover."""
     width = max(1.0, 2.0 - 0.25 * (place % len(SERIES)))
@@ -174,8 +179,8 @@ def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
         assert truth is not None
         if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * largest(u)) for t, u in shown):
             continue
-        index, label = visible_instants(truth[:, None], 240), None if shown else "truth"
-        axes.plot(time[index], truth[index] / factor, color=INK, lw=1, ls=(0, (4, 2)), zorder=3, label=label)
+        label = None if shown else "truth"
+        _line(axes, time, truth / factor, color=INK, lw=1, ls=(0, (4, 2)), zorder=3, label=label)
         shown.append((time, truth))
 
 
@@ -183,21 +188,24 @@ def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool
     for place, history in histories:
         assert history.truth is not None
         scale = largest(history.truth) or 1.0
-        curves = [(history.mean, line_style(place) | ({"lw": 1.1} if alone else {}))]
+        _error(axes, history, history.mean, **line_style(place) | ({"lw": 1.1} if alone else {}))
         if alone and history.smoothed is not None:
-            curves.append((history.smoothed, {"color": GREEN, "lw": 1.0}))
-        for values, style in curves:
-            error = np.abs(drawable(values - history.truth)) / scale
-            error = np.where(error > ROUNDING, error, np.nan)
-            index = visible_instants(np.log(error)[:, None], 240)
-            axes.plot(history.time[index], error[index], **style)
+            _error(axes, history, history.smoothed, color=GREEN, lw=1.0)
         if alone:
-            index = visible_instants(drawable(history.std)[:, None], 240)
-            std = np.where(history.std[index] > 0, history.std[index] / scale, np.nan)
-            axes.plot(history.time[index], std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
+            std = np.where(drawable(history.std) > 0, drawable(history.std) / scale, np.nan)
+            _line(axes, history.time, std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
     axes.set_yscale("log")
     log_ticks(axes)
     axes.set_ylabel("|error| over\nlargest truth")
+
+
+def _error(axes: Axes, history: History, values: FloatArray, **style: Any) -> None:
+    """Size of the error over the largest true value, none that is rounding."""
+    assert history.truth is not None
+    error = np.abs(drawable(values - history.truth)) / (largest(history.truth) or 1.0)
+    error = np.where(error > ROUNDING, error, np.nan)
+    index = visible_instants(np.log(error)[:, None], 240)
+    axes.plot(history.time[index], error[index], **style)
 
 
 def _bulk(axes: Axes, history: History, factor: float) -> None:
@@ -239,11 +247,9 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
             shown.append(values)
         if sensor.expected is None:
             continue
-        expected, style = drawable(sensor.expected[:, component]), line_style(place)
-        axes.plot(sensor.time[index], expected[index] / factor, **style, label=label)
-        difference = (values - expected) / factor
-        index = visible_instants(difference[:, None], 240)
-        below.plot(sensor.time[index], difference[index], **{**style, "lw": 0.7 * style["lw"]})
+        expected, style = sensor.expected[:, component], line_style(place)
+        _line(axes, sensor.time, expected / factor, **style, label=label)
+        _line(below, sensor.time, (values - expected) / factor, **{**style, "lw": 0.7 * style["lw"]})
     plain_axis(axes)
     axes.set_ylabel(f"{short(first.components[component], 20)} [{short(unit)}]")
     below.set_ylabel(f"measured −\nestimated [{short(unit)}]")
@@ -272,13 +278,13 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
         if sensor.expected is None and size[i] <= SILENT * size.max():
             measured = np.zeros_like(measured)
         factor, unit = sensor_unit(largest(measured), sensor.units[i])
-        index = visible_instants(measured[:, None], 240)
         if sensor.expected is None:
-            axes.plot(sensor.time[index], measured[index] / factor, color=BLUE)
+            _line(axes, sensor.time, measured / factor, color=BLUE)
         else:
+            index = visible_instants(measured[:, None], 240)
             dots(axes, sensor.time[index], measured[index] / factor, "measured" * (i == kept[0]))
-            expected = drawable(sensor.expected[:, i])[index] / factor
-            axes.plot(sensor.time[index], expected, color=BLUE, label="estimated" if i == kept[0] else None)
+            label = "estimated" if i == kept[0] else None
+            _line(axes, sensor.time, sensor.expected[:, i] / factor, color=BLUE, label=label)
         plain_axis(axes)
         axes.locator_params(axis="y", nbins=3)
         axes.set_ylabel(f"{short(sensor.components[i], 9)}\n[{short(unit)}]")
@@ -298,9 +304,9 @@ def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Draw
     """NIS over the number of channels at every step, and the violation of the constraints after every correction; expected: NIS,
     where it is known."""
     drawn, axes, below = figure(4.2, (1.4, 1.0))
-    index = visible_instants(estimate.nis[:, None], 240)
+    index, known = visible_instants(estimate.nis[:, None], 240), np.isfinite(estimate.nis)
     dots(axes, estimate.time[1:][index], estimate.nis[index], "NIS over channels")
-    mean = float(np.mean(estimate.nis[np.isfinite(estimate.nis)])) if np.isfinite(estimate.nis).any() else np.nan
+    mean = float(np.mean(estimate.nis[known])) if known.any() else np.nan
     axes.axhline(mean, color=BLUE, label="mean")
     if expected is not None:
         axes.axhline(expected, color=INK, lw=1, ls=(0, (4, 2)), label="expected")
@@ -318,10 +324,10 @@ def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Draw
     time_axis(below)
     legend_above(axes)
     worst = number(float(np.nanmax(estimate.violation, initial=0.0)), 2)
+    words = "" if expected is None else f", expected {number(expected, 3)}"
     caption = (
-        f"Above, normalised innovation squared over the number of channels: mean {number(mean, 3)}"
-        + (f", expected {number(expected, 3)}" if expected is not None else "")
-        + f". Below, how far the constraints are violated after every correction: at most {worst}."
+        f"Above, normalised innovation squared over the number of channels: mean {number(mean, 3)}{words}. Below, how far the "
+        f"constraints are violated after every correction: at most {worst}."
     )
     return Drawing("consistency", "Does the filter believe its sensors?", caption, caption, svg(drawn))
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.bench.bearing_page import balls_figures
-from strainsight.pages.bench.data import BenchPageRun, BenchStress
+from strainsight.pages.bench.data import BenchPageRun, BenchStress, PlacedGauges
 from strainsight.pages.bench.figures import (
     components_figure,
     consistency_figure,
@@ -18,7 +18,7 @@ from strainsight.pages.bench.figures import (
     runs_figure,
     unknown_figure,
 )
-from strainsight.pages.bench.tables import bench_answer, mismatch_table, placement_table, runs_table
+from strainsight.pages.bench.tables import bench_answer, mismatch_table, placement_table, runs_table, stress_words
 from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg, visible_instants
 from strainsight.pages.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
 from strainsight.pages.page.markup import bullets, figures, measure, picture, plain, table
@@ -29,6 +29,7 @@ from strainsight.pages.placement.figures import trend_figure
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
 from strainsight.records.bench import BenchPlaced, DriveMotion, RingMotion
+from strainsight.runner.output import Scalar
 from strainsight.text import number, percent, prefix, quantity, short
 
 
@@ -102,16 +103,10 @@ def stress_figure(stress: BenchStress) -> Drawing:
     axes.set_ylabel("von Mises stress [MPa]")
     legend_above(axes)
     time_axis(axes)
-    caption = f"Largest von Mises stress anywhere on {stress.body}, at {len(stress.time)} instants: {stress_in_words(stress)}."
+    words = stress_words(stress, quantity, percent, f", in element {stress.element}")
+    words += "; no allowable is stated" * (stress.allowable is None)
+    caption = f"Largest von Mises stress anywhere on {stress.body}, at {len(stress.time)} instants: {words}."
     return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", svg(drawn))
-
-
-def stress_in_words(stress: BenchStress) -> str:
-    """The largest stress, where it is, and how much of the allowable."""
-    text = f"at most {quantity(float(np.max(stress.largest)), 'Pa')}, in element {stress.element}"
-    if stress.allowable is None or stress.share is None:
-        return f"{text}; no allowable is stated"
-    return f"{text}, {percent(stress.share)} of the allowable {quantity(stress.allowable, 'Pa')}"
 
 
 @styled()
@@ -249,7 +244,8 @@ def bench_page(
         sections.append(f"<h2>{head}</h2>" + "".join(_picture(*entry) for entry in pictures))
     sections.append(turned)
     if run.placement is not None:
-        sections.append(f"<h2>Where the gauges go</h2>{_placed(run)}{figures(each('placement'))}")
+        placed = _placed(run.placement, run.numbers.get("place", {}))
+        sections.append(f"<h2>Where the gauges go</h2>{placed}{figures(each('placement'))}")
     if run.simulated is not None:
         lead = '<p class="lead">Simulated under the loads of the config.</p>'
         sections.append(f"<h2>How the bench moves</h2>{lead}{figures(each('motion'))}")
@@ -261,11 +257,9 @@ def bench_page(
     return document("bench", run.name, title, bench_answer(run), sections, FOOTER, STYLE, turned=bool(turned))
 
 
-def _placed(run: BenchPageRun) -> str:
-    """The layout, what to do with it, and the same by other rules."""
-    placement = run.placement
-    assert placement is not None
-    text = f'<div class="card">{placement_table(placement, run.numbers.get("place", {}))}</div>'
+def _placed(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> str:
+    """The layout, what to do with it, and the same by other rules; numbers: the summary of place."""
+    text = f'<div class="card">{placement_table(placement, numbers)}</div>'
     text += advice_card(placement.placed.advice, "h3")
     if not placement.criteria:
         return text
@@ -278,35 +272,35 @@ def _picture(caption: str, png: bytes) -> str:
     return f'<figure class="card picture">{shown}<figcaption>{escape(caption)}</figcaption></figure>'
 
 
-NAMES: Sequence[tuple[str, str, str]] = (
-    ("coordinates", "coordinates", ""),
-    ("constraints", "constraints", ""),
-    ("steps", "steps", ""),
-    ("violation", "constraints violated by at most", ""),
-    ("violation_rate", "their rates by at most", ""),
-    ("first_frequency", "first coupled frequency", "Hz"),
-    ("band", "follows loads up to", "Hz"),
-    ("turn", "largest turn of a body in a step", "rad"),
-)
+NAMES = {
+    "coordinates": ("coordinates", ""),
+    "constraints": ("constraints", ""),
+    "steps": ("steps", ""),
+    "violation": ("constraints violated by at most", ""),
+    "violation_rate": ("their rates by at most", ""),
+    "first_frequency": ("first coupled frequency", "Hz"),
+    "band": ("follows loads up to", "Hz"),
+    "turn": ("largest turn of a body in a step", "rad"),
+}
+"""Number of the simulation → what it is called, and its unit."""
+OF_ESTIMATE = {
+    "method": "correction",
+    "truth": "truth",
+    "channels": "channels",
+    "unknowns": "unknowns",
+    "violation": "constraints violated by, corrected",
+}
 
 
 def _facts(run: BenchPageRun) -> list[tuple[str, str]]:
     simulated, placed = run.numbers.get("simulate", {}), run.numbers.get("place", {})
-    rows = [(name, measure(float(simulated[key]), unit)) for key, name, unit in NAMES if _is_number(simulated.get(key))]
-    for key, name in (("method", "correction"), ("truth", "truth")):
-        if isinstance(word := run.summary.get(key), str):
-            rows.append((name, escape(word)))
-    violation = "constraints violated by, corrected"
-    for key, name in (("channels", "channels"), ("unknowns", "unknowns"), ("violation", violation)):
-        if (value := run.number(key)) is not None:
-            rows.append((name, plain(value, 3)))
+    rows = [(NAMES[key][0], measure(float(simulated[key]), NAMES[key][1])) for key in NAMES if key in simulated]
+    for key, name in OF_ESTIMATE.items():
+        if (value := run.summary.get(key)) is not None:
+            rows.append((name, escape(value) if isinstance(value, str) else plain(float(value), 3)))
     rows += [
         (escape(f"placement: {key}"), plain(float(value), 4))
         for key, value in placed.items()
-        if _is_number(value) and not isinstance(value, bool) and not key.startswith("std.")
+        if not isinstance(value, str | bool) and not key.startswith("std.")
     ]
     return rows
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float)

@@ -222,7 +222,7 @@ def bench_answer(run: BenchPageRun) -> str:
         text += f" The time step follows loads up to {shown}."
     if (stress := run.stress) is None:
         return text
-    words = f"on {escape(stress.body)}: {_stressed(stress)}."
+    words = f"on {escape(stress.body)}: {stress_words(stress, measure, share)}."
     if stress.too_high:
         return f'<strong class="bad">Stress {words}</strong> {text}'
     return f"{text} Von Mises stress {words}"
@@ -265,12 +265,14 @@ def _estimated(run: BenchPageRun, unknown: BenchUnknown) -> str:
     return f"{name} as at most {measure(float(largest), _unit(unknown))} in the second half"
 
 
-def _stressed(stress: BenchStress) -> str:
-    """The largest stress beside the allowable."""
-    largest = f"at most {measure(float(np.max(stress.largest)), 'Pa')}"
+def stress_words(
+    stress: BenchStress, shown: Callable[[float, str], str], share: Callable[[float], str], where: str = ""
+) -> str:
+    """The largest stress, where, and how much of the allowable; shown, share: how a number and a ratio are written."""
+    text = f"at most {shown(float(np.max(stress.largest)), 'Pa')}{where}"
     if stress.allowable is None or stress.share is None:
-        return largest
-    return f"{largest}, {share(stress.share)} of the allowable {measure(stress.allowable, 'Pa')}"
+        return text
+    return f"{text}, {share(stress.share)} of the allowable {shown(stress.allowable, 'Pa')}"
 
 
 def _moved(motion: Simulated) -> str:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from strainsight.config.bench.bench import BenchConfig, SurfaceField
 from strainsight.experiment.bench.reduction import BodyMotion, pictures
 from strainsight.records.bench import BenchEstimated, Simulated
@@ -51,8 +49,3 @@ def _motion(settings: SurfaceField, context: Context[object]) -> BodyMotion:
 FIELD = Stage(
     "field", version=3, reads=("field", "bodies.*.moduli"), upstream=("import", "reduce", "simulate"), files=(), run=run
 )
-
-
-def field_stage(of: str) -> Stage:
-    """The stage for `field.of`: an estimated motion is read from estimate.h5."""
-    return FIELD if of == "simulate" else replace(FIELD, upstream=(*FIELD.upstream, "estimate"))

@@ -9,7 +9,7 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError
-from strainsight.experiment.bench.reduction import BodyReduction, flexible, reductions
+from strainsight.experiment.bench.reduction import BodyReduction, reductions
 from strainsight.experiment.structure.mesh import checked, mesh_of, model_warnings
 from strainsight.experiment.structure.mesh_tables import found_tables
 from strainsight.mesh.model import Mesh
@@ -30,7 +30,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
     tables: list[Table] = []
     included: list[Path] = []
     parts = []
-    bodies = flexible(context.config)
+    bodies = context.config.flexible
     for i, (name, body) in enumerate(bodies.items()):
         context.progress(name, i / len(bodies))
         key = f"bodies.{name}.mesh"

@@ -9,7 +9,6 @@ import numpy as np
 
 from strainsight import __version__
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.experiment.bench.reduction import flexible
 from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.pages.arrays import Reading
 from strainsight.pages.bench.data import BenchPageRun, BenchSensor, BenchStress, BenchUnknown, PlacedGauges
@@ -86,8 +85,12 @@ def _estimated(artefact: Artefact) -> dict[str, Any]:
         for i, (reading, predicted, std, why, unit_of_channel) in enumerate(columns, start=1):
             if not why:
                 held_out.append(Reading(f"{name}.{i}", unit_of_channel, after, reading, predicted, std, i))
-    parts = {"unknowns": unknowns, "sensors": sensors, "hold_out": held_out}
-    return {"estimated": record, **{key: tuple(values) for key, values in parts.items()}}
+    return {
+        "estimated": record,
+        "unknowns": tuple(unknowns),
+        "sensors": tuple(sensors),
+        "hold_out": tuple(held_out),
+    }
 
 
 def _components(config: Any, name: str, unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
@@ -131,7 +134,7 @@ def run(context: Context[BenchConfig]) -> Output:
 def _body(context: Context[BenchConfig]) -> str | None:
     """The flexible body to show: that of the field or of the placement, else the first with gauges, else the first."""
     config, up = context.config, context.upstream
-    if "import" not in up or not flexible(config):
+    if "import" not in up or not config.flexible:
         return None
     strain = [str(sensor.body) for sensor in config.sensors.values() if sensor.type == "strain"]
     return body_of(config, None if "field" in up or "place" in up else next(iter(strain), None))

@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from strainsight.config.bench.bench import BenchConfig, Simulate
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.loads import doubtful_drives, load_units
 from strainsight.experiment.bench.sensors import dataset_units
-from strainsight.experiment.bench.simulation import Simulation, simulation
+from strainsight.experiment.bench.simulation import simulation
 from strainsight.multibody.coupled import SHARE, followed, missed
 from strainsight.multibody.step import GAIN, LAG
 from strainsight.records.record import written
@@ -26,10 +24,11 @@ MISSED = 0.05
 
 def run(context: Context[BenchConfig]) -> Output:
     """The bench in time, and up to which frequency it may be believed."""
-    config = context.config
+    config, settings = context.config, context.config.simulate
     result = simulation(inputs.bench(context), context)
-    record, system, h = result.record, result.bench.system, config.simulate.time_step
+    record, system, h = result.record, result.bench.system, settings.time_step
     steps, worst = len(record.time) - 1, float(record.violation.position.max())
+    pressure = {name: float(ring.pressure.max()) for name, ring in record.bearings.items()}
     summary: dict[str, Scalar] = {
         "steps": steps,
         "coordinates": system.size,
@@ -38,59 +37,51 @@ def run(context: Context[BenchConfig]) -> Output:
         "violation_rate": float(record.violation.velocity.max()),
         "turn": result.turn,
         "parts": result.parts,
+        **{f"pressure.{name}": highest for name, highest in pressure.items()},
     }
     text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints held to {worst:.1e}"
-    if config.simulate.tolerance is not None:
-        text += f", in up to {result.parts} parts each: the motion is right to {config.simulate.tolerance:g} of the coordinates"
-    if len(record.frequency) and (first := float(record.frequency[0])) > 0:
-        summary["first_frequency"] = first
-    if "first_frequency" in summary and config.simulate.tolerance is None:
-        summary["band"] = followed(record.frequency, h, config.simulate.method)
-        text += f"; follows loads up to {summary['band']:.3g} Hz to {100 * SHARE:g} %"
-        for name, load in record.inputs.items():
-            summary[f"missed.{name}"] = float(missed(load[:, None], record.frequency, h, config.simulate.method)[0])
-    summary |= {f"pressure.{name}": float(ring.pressure.max()) for name, ring in record.bearings.items()}
-    doubts = _warnings(result, config, summary, doubtful_drives(config, context.files))
+    if settings.tolerance is not None:
+        text += (
+            f", in up to {result.parts} parts each: the motion is right to {settings.tolerance:g} of the coordinates"
+        )
+    doubts = []
+    if len(record.frequency) and record.frequency[0] > 0:
+        summary["first_frequency"] = float(record.frequency[0])
+        if settings.tolerance is None:
+            band = summary["band"] = followed(record.frequency, h, settings.method)
+            text += f"; follows loads up to {band:.3g} Hz to {100 * SHARE:g} %"
+            for name, load in record.inputs.items():
+                share = float(missed(load[:, None], record.frequency, h, settings.method)[0])
+                summary[f"missed.{name}"] = share
+                if share > MISSED:
+                    doubts.append(
+                        f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {band:.3g} Hz; take a smaller "
+                        "simulate.time_step, or leave out what is so quick"
+                    )
+    doubts += [*doubtful_drives(config, context.files), *overloaded(config, pressure)]
+    if system.size > system.constrained and settings.tolerance is None and result.turn > TURN[settings.method]:
+        doubts.append(f"a body turns by {result.turn:.3g} rad a step: {_turning(result.turn, settings)}")
+    moved = tuple(
+        (name, str(i), f"{1e3 * distance:.3g} mm")
+        for name, distances in result.sensors.moved.items()
+        for i, distance in enumerate(distances, start=1)
+    )
+    rings = []
+    for name, ring in record.bearings.items():
+        force = ring.worst.force
+        balls = f"{int((force > 0).any(axis=1).sum())} of {len(force)}"
+        rings.append((name, f"{pressure[name] / 1e6:.5g} MPa", f"{ring.worst.time:.4g} s", balls))
+    tables = (
+        Table("gauges, moved to the surface by", ("sensor", "gauge", "moved"), moved),
+        Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rings)),
+        *warnings_table(doubts),
+    )
     return Output(
         datasets=written(record, dataset_units(config, load_units(config, system.inputs))),
         summary=summary,
         message=text,
-        tables=(*(table for table in (_moved(result), _rings(result)) if table.rows), *warnings_table(doubts)),
+        tables=tuple(table for table in tables if table.rows),
     )
-
-
-def _moved(result: Simulation) -> Table:
-    rows = tuple(
-        (name, str(i), f"{1e3 * distance:.3g} mm")
-        for name, moved in result.sensors.moved.items()
-        for i, distance in enumerate(moved, start=1)
-    )
-    return Table("gauges, moved to the surface by", ("sensor", "gauge", "moved"), rows)
-
-
-def _rings(result: Simulation) -> Table:
-    rows = []
-    for name, ring in result.record.bearings.items():
-        force = ring.worst.force
-        balls = f"{int((force > 0).any(axis=1).sum())} of {len(force)}"
-        rows.append((name, f"{ring.pressure.max() / 1e6:.5g} MPa", f"{ring.worst.time:.4g} s", balls))
-    return Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rows))
-
-
-def _warnings(result: Simulation, config: BenchConfig, summary: Mapping[str, Scalar], drives: list[str]) -> list[str]:
-    doubts = [
-        f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {float(summary['band']):.3g} Hz; take a smaller "
-        "simulate.time_step, or leave out what is so quick"
-        for name in result.record.inputs
-        if (share := float(summary.get(f"missed.{name}", 0.0))) > MISSED
-    ]
-    doubts += drives
-    doubts += overloaded(config, {name: float(ring.pressure.max()) for name, ring in result.record.bearings.items()})
-    settings = config.simulate
-    free = result.bench.system.size > result.bench.system.constrained
-    if free and settings.tolerance is None and result.turn > TURN[settings.method]:
-        doubts.append(f"a body turns by {result.turn:.3g} rad a step: {_turning(result.turn, settings)}")
-    return doubts
 
 
 def _turning(turn: float, settings: Simulate) -> str:

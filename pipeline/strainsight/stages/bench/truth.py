@@ -18,8 +18,7 @@ def run(context: Context[BenchConfig]) -> Output:
     estimate = config.estimate
     assert estimate is not None  # a bench without it has no such stage
     truth = estimate.truth
-    duration = truth.duration or estimate.duration or config.simulate.duration
-    truths = truths_of(inputs.bench(context), truth, duration, context)
+    truths = truths_of(inputs.bench(context), truth, truth.duration or config.filter_duration, context)
     steps, histories = len(truths.time) - 1, len(truths.begin)
     text = (
         f"{histories} histor{'y' if histories == 1 else 'ies'} of {steps} steps of {truth.step:g} s by Radau's method"

@@ -12,7 +12,6 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ArtefactError, UserError, did_you_mean
 from strainsight.experiment.bench.bench import unit_vector
-from strainsight.experiment.bench.reduction import flexible
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import Gauge, PictureLayout
@@ -35,7 +34,7 @@ def body_of(config: BenchConfig, asked: str | None) -> str:
 
     Raises UserError where there is none, or none of that name.
     """
-    bodies = list(flexible(config))
+    bodies = list(config.flexible)
     if not bodies:
         raise UserError("no body of this bench is flexible", remedy="there is no mesh to show: see report.html")
     if asked is not None and asked not in bodies:

@@ -27,12 +27,11 @@ from strainsight.experiment.bench.inverse.problem import (
     corrects,
     free_zero,
     has_bank,
-    has_drives,
     problem_of,
     zero_of,
 )
 from strainsight.experiment.bench.inverse.trial import BenchTrial, trial_of
-from strainsight.experiment.bench.inverse.truth import Reality, measurements, reality_of, walked
+from strainsight.experiment.bench.inverse.truth import Reality, reality_of, walked
 from strainsight.experiment.bench.sensors import channel_labels, misread
 from strainsight.experiment.bench.simulation import turns_in_a_step
 from strainsight.experiment.hold_out import LeftOut, held_out, left_out
@@ -113,11 +112,10 @@ def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
     """Combinations of unknowns that no sensor separates at any of a few instants of the first run, mean (T + 1, size); raises
     ConfigError, where the config does not allow for them."""
     model, estimate = replace(trial.model, R=np.where(trial.available, trial.model.R, np.inf)), trial.problem.estimate
-    instants = np.flatnonzero(np.isfinite(mean).all(axis=1))
+    finite = np.flatnonzero(np.isfinite(mean).all(axis=1))
+    places = np.linspace(0, len(finite) - 1, INSTANTS).round().astype(int) if len(finite) else []
     combinations: list[list[str]] = []
-    for k in (
-        np.unique(instants[np.linspace(0, len(instants) - 1, INSTANTS).round().astype(int)]) if len(instants) else []
-    ):
+    for k in np.unique(finite[places]):
         try:
             combinations.append(indistinct(model, mean[k], min(k, len(model.known) - 1), trial.problem.names))
         except NumericalError:
@@ -143,10 +141,16 @@ def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.nd
     A step that is taken for true gets wrong what its loads have above its band (`missed`): of a load that is known more than
     MISSED; of one that is only estimated, whose spectrum is also that of its errors, more than its σ besides.
     """
-    config = trial.problem.config
-    doubts = list(_turning(trial, mean) if corrects(config) else _missed(trial, reality, mean, std))
+    config, h = trial.problem.config, trial.model.h
+    doubts = [
+        f"{name} turns by {turn:.2g} rad in a step of {h:g} s, which is linearised for at most {TURN:g}"
+        for name, turn in turns_in_a_step(trial.problem.bench, mean[:, trial.model.v], h).items()
+        if turn > TURN
+    ]
+    if not corrects(config):
+        doubts = list(_missed(trial, reality, mean, std))
     if doubts and not trial.problem.estimate.allow_unfollowed:
-        made_up_for = "" if corrects(config) or has_drives(config) else "method.step_error: estimated, "
+        made_up_for = "" if corrects(config) or config.driven else "method.step_error: estimated, "
         raise ConfigError(
             doubts[0],
             key="estimate.time_step",
@@ -180,13 +184,6 @@ def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarr
                 f"the step of {h:g} s follows loads up to {followed(frequency, h, method):.3g} Hz, and of {name} it gets "
                 f"{100 * share:.2g} % wrong"
             )
-
-
-def _turning(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
-    h = trial.model.h
-    for name, turn in turns_in_a_step(trial.problem.bench, mean[:, trial.model.v], h).items():
-        if turn > TURN:
-            yield f"{name} turns by {turn:.2g} rad in a step of {h:g} s, which is linearised for at most {TURN:g}"
 
 
 @dataclass(frozen=True)
@@ -255,7 +252,7 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
     integrator, where these stand for reality."""
     problem = problem_of(bench, using.files)
     estimate, among = problem.estimate, problem.among
-    reality = reality_of(problem, other, truths, using.files, lambda share: using.progress("truth", 0.3 * share))
+    reality = reality_of(problem, other, truths, using)
     largest, first, available = np.zeros(len(among)), None, _given(problem)
     if reality is not None:
         read, first = reality.readings[:, :, among], reality.first
@@ -292,19 +289,26 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
     )
 
 
+NOISE = 1
+"""Last word of the seed of every run's noise; a trailing zero would be no word at all."""
+
+
 def _samples(trial: BenchTrial, reality: Reality) -> np.ndarray:
-    """What the filter is given (T, B, m), NaN of channels that it has not."""
-    problem, estimate = trial.problem, trial.problem.estimate
-    runs, starts, seed = estimate.runs, len(problem.unknowns.starts), problem.config.seed
-    noisy = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
-    y = measurements(reality.readings[:, :, problem.among], trial.noise, runs, starts, seed, noisy)
-    if noisy and estimate.measured is None:
-        too_much = trial.offsets.drawn(problem.steps, runs, y.shape[2], seed)
-        if problem.errors and reality.q is not None:
-            too_much = too_much + misread(problem.bench, problem.used, problem.errors, reality.q, runs)
-        y += np.repeat(too_much, starts, axis=1)
+    """What the filter is given (T, B, m), NaN of channels that it has not: noise is drawn anew for every seed, the same for all
+    starts of one."""
+    problem, estimate, seed = trial.problem, trial.problem.estimate, trial.problem.config.seed
+    read, runs = reality.readings[:, :, problem.among], estimate.runs
+    shape = (problem.steps, runs, len(trial.noise))
+    y = np.broadcast_to(read, shape).copy()
+    if estimate.truth.noise and not isinstance(estimate.measured, FromFile):
+        draws = [np.random.default_rng((seed, run, NOISE)).standard_normal(shape[::2]) for run in range(runs)]
+        y += trial.noise * np.stack(draws, axis=1)
+        if estimate.measured is None:
+            y += trial.offsets.drawn(*shape, seed)
+            if problem.errors and reality.q is not None:
+                y += misread(problem.bench, problem.used, problem.errors, reality.q, runs)
     y[:, :, ~trial.available] = np.nan
-    return y
+    return np.repeat(y, len(problem.unknowns.starts), axis=1)
 
 
 def _given(problem: BenchProblem) -> np.ndarray:

@@ -70,14 +70,9 @@ def smoothed_loads(model: AugmentedStep, whole: StepModel, run: FilterRun) -> Sm
     smoothed = smooth_first(whole, run)
     std = smoothed.std[:, 0, model.u]
     if model.corrected:
-        std[:, has_rates(model)] = np.nan
+        # smooth are those with more states than the load itself
+        std[:, np.diff(np.append(model.loads.first, model.loads.size)) > 1] = np.nan
     return SmoothedLoads(smoothed.mean[:, 0, model.u], std)
-
-
-def has_rates(model: AugmentedStep) -> np.ndarray:
-    """Which unknown loads (nu,) are smooth: those with more states than the load itself."""
-    ends = np.append(model.loads.first, model.loads.size)
-    return np.asarray(np.diff(ends) > 1)
 
 
 Progress = Callable[[float], None]
@@ -198,7 +193,8 @@ def by_bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRun
     for k, states in enumerate(mean[1:], start=1):
         # a mean of states that the joints allow is none itself, by the square of what they differ
         states[:] = trial.offsets.projected(trial.model)(states, k)
-    nis, lost, notes = per_channel(nis, y), np.full(runs, -1), ()
+    nis, lost = per_channel(nis, y), np.full(runs, -1)
+    notes: tuple[str, ...] = ()
     if without := sum(bank.without for bank in banks):
         tried = sum(len(bank.weight) for bank in banks)
         notes = (

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -17,14 +17,11 @@ from strainsight.experiment.bench.loads import load_units, loads_of
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.initial import static_equilibrium
 from strainsight.multibody.inverse.linear import LinearBench, in_steps, in_time, linear_bench
-from strainsight.placement.criteria import Metric
 from strainsight.placement.riccati import factor_after, steady_factor
-from strainsight.placement.scenario import Aggregate, Scenario, solve_pool
+from strainsight.placement.scenario import Scenario
 
 Pose = tuple[np.ndarray, np.ndarray]
 """Coordinates q and inputs u of the system at rest."""
-UNTOLD = 0.9
-"""Share of σ of its guess above which the gauges tell next to nothing of a parameter."""
 DISTURBED = 1e-3
 """[m/s²] White acceleration of every body that gauges are ranked with where the filter has none or less: without any, motions
 that nothing damps have no steady covariance."""
@@ -64,9 +61,9 @@ class PlacedBody:
         return (*load_units(self.config, self.loads).values(), *of_parameters.values())
 
     @property
-    def duration(self) -> float:
-        """Of the run of the filter [s]."""
-        return float(asked(self.config).duration or self.config.simulate.duration)
+    def acceleration(self) -> float:
+        """[m/s²] Of the white force of the filter."""
+        return float(asked(self.config).disturbance)
 
     @property
     def modal(self) -> slice:
@@ -130,7 +127,7 @@ def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarr
     if not unknowns.free:
         return None, of_loads
     coordinates = unknowns.coordinates
-    between = np.concatenate([[0.0], 0.5 * (time[1:] + time[:-1]), [body.duration]])
+    between = np.concatenate([[0.0], 0.5 * (time[1:] + time[:-1]), [body.config.filter_duration]])
     steps = np.maximum(1, np.diff(np.round(between / body.h).astype(int)))
     covariance = coordinates.covariance(theta, unknowns.std)
     moved = np.sqrt(np.diag(coordinates.covariance(theta, unknowns.increment)))
@@ -152,90 +149,6 @@ def zeroed(config: BenchConfig) -> bool:
         isinstance(sensor, StrainSensorSection) and sensor.layout == "place" and sensor.zeroed for sensor in sensors
     )
     return takes and config.simulate.start == "equilibrium"
-
-
-@dataclass(frozen=True)
-class Strained:
-    """benches, linear in every pose; readings: of every pose (m, n*) what candidates read of (η, η̇, unknowns); noise (m,) σ of a
-    sample; white (poses, m): its variance by the white force, as of `scenario_of`; acceleration [m/s²] of that of the filter;
-    aggregate of the metric over poses; off (poses, m): σ of a constant error of each, noise of a sample to a ranking, and to σ
-    of loads alone what it leaves of them; known: None where loads alone are unknown."""
-
-    benches: tuple[LinearBench, ...]
-    readings: tuple[np.ndarray, ...]
-    noise: np.ndarray
-    white: np.ndarray
-    acceleration: float
-    aggregate: Aggregate
-    off: np.ndarray
-    known: Known | None = None
-
-    @property
-    def scale(self) -> np.ndarray:
-        """One of each unknown of the state in its unit (unknowns,): 1 of a load, ∂θ/∂ξ of a parameter."""
-        scale = np.ones(len(self.benches[0].increment))
-        if self.known is not None:
-            scale[len(scale) - len(self.known.slopes) :] = np.abs(np.diag(self.known.slopes))
-        return scale
-
-    def in_poses(self, gauges: np.ndarray) -> np.ndarray:
-        """σ (poses, unknowns) [N, N m, Pa, m] that a filter on these gauges comes to claim: of loads alone, inf where one is
-        lost; beside parameters at the end of each pose of the run."""
-        rows, noise, known = [H[gauges] for H in self.readings], self.noise[gauges], self.known
-        if known is None:
-            triples = zip(self.benches, rows, self.off[:, gauges], strict=True)
-            return np.array([expected_std(bench, H, noise, self.acceleration, off) for bench, H, off in triples])
-        factors = factors_along(self.benches, rows, noise, self.acceleration, known.drawn, known.start, known.steps)
-        loads = len(known.drawn) - len(known.slopes)
-        of_theta = [np.vstack([L[:loads], known.slopes @ L[loads:]]) for L in factors]
-        return np.array([np.linalg.norm(L, axis=1) for L in of_theta])
-
-    def summed_up(self, std: np.ndarray) -> np.ndarray:
-        """Of σ in every pose (poses, unknowns) the largest of each load, and the last of each parameter."""
-        worst = std.max(axis=0)
-        if self.known is not None:
-            loads = len(worst) - len(self.known.slopes)
-            worst[loads:] = std[-1, loads:]
-        return np.asarray(worst)
-
-    def untold(self, std: np.ndarray) -> np.ndarray:
-        """Numbers, from the first parameter on, of those whose σ (unknowns,) is hardly below that of the guess."""
-        if self.known is None:
-            return np.zeros(0, dtype=int)
-        loads = len(std) - len(self.known.slopes)
-        guess = np.linalg.norm(self.known.slopes @ self.known.start[loads:], axis=1)
-        return np.flatnonzero(std[loads:] > UNTOLD * guess)
-
-    def claimed(self, gauges: np.ndarray) -> np.ndarray:
-        """That of all poses (unknowns,), NaN where it is not solved."""
-        try:
-            return self.summed_up(self.in_poses(gauges))
-        except NumericalError:
-            return np.full(len(self.benches[0].increment), np.nan)
-
-    def without_each(self, gauges: np.ndarray) -> np.ndarray:
-        """The same without each of them (k, unknowns)."""
-        return np.array([self.claimed(np.delete(gauges, i)) for i in range(len(gauges))])
-
-    def scenarios(self, gauges: np.ndarray) -> list[Scenario]:
-        """Every pose with these gauges as a pool."""
-        return [
-            scenario_of(bench, rows[gauges], np.hypot(self.noise, off)[gauges], self.acceleration, white[gauges])
-            for bench, rows, white, off in zip(self.benches, self.readings, self.white, self.off, strict=True)
-        ]
-
-    def metric(self, gauges: np.ndarray, metric: Metric) -> float:
-        """The metric with these gauges; inf where an unknown is lost, NaN where the equation is not solved to accuracy."""
-        values = []
-        for scenario in self.scenarios(gauges):
-            try:
-                solved = solve_pool(replace(scenario, weight=metric.weight, criterion=metric.criterion))
-            except InfeasibleError:
-                return float("inf")
-            except NumericalError:
-                return float("nan")
-            values.append(solved.metric.value(solved.P))
-        return float(np.mean(values) if self.aggregate == "mean" else np.max(values))
 
 
 def scenario_of(
