@@ -50,14 +50,27 @@ from strainsight.sensors.rows import channel_rows
 
 
 @dataclass(frozen=True)
+class BondedGauges:
+    """Gauges of a strain sensor on the nearest places of its body's surface: mesh and facets of that, basis (3 nodes, r); moved
+    (gauges,) [m]: how far each was moved there."""
+
+    body: str
+    mesh: Mesh
+    facets: Facets
+    basis: np.ndarray
+    gauges: Candidates
+    moved: np.ndarray
+
+
+@dataclass(frozen=True)
 class Sensors:
     """readings: all compiled, strains first; channels: sensor → its rows there; zeroed (k,): channels that are zeroed at the
-    start; moved: strain sensor → how far (gauges,) [m] each of its gauges was moved to the surface."""
+    start; bonded: the gauges of every strain sensor."""
 
     readings: CompiledSensors
     channels: Mapping[str, slice]
     zeroed: np.ndarray
-    moved: Mapping[str, np.ndarray]
+    bonded: Mapping[str, BondedGauges]
 
     def count(self, name: str) -> int:
         """Channels of a sensor."""
@@ -66,24 +79,27 @@ class Sensors:
 
 def sensors_of(bench: Bench) -> Sensors:
     """All sensors of the config that see the state."""
-    strains, others, moved = [], [], {}
+    strains, others, bonded_gauges = [], [], {}
     for name, entry in bench.config.sensors.items():
         if isinstance(entry, StrainSensorSection):
-            sensor, moved[name] = _strain(bench, name, entry)
-            strains.append(sensor)
+            on = bonded_gauges[name] = _bonded(bench, name, entry)
+            with blame(f"sensors.{name}.{'gauges' if entry.layout is None else 'layout'}"):
+                rows = channel_rows(on.mesh.position, on.gauges, on.basis, facets=on.facets)
+                strains.append(StrainRows(name, on.body, rows))
         elif not isinstance(entry, ReactionSensor):
             others.append(motion_sensor(name, entry, bench.frames))
     # in the order of their rows
     others.sort(key=lambda sensor: isinstance(sensor, Accelerometer))
-    return _compiled(bench, [*strains, *others], moved)
+    return _compiled(bench, [*strains, *others], bonded_gauges)
 
 
 def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
     """Those of these names."""
-    return _compiled(bench, [sensor for sensor in sensors.readings.sensors if sensor.name in names], {})
+    some = [sensor for sensor in sensors.readings.sensors if sensor.name in names]
+    return _compiled(bench, some, {name: on for name, on in sensors.bonded.items() if name in names})
 
 
-def _compiled(bench: Bench, sensors: Sequence[Sensor], moved: Mapping[str, np.ndarray]) -> Sensors:
+def _compiled(bench: Bench, sensors: Sequence[Sensor], bonded_gauges: Mapping[str, BondedGauges]) -> Sensors:
     compiled, channels, at = readings(bench.system, sensors), {}, 0
     zeroed = np.zeros(len(compiled.channels), dtype=bool)
     for sensor in compiled.sensors:
@@ -93,16 +109,13 @@ def _compiled(bench: Bench, sensors: Sequence[Sensor], moved: Mapping[str, np.nd
         channels[sensor.name] = slice(at, at + count)
         zeroed[channels[sensor.name]] = getattr(bench.config.sensors[sensor.name], "zeroed", False)
         at += count
-    return Sensors(compiled, channels, zeroed, moved)
+    return Sensors(compiled, channels, zeroed, bonded_gauges)
 
 
-def gauges_of(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[Candidates, Facets, np.ndarray]:
-    """The gauges of a sensor on the nearest places of the body's surface, its facets, and how far (gauges,) [m] each was moved
-    there."""
+def _bonded(bench: Bench, name: str, entry: StrainSensorSection) -> BondedGauges:
     key, mesh = f"sensors.{name}.gauges", bench.meshes[entry.body]
-    if entry.layout is None:
-        entries = [BondedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
-    else:
+    entries = [BondedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
+    if entry.layout is not None:
         assert bench.placed is not None
         key, layout = f"sensors.{name}.layout", bench.placed.layout(entry.layout)
         columns = (getattr(layout, part)[layout.bonded] for part in ("position", "direction", "length"))
@@ -110,15 +123,7 @@ def gauges_of(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[Cand
     facets = exterior_facets(mesh)
     with blame(key):
         gauges, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
-    return gauges, facets, moved
-
-
-def _strain(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[StrainRows, np.ndarray]:
-    """The rows of its gauges, and how far (gauges,) [m] each was moved."""
-    gauges, facets, moved = gauges_of(bench, name, entry)
-    position, basis = bench.meshes[entry.body].position, bench.reduced[entry.body].basis
-    with blame(f"sensors.{name}.{'gauges' if entry.layout is None else 'layout'}"):
-        return StrainRows(name, entry.body, channel_rows(position, gauges, basis, facets=facets)), moved
+    return BondedGauges(entry.body, mesh, facets, bench.reduced[entry.body].basis, gauges, moved)
 
 
 def instants_of(bench: Bench, q: np.ndarray, v: np.ndarray, u: np.ndarray, second: np.ndarray) -> list[Instant]:
@@ -182,15 +187,11 @@ DRAWN = 5
 
 @dataclass(frozen=True)
 class Toleranced:
-    """A strain sensor of the filter: its name and body, gauges, mesh and facets of that, basis (3 nodes, r); slope
-    (channels, k, r): σ times what each of k errors adds to its rows; zeroed."""
+    """A strain sensor of the filter: where its gauges are; slope (channels, k, r): σ times what each of k errors adds to its
+    rows; zeroed."""
 
     name: str
-    body: str
-    gauges: Candidates
-    mesh: Mesh
-    facets: Facets
-    basis: np.ndarray
+    on: BondedGauges
     slope: np.ndarray
     zeroed: bool
 
@@ -200,27 +201,28 @@ def tolerances_of_gauges(config: BenchConfig) -> InstallationStd:
     return installation_std(None if config.estimate is None else config.estimate.tolerances)
 
 
+def linear_tolerances(config: BenchConfig) -> dict[str, float]:
+    """Error of installation → its σ, of those that `estimate.tolerances` leaves open, to first order."""
+    std = tolerances_of_gauges(config).by_name
+    return {name: value for name, value in std.items() if value > 0 and name not in SECOND}
+
+
 def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
-    """Of every strain sensor of the filter the errors that `estimate.tolerances` leaves open, to first order: place and turn of a
-    gauge, all grids of which move as one, gain and transverse sensitivity of each grid."""
-    std = tolerances_of_gauges(bench.config)
-    sigma = {name: value for name, value in std.by_name.items() if value > 0 and name not in SECOND}
+    """Of every strain sensor of the filter its `linear_tolerances`: place and turn of a gauge, all grids of which move as one,
+    gain and transverse sensitivity of each grid."""
+    sigma, position = linear_tolerances(bench.config), tolerances_of_gauges(bench.config).position
     errors = []
-    for name in used.channels if sigma else ():
-        entry = bench.config.sensors[name]
-        if not isinstance(entry, StrainSensorSection):
-            continue
-        mesh, basis = bench.meshes[entry.body], bench.reduced[entry.body].basis
-        gauges, facets, _ = gauges_of(bench, name, entry)
+    for name, on in used.bonded.items() if sigma else ():
+        gauges = on.gauges
         with blame(f"sensors.{name}.gauges"):
-            felt = sensitivity_rows(mesh.position, gauges, basis, std.position, facets=facets)
-        slope: list[np.ndarray] = []
+            felt = sensitivity_rows(on.mesh.position, gauges, on.basis, position, facets=on.facets)
+        slope = [np.zeros((0, len(gauges), on.basis.shape[1]))]
         for key, value in sigma.items():
             rows, owner = value * getattr(felt, key), gauges.gauge if key in COMMON else np.arange(len(gauges))
-            slope += [np.where((owner == each)[:, None], rows, 0.0) for each in np.unique(owner)]
-        felt_at_all = [rows for rows in slope if rows.any()]
-        whole = np.stack(felt_at_all, axis=1) if felt_at_all else np.zeros((len(gauges), 0, basis.shape[1]))
-        errors.append(Toleranced(name, entry.body, gauges, mesh, facets, basis, whole, entry.zeroed))
+            every = np.array([np.where((owner == each)[:, None], rows, 0.0) for each in np.unique(owner)])
+            slope.append(every[every.any(axis=(1, 2))])
+        zeroed = bool(used.zeroed[used.channels[name]].any())
+        errors.append(Toleranced(name, on, np.swapaxes(np.concatenate(slope), 0, 1), zeroed))
     return tuple(errors)
 
 
@@ -233,9 +235,9 @@ def rows_of(
     D, o = [np.zeros((m, 0, n))], [np.zeros((m, 0))]
     for sensor in sensors:
         rows = np.zeros((m, sensor.slope.shape[1], n))
-        rows[used.channels[sensor.name], :, bench.system.modal(sensor.body)] = sensor.slope
+        rows[used.channels[sensor.name], :, bench.system.modal(sensor.on.body)] = sensor.slope
         D.append(rows)
-        o.append(-rows @ zero if sensor.zeroed else np.zeros(rows.shape[:2]))
+        o.append(-rows @ zero * sensor.zeroed)
     return np.concatenate(D, axis=1), np.concatenate(o, axis=1)
 
 
@@ -247,14 +249,13 @@ def misread(bench: Bench, used: Sensors, errors: tuple[Toleranced, ...], q: np.n
     for run in range(runs):
         draw = np.random.default_rng((bench.config.seed, run, DRAWN))
         for error in errors:
-            free = replace(error.gauges, bonded=np.zeros(len(error.gauges), dtype=bool))
-            eta = q[:, min(run, q.shape[1] - 1), bench.system.modal(error.body)]
-            rows, plain = (
-                installed_rows(error.mesh.position, free, error.basis, installation, facets=error.facets)[0]
-                for installation in (
-                    drawn_installation(free, std, draw),
-                    drawn_installation(free, InstallationStd(), draw),
-                )
+            on, count = error.on, len(error.on.gauges)
+            free = replace(on.gauges, bonded=np.zeros(count, dtype=bool))
+            eta = q[:, min(run, q.shape[1] - 1), bench.system.modal(on.body)]
+            as_drawn, plain = (drawn_installation(free, sigma, draw) for sigma in (std, InstallationStd()))
+            rows, meant = (
+                installed_rows(on.mesh.position, free, on.basis, installation, facets=on.facets)[0]
+                for installation in (as_drawn, plain)
             )
-            added[:, run, used.channels[error.name]] += (eta - eta[0] * error.zeroed)[1:] @ (rows - plain).T
+            added[:, run, used.channels[error.name]] += (eta - eta[0] * error.zeroed)[1:] @ (rows - meant).T
     return added

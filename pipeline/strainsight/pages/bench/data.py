@@ -11,7 +11,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.estimation.decision import BEYOND, CONTRADICTED, DIVERGED, LOST, OVERCONFIDENT, WITHHELD, Claim, judged
+from strainsight.estimation.decision import DIVERGED, FAULTS, LOST, Claim, judged
 from strainsight.pages.arrays import FloatArray, History, Reading
 from strainsight.pages.placement.data import Criteria, MetricWords, Trend
 from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated
@@ -149,16 +149,13 @@ class BenchPageRun(PageRun):
         return None if ratio is None or draws is None else judged(ratio, int(draws))
 
     def faults(self, name: str) -> tuple[str, ...]:
-        """What is wrong with the estimate of an unknown, empty where nothing is."""
-        wrong = [OVERCONFIDENT] * (self.summary.get(f"claim.{name}") == OVERCONFIDENT)
-        wrong += [LOST] * (self.summary.get(f"identified.{name}") is False)
-        word = str(self.summary.get(f"verdict.{name}"))
-        return (*wrong, *[word] * (word in (CONTRADICTED, BEYOND, WITHHELD)))
+        """What is wrong with the estimate of an unknown, the gravest first, empty where nothing is."""
+        words = {self.summary.get(f"{key}.{name}") for key in ("claim", "verdict")}
+        words |= {LOST} if self.summary.get(f"identified.{name}") is False else set()
+        return tuple(word for word in FAULTS if word in words and word != DIVERGED)
 
     @property
     def all_faults(self) -> tuple[str, ...]:
         """What is wrong with the run, each once."""
-        wrong = [DIVERGED] * bool(self.number("lost"))
-        return tuple(
-            dict.fromkeys([*wrong, *(fault for unknown in self.unknowns for fault in self.faults(unknown.name))])
-        )
+        wrong = {fault for unknown in self.unknowns for fault in self.faults(unknown.name)}
+        return tuple(word for word in FAULTS if word in wrong or (word == DIVERGED and self.number("lost")))

@@ -63,8 +63,8 @@ def run(context: Context[BenchConfig]) -> Output:
         doubts.append(f"a body turns by {result.turn:.3g} rad a step: {_turning(result.turn, settings)}")
     moved = tuple(
         (name, str(i), f"{1e3 * distance:.3g} mm")
-        for name, distances in result.sensors.moved.items()
-        for i, distance in enumerate(distances, start=1)
+        for name, on in result.sensors.bonded.items()
+        for i, distance in enumerate(on.moved, start=1)
     )
     rings = []
     for name, ring in record.bearings.items():

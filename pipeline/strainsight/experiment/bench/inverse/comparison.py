@@ -86,32 +86,34 @@ def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> N
     """rms of measured − expected over that of measured, of every component (T, components) and of the worst; a component that
     hardly moves counts beside the largest of its unit (of a pair of metres and radians: x, y, z, then tilts)."""
     known = np.isfinite(measured)
-    if not known.any():
-        return {}
-    count = np.maximum(known.sum(axis=0), 1)
-    off, whole = (
-        np.sqrt(np.sum(np.where(known, x, 0.0) ** 2, axis=0) / count) for x in (measured - expected, measured)
-    )
-    off[~known.any(axis=0)] = np.nan
+    off, whole = _rms(measured - expected, known), _rms(measured, known)
     for kind in (slice(3), slice(3, None)) if whole.size == RELATIVE else (slice(None),):
         whole[kind] = np.where(whole[kind] < STILL * whole[kind].max(), whole[kind].max(), whole[kind])
-    share = np.divide(off, whole, out=np.full_like(off, np.nan), where=whole > 0)
+    share = np.where(known.any(axis=0), _shares(off, whole), np.nan)
     if not np.isfinite(share).any():
         return {}
-    numbers: Numbers = {f"mismatch.{name}": float(np.nanmax(share))}
-    if len(share) > 1:
-        numbers |= {
-            f"mismatch.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)
-        }
-    return numbers
+    return {f"mismatch.{name}": float(np.nanmax(share))} | (
+        _by_component(f"mismatch.{name}", share) if len(share) > 1 else {}
+    )
 
 
 def size_numbers(name: str, elsewhere: np.ndarray, expected: np.ndarray) -> Numbers:
     """rms of what each component of a sensor reads here over that of what it reads on the other bench (T, components)."""
     known = np.isfinite(elsewhere) & np.isfinite(expected)
-    here, other = (np.sqrt(np.sum(np.where(known, x, 0.0) ** 2, axis=0)) for x in (expected, elsewhere))
-    share = np.divide(here, other, out=np.full_like(here, np.nan), where=other > 0)
-    return {f"size.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)}
+    return _by_component(f"size.{name}", _shares(_rms(expected, known), _rms(elsewhere, known)))
+
+
+def _rms(x: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Of every component of x (T, components), where it is known."""
+    return np.asarray(np.sqrt(np.sum(np.where(known, x, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)))
+
+
+def _shares(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    return np.divide(part, whole, out=np.full_like(part, np.nan), where=whole > 0)
+
+
+def _by_component(key: str, values: np.ndarray) -> Numbers:
+    return {f"{key}.{i}": float(value) for i, value in enumerate(values, start=1) if np.isfinite(value)}
 
 
 def _settled(*histories: np.ndarray) -> tuple[np.ndarray, ...]:

@@ -29,6 +29,7 @@ from strainsight.multibody.relations import relation_rows
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench import BallsThen, RingEstimate
 from strainsight.records.estimated import BANK, EXTENDED, Compared
+from strainsight.records.record import record_from
 
 LARGEST = 1e9
 """Bytes that a smoother may keep of a filter."""
@@ -319,27 +320,18 @@ def rings_estimated(bench: Bench, watch: RingWatch) -> dict[str, RingEstimate]:
 def _ring(time: np.ndarray, mean: np.ndarray, covariance: np.ndarray, carried: Carried) -> RingEstimate:
     at = np.unique(np.linspace(0, len(time) - 1, min(INSTANTS, len(time))).round().astype(int))
     balls = [carried(mean[k]) for k in at]
+    spreads = [spread(mean[k], covariance[k], carried) for k in at]
     pressure = np.array([ball.pressure.max() for ball in balls])
-    std = np.empty(len(at))
-    for i, k in enumerate(at):
-        where = np.unravel_index(np.argmax(balls[i].pressure), balls[i].pressure.shape)
-        std[i] = spread(mean[k], covariance[k], carried)[1][where]
+    pressure_std = [std.flat[np.argmax(ball.pressure)] for ball, (_, std) in zip(balls, spreads, strict=True)]
     worst = first_of_largest(pressure)
-    force_std, pressure_std = spread(mean[at[worst]], covariance[at[worst]], carried)
+    then = {"force_std": spreads[worst][0], "pressure_std": spreads[worst][1], "station": balls[worst].angle}
     return RingEstimate(
         displacement=mean[:, :5],
         std=np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2)[:, :5], 0.0)),
         instants=time[at],
         pressure=pressure,
-        pressure_std=std,
-        worst=BallsThen(
-            time=float(time[at[worst]]),
-            station=balls[worst].angle,
-            force=balls[worst].force,
-            force_std=force_std,
-            pressure=balls[worst].pressure,
-            pressure_std=pressure_std,
-        ),
+        pressure_std=np.array(pressure_std),
+        worst=record_from(BallsThen, balls[worst], time=float(time[at[worst]]), **then),
     )
 
 

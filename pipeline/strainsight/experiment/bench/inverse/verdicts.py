@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -170,7 +171,7 @@ class Evidence:
         """One line: what does not hold, then what is known of every unknown, of a load relative to its largest true value, with σ
         as far as `decision` gives it; numbers that are shown; units of the unknowns."""
         estimates, estimate, with_sigma = [], self.estimate, not decision.withheld
-        of = {key: float(value) for key, value in numbers.items() if not isinstance(value, str)}
+        of = defaultdict(lambda: np.nan, {key: float(n) for key, n in numbers.items() if not isinstance(n, str)})
         for name in self.names:
             if f"error.{name}" in of:
                 sigma = f" (σ {100 * of[f'std.{name}']:.2g} %)" if with_sigma else ""
@@ -181,15 +182,15 @@ class Evidence:
             elif f"rms_std.{name}" in of or not with_sigma:
                 kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
                 sigma = f" ± {of[f'rms_std.{name}']:.2g}" if with_sigma else ""
-                estimates.append(f"{name} {kind}{of.get(f'{value}.{name}', np.nan):.4g}{sigma} {units[name]}")
+                estimates.append(f"{name} {kind}{of[f'{value}.{name}']:.4g}{sigma} {units[name]}")
         if estimate.measured is not None:
-            worst = max((of.get(f"mismatch.{name}", np.nan) for name in estimate.sensors), default=np.nan)
+            worst = max((of[f"mismatch.{name}"] for name in estimate.sensors), default=np.nan)
             estimates.insert(0, f"sensors {100 * worst:.2g} % off")
         if "hold_out.inside" in of:
             estimates.append(f"sensors by the others: {100 * of['hold_out.inside']:.3g} % within 2σ")
         parts = [decision.message] if decision.message else []
         parts += [] if self.beyond else self.overconfident()
-        parts += [f"{name} is not identified" for name in self.names if of.get(f"identified.{name}") == 0]
+        parts += [f"{name} is not identified" for name in self.names if of[f"identified.{name}"] == 0]
         parts += [self._contradicted] * bool(self.against and decision.trusted)
         parts.append(", ".join(estimates) or "nothing comparable")
         return f"{'; '.join(parts)}; {numbers['method']}, {numbers['truth']}"

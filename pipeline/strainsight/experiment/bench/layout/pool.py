@@ -19,7 +19,7 @@ from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.layout.strained import PlacedBody, Pose
 from strainsight.experiment.bench.loads import loads_of
-from strainsight.experiment.bench.sensors import motion_sensor, tolerances_of_gauges
+from strainsight.experiment.bench.sensors import linear_tolerances, motion_sensor, tolerances_of_gauges
 from strainsight.experiment.layout.gauge_list import strain_candidates
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
@@ -29,7 +29,7 @@ from strainsight.multibody.inverse.parameters import static_response
 from strainsight.multibody.sensors import axis_sensor, position_sensor, readings
 from strainsight.sensors.bonded import BondedEntry, bonded
 from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, Candidates, concatenate
-from strainsight.sensors.installation import SECOND, sensitivity_rows
+from strainsight.sensors.installation import sensitivity_rows
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.screening import screen, strongest_first
 
@@ -281,8 +281,7 @@ def installation_offs(
     over as much of the run as is nearest to the pose, quasi-static: what is off with the motion of its modes is left out.
     time (poses,) [s]; zero (r,): η₀ of gauges that are zeroed, else none. Zeros without tolerances.
     """
-    bench, std = body.bench, tolerances_of_gauges(body.config)
-    sigma = {name: value for name, value in std.by_name.items() if value > 0 and name not in SECOND}
+    bench, sigma = body.bench, linear_tolerances(body.config)
     v = np.zeros((len(poses), len(gauges)))
     if not sigma:
         return v
@@ -295,8 +294,9 @@ def installation_offs(
         eta = (q + change @ static_response(bench.system, q, u, bench.theta)[0].T)[:, body.modal] - zero
         second.append(eta.T @ eta / len(eta))
     skin, position = exterior_facets(body.mesh), body.mesh.position
+    size = tolerances_of_gauges(body.config).position
     for part in np.array_split(np.arange(len(gauges)), len(gauges) // AT_A_TIME + 1):
-        felt = sensitivity_rows(position, gauges.take(part), body.basis, std.position, facets=skin)
+        felt = sensitivity_rows(position, gauges.take(part), body.basis, size, facets=skin)
         for name, value in sigma.items():
             s = value * getattr(felt, name)
             v[:, part] += [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in second]
