@@ -20,19 +20,14 @@ USUAL_REACH, USUAL_POINTS = 1e-4, 41
 """[m] of the curves where the config asks for none: at the pitch circle, whether it slides or tilts."""
 
 
-def bearing_of(entry: BearingSection) -> Bearing:
-    """A bearing of the config; angles there are in degrees."""
-    angles = {"contact_angle": np.deg2rad(entry.contact_angle), "first_ball": np.deg2rad(entry.first_ball)}
-    geometry = {key: value for key, value in dict(entry).items() if key != "pressure_limit"}
-    return Bearing(**(geometry | angles))
-
-
 def bearings_of(stated: Mapping[str, BearingSection]) -> dict[str, Bearing]:
-    """All bearings of a config, by name."""
+    """All bearings of a config, by name; angles there are in degrees."""
     bearings = {}
     for name, entry in stated.items():
+        values = dict(entry) | {key: np.deg2rad(getattr(entry, key)) for key in ("contact_angle", "first_ball")}
+        del values["pressure_limit"]
         with blame(f"bearings.{name}"):
-            bearings[name] = bearing_of(entry)
+            bearings[name] = Bearing(**values)
     return bearings
 
 

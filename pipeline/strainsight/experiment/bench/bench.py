@@ -33,7 +33,7 @@ from strainsight.multibody.joints import JOINTS, Joint
 from strainsight.multibody.laws import LAWS, follower_force, follower_moment, turning_gravity
 from strainsight.multibody.relations import cosine, relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
-from strainsight.multibody.system import System, assemble
+from strainsight.multibody.system import Element, System, assemble
 from strainsight.records.bench import BenchPlaced, ReducedBody
 
 Between = stated.Joint | stated.Law
@@ -60,6 +60,13 @@ class Bench:
     def coordinates(self) -> dict[str, np.ndarray]:
         """Body → its first coordinate and the one after its last (2,)."""
         return {name: np.array([part.start, part.stop]) for name, part in self.system.of.items()}
+
+    @property
+    def rings(self) -> dict[str, tuple[Element, Bearing]]:
+        """Force of a bearing → its element in the system, and the bearing."""
+        elements, forces = {element.force.name: element for element in self.system.elements}, self.config.forces
+        bearings = {name: force.bearing for name, force in forces.items() if isinstance(force, stated.BearingForce)}
+        return {name: (elements[name], self.bearings[bearing]) for name, bearing in bearings.items()}
 
     def at(self, theta: np.ndarray) -> Bench:
         """With these values of the parameters (nθ,)."""

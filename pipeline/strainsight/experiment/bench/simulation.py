@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.bench.bench import ReactionSensor
-from strainsight.config.bench.connections import BearingForce, Driven
+from strainsight.config.bench.connections import Driven
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
@@ -45,13 +45,8 @@ from strainsight.records.record import record_from
 def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
     """Displacement and load of every bearing in time, and its balls at the instant of the highest pressure."""
     rings = {}
-    for element in bench.system.elements:
-        force = element.force
-        stated = bench.config.forces[force.name]
-        if not isinstance(stated, BearingForce):
-            continue
-        bearing = bench.bearings[stated.bearing]
-        displacements = readings(bench.system, [RelationSensor(force.name, force.relations[:5])])
+    for name, (element, bearing) in bench.rings.items():
+        displacements = readings(bench.system, [RelationSensor(name, element.force.relations[:5])])
         q = np.array([displacements.read(a, b)[0] for a, b in zip(run.q, run.v, strict=True)])
         balls = [ball_loads(bearing, each) for each in q]
         pressure = np.array([ball.pressure.max() for ball in balls])
@@ -60,10 +55,10 @@ def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
         if ellipse > bearing.ball_diameter / 2:
             raise ConfigError(
                 f"a contact ellipse reaches {1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s, beyond the ball",
-                key=f"forces.{force.name}",
+                key=f"forces.{name}",
                 remedy="no such bearing carries these loads: check their size and the preload",
             )
-        rings[force.name] = RingMotion(
+        rings[name] = RingMotion(
             displacement=q,
             load=np.array([bearing_load(bearing, each, slopes=False).force for each in q]),
             pressure=pressure,

@@ -53,13 +53,14 @@ SAME = 0.02
 
 
 @styled()
-def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, History]]) -> Drawing:
+def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
     """Estimates of one unknown beside the truth; below, errors over the largest true value on a logarithmic axis.
 
     lines: label of the run and what is drawn of it. A single line has the band of ±2 claimed standard deviations and the claimed
     σ beside its error, unless σ is withheld, and what it is once it is smoothed.
     """
     (_, first), alone = lines[0], len(lines) == 1
+    name, load = first.name, first.kind == "input"
     factor, unit = shown_unit(*(history for _, history in lines))
     labels = [line_label(label, len(lines)) for label, _ in lines]
     known = [(place, history) for place, (_, history) in enumerate(lines) if history.truth is not None]
@@ -71,19 +72,18 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, H
         index = visible_instants(np.column_stack([mean, std]), 240)
         band(axes, first.time[index], mean[index], std[index], BLUE, "±2σ")
     for place, (label, (_, history)) in enumerate(zip(labels, lines, strict=True)):
-        _line(axes, history.time, history.mean / factor, **line_style(place), label=label)
+        line(axes, history.time, history.mean / factor, **line_style(place), label=label)
     if smoothed is not None:
-        _line(axes, first.time, smoothed / factor, color=GREEN, lw=1.2, label="smoothed")
-    if alone and kind == "input":
+        line(axes, first.time, smoothed / factor, color=GREEN, lw=1.2, label="smoothed")
+    if alone and load:
         _bulk(axes, first, factor)
     plain_axis(axes)
-    axes.set_ylabel(f"{short(first.name, 24)} [{short(unit)}]")
+    axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
     for below in more:
         _errors(below, known, alone=alone)
     time_axis((axes, *more)[-1])
     legend_of_lines(axes, labels)
-    name = first.name
-    caption = f"{name}, {'load' if kind == 'input' else kind}: estimate" + " beside the truth (dashed)" * bool(known)
+    caption = f"{name}, {'load' if load else 'parameter'}: estimate" + " beside the truth (dashed)" * bool(known)
     caption += ", with ±2 claimed standard deviations" * claimed + ", and smoothed (green)" * (smoothed is not None)
     caption += "; below, the size of the error over the largest true value" * bool(known)
     caption += ", and the claimed σ (dotted)" * (bool(known) and claimed)
@@ -106,8 +106,8 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
         large[0] = False  # the first guess
         quotient = np.full(len(measured), np.nan)
         quotient[large] = unknown.mean[large] / measured[large]
-        _line(axes, unknown.time, unknown.mean / factor, **style, label=label)
-        _line(below, unknown.time, quotient, **style)
+        line(axes, unknown.time, unknown.mean / factor, **style, label=label)
+        line(below, unknown.time, quotient, **style)
         if (known := quotient[np.isfinite(quotient)]).size:
             text.append(f"{run or name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
@@ -148,7 +148,7 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     return Drawing(f"runs-{unknown.name}", f"{unknown.name}: other seeds and starts", caption, caption, svg(drawn))
 
 
-def _line(axes: Axes, time: FloatArray, values: FloatArray, **style: Any) -> None:
+def line(axes: Axes, time: FloatArray, values: FloatArray, **style: Any) -> None:
     """At the instants that can be told apart."""
     values = drawable(values)
     index = visible_instants(values[:, None], 240)
@@ -180,7 +180,7 @@ def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
         if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * largest(u)) for t, u in shown):
             continue
         label = None if shown else "truth"
-        _line(axes, time, truth / factor, color=INK, lw=1, ls=(0, (4, 2)), zorder=3, label=label)
+        line(axes, time, truth / factor, color=INK, lw=1, ls=(0, (4, 2)), zorder=3, label=label)
         shown.append((time, truth))
 
 
@@ -193,7 +193,7 @@ def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool
             _error(axes, history, history.smoothed, color=GREEN, lw=1.0)
         if alone:
             std = np.where(drawable(history.std) > 0, drawable(history.std) / scale, np.nan)
-            _line(axes, history.time, std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
+            line(axes, history.time, std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
     axes.set_yscale("log")
     log_ticks(axes)
     axes.set_ylabel("|error| over\nlargest truth")
@@ -248,8 +248,8 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
         if sensor.expected is None:
             continue
         expected, style = sensor.expected[:, component], line_style(place)
-        _line(axes, sensor.time, expected / factor, **style, label=label)
-        _line(below, sensor.time, (values - expected) / factor, **{**style, "lw": 0.7 * style["lw"]})
+        line(axes, sensor.time, expected / factor, **style, label=label)
+        line(below, sensor.time, (values - expected) / factor, **{**style, "lw": 0.7 * style["lw"]})
     plain_axis(axes)
     axes.set_ylabel(f"{short(first.components[component], 20)} [{short(unit)}]")
     below.set_ylabel(f"measured −\nestimated [{short(unit)}]")
@@ -279,12 +279,12 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
             measured = np.zeros_like(measured)
         factor, unit = sensor_unit(largest(measured), sensor.units[i])
         if sensor.expected is None:
-            _line(axes, sensor.time, measured / factor, color=BLUE)
+            line(axes, sensor.time, measured / factor, color=BLUE)
         else:
             index = visible_instants(measured[:, None], 240)
             dots(axes, sensor.time[index], measured[index] / factor, "measured" * (i == kept[0]))
             label = "estimated" if i == kept[0] else None
-            _line(axes, sensor.time, sensor.expected[:, i] / factor, color=BLUE, label=label)
+            line(axes, sensor.time, sensor.expected[:, i] / factor, color=BLUE, label=label)
         plain_axis(axes)
         axes.locator_params(axis="y", nbins=3)
         axes.set_ylabel(f"{short(sensor.components[i], 9)}\n[{short(unit)}]")

@@ -13,14 +13,15 @@ from strainsight.pages.bench.data import BenchPageRun, BenchStress, PlacedGauges
 from strainsight.pages.bench.figures import (
     components_figure,
     consistency_figure,
+    line,
     line_style,
     ratio_figure,
     runs_figure,
     unknown_figure,
 )
 from strainsight.pages.bench.tables import bench_answer, mismatch_table, placement_table, runs_table, stress_words
-from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg, visible_instants
-from strainsight.pages.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
+from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg
+from strainsight.pages.chart.panels import legend_above, plain_axis, plain_ticks, time_axis
 from strainsight.pages.page.markup import bullets, figures, measure, picture, plain, table
 from strainsight.pages.page.markup import figure as card
 from strainsight.pages.page.sections import advice_card, document, notes_card, panel, rests_on, section
@@ -148,9 +149,8 @@ def _stacked(
     """Panels one above the other, each with its label, the columns of an array and their names; height of one [inch]."""
     drawn, *all_axes = figure(1.3 + height * len(panels), (1.0,) * len(panels))
     for axes, (label, columns, names) in zip(all_axes, panels, strict=True):
-        index = visible_instants(columns, 240)
         for place, (column, name) in enumerate(zip(columns.T, names, strict=True)):
-            axes.plot(time[index], drawable(column)[index], **line_style(place), label=name)
+            line(axes, time, column, **line_style(place), label=name)
         plain_axis(axes)
         axes.set_ylabel(label)
         legend_above(axes)
@@ -175,10 +175,7 @@ def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
     if (estimate := run.estimated) is not None:
         every = list(enumerate(run.unknowns))
         shown["unknowns"] = (
-            *(
-                unknown_figure(f"unknown-{i}", f"{one.name}, {kinds[one.kind]}", one.kind, [("", one)])
-                for i, one in every
-            ),
+            *(unknown_figure(f"unknown-{i}", f"{one.name}, {kinds[one.kind]}", [("", one)]) for i, one in every),
             *(
                 ratio_figure(f"ratio-{i}", f"{one.name}: ratio of the loads", [("", one)])
                 for i, one in every

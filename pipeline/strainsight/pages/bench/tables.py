@@ -62,10 +62,6 @@ def _range(run: BenchPageRun, unknown: BenchUnknown) -> str:
     return "–" if low is None or high is None else f"{plain(low)} to {plain(high)}"
 
 
-def _yes(value: float) -> str:
-    return '<strong class="good">yes</strong>' if value else '<strong class="bad">no</strong>'
-
-
 def _verdict(run: BenchPageRun, unknown: BenchUnknown) -> str:
     word = run.summary.get(f"verdict.{unknown.name}", run.summary.get(f"claim.{unknown.name}"))
     if not isinstance(word, str):
@@ -73,13 +69,14 @@ def _verdict(run: BenchPageRun, unknown: BenchUnknown) -> str:
     return word if word == UNTESTED else verdict_mark(word, word not in (*FAULTS, WEAK))
 
 
+YES_NO = ('<strong class="bad">no</strong>', '<strong class="good">yes</strong>')
 COLUMNS: tuple[tuple[str, Cell], ...] = (
     ("error", _shown("error", ratio)),
     ("largest error", _shown("largest_error", ratio)),
     ("claimed σ", _shown("std", ratio)),
     ("error / σ, all runs", _shown("ratio", lambda value: plain(value, 3))),
     ("verdict", _verdict),
-    ("identified", _shown("identified", _yes)),
+    ("identified", _shown("identified", lambda value: YES_NO[bool(value)])),
     ("slope", _shown("slope", lambda value: plain(value, 5))),
     ("offset", _offset("offset")),
     ("load ratio: slope", _shown("ratio_slope", lambda value: plain(value, 5))),

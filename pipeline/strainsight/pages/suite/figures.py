@@ -74,10 +74,9 @@ def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
     """Estimates of every unknown, then every sensor as measured and as estimated."""
     drawings = []
     behind = f" ({group})" if group else ""
-    kinds = {unknown.name: unknown.kind for run in runs for unknown in run.unknowns}
-    for i, (name, kind) in enumerate(kinds.items()):
+    for i, name in enumerate(dict.fromkeys(unknown.name for run in runs for unknown in run.unknowns)):
         lines = [(run.label, unknown) for run in runs for unknown in run.unknowns if unknown.name == name]
-        drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", kind, lines))
+        drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", lines))
         if elsewhere := [(label, unknown) for label, unknown in lines if unknown.there is not None]:
             drawings.append(ratio_figure(f"{key}-ratio-{i}", f"{name}: ratio of the loads{behind}", elsewhere))
     sensors = [(run.label, sensor) for run in runs for sensor in run.sensors]

@@ -151,7 +151,7 @@ class BenchComparison:
 
 def compared(result: BenchEstimation) -> BenchComparison:
     """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
-    problem, filtered, truths = result.problem, result.filtered, result.truths
+    problem, filtered = result.problem, result.filtered
     loads, parameters = list(problem.estimate.inputs), problem.unknowns.free
     numbers = run_numbers(result, 0)
     for i, name in enumerate(loads):
@@ -165,6 +165,7 @@ def compared(result: BenchEstimation) -> BenchComparison:
             if match.measured is not None and not match.used:
                 numbers |= size_numbers(name, match.measured, match.expected)
     several = result.measured.shape[1] > 1
+    errors = result.errors.items() if several else ()
     record = BenchEstimated(
         time=problem.time,
         q=filtered.mean[:, 0, result.trial.model.q],
@@ -174,7 +175,9 @@ def compared(result: BenchEstimation) -> BenchComparison:
         inputs={name: _load_history(result, name, i) for i, name in enumerate(loads)},
         parameters={name: _parameter_history(result, name) for name in parameters},
         sensors=sensors,
-        input_runs={name: LoadRuns(error=_late_rms(result, name)) for name in loads if several and name in truths},
+        input_runs={
+            name: LoadRuns(error=np.sqrt(np.mean(_late(off) ** 2, axis=0))) for name, off in errors if name in loads
+        },
         parameter_runs={name: _ends(result, name) for name in parameters if several},
         seeds=numbers_of_seeds(result),
         bearings=result.rings,
@@ -218,18 +221,13 @@ def _late(values: np.ndarray) -> np.ndarray:
     return values[len(values) // 2 :]
 
 
-def _late_rms(result: BenchEstimation, name: str) -> np.ndarray:
-    """Of the errors of a load in every run (B,)."""
-    return np.asarray(np.sqrt(np.mean(_late(result.values[name][0] - result.truths[name]) ** 2, axis=0)))
-
-
 def _load_numbers(result: BenchEstimation, name: str, i: int) -> Numbers:
     """Of an unknown load: over all runs, smoothed, beside the other bench, or by itself where nobody knows it."""
     (estimate, std), true, smoothed = result.values[name], result.truths.get(name), result.filtered.smoothed
     numbers, elsewhere = Numbers(), result.reality.elsewhere.get(name)
     if true is not None:
         if estimate.shape[1] > 1 and np.isfinite(_late(std)).any():
-            numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean(_late((estimate - true) / std) ** 2)))
+            numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean(_late(result.errors[name] / std) ** 2)))
         if smoothed is not None:
             later = load_numbers(name, true[1:, 0], smoothed.mean[1:, i], smoothed.std[1:, i])
             numbers |= {f"smoothed_{key}": later[key] for key in (f"error.{name}", f"std.{name}") if key in later}
@@ -243,9 +241,8 @@ def _load_numbers(result: BenchEstimation, name: str, i: int) -> Numbers:
 def _claims(result: BenchEstimation, numbers: Numbers) -> dict[str, Claim]:
     """Whether the estimate of every unknown whose truth is known keeps to its σ, of a load that is none no claim."""
     claims: dict[str, Claim | None] = {}
-    for name, true in result.truths.items():
-        estimate, std = result.values[name]
-        off = estimate - true
+    for name, off in result.errors.items():
+        std = result.values[name][1]
         if name in result.problem.unknowns.free:
             claims[name] = claim_of(off[-1], std[-1], alike=result.starts)  # starts within a seed are one draw
             continue
@@ -254,7 +251,7 @@ def _claims(result: BenchEstimation, numbers: Numbers) -> dict[str, Claim]:
         if f"smoothed_error.{name}" in numbers:
             i, smoothed = list(result.problem.estimate.inputs).index(name), result.filtered.smoothed
             assert smoothed is not None
-            off = smoothed.mean[:, i] - true[:, 0]
+            off = smoothed.mean[:, i] - result.truths[name][:, 0]
             claims[smoothed_name(name)] = claim_in_time(_late(off), _late(smoothed.std[:, i]), of="smoothed")
     return {name: claim for name, claim in claims.items() if claim is not None}
 
@@ -271,7 +268,7 @@ def _parameter_numbers(result: BenchEstimation, name: str, i: int, claim: Claim 
         numbers[f"identified.{name}"] = learned and not apart and not wrong
     if name not in result.truths:
         return numbers | {f"estimate.{name}": float(last[0]), f"rms_std.{name}": float(sigma[0])}
-    off, true = last - result.truths[name][-1], float(result.truths[name][-1, 0])
+    off, true = result.errors[name][-1], float(result.truths[name][-1, 0])
     if len(last) > 1:
         numbers[f"ratio.{name}"] = float(np.sqrt(np.mean((off / sigma) ** 2)))
         numbers[f"largest_error.{name}"] = float(np.abs(off).max()) / (abs(true) or 1.0)
@@ -297,8 +294,8 @@ def _parameter_history(result: BenchEstimation, name: str) -> ParameterHistory:
 
 def _ends(result: BenchEstimation, name: str) -> ParameterRuns:
     """Where all runs of a parameter start and end."""
-    (estimate, std), true = result.values[name], result.truths.get(name)
-    error = None if true is None else estimate[-1] - true[-1]
+    (estimate, std), off = result.values[name], result.errors.get(name)
+    error = None if off is None else off[-1]
     return ParameterRuns(start=estimate[0], estimate=estimate[-1], std=std[-1], error=error)
 
 

@@ -26,7 +26,6 @@ from strainsight.experiment.bench.inverse.problem import (
     BenchProblem,
     corrects,
     free_zero,
-    has_bank,
     problem_of,
     zero_of,
 )
@@ -241,6 +240,11 @@ class BenchEstimation:
         known = {name: values for name, values in true.items() if np.isfinite(values).all()}
         return {name: np.repeat(values, runs // values.shape[1], axis=1) for name, values in known.items()}
 
+    @cached_property
+    def errors(self) -> dict[str, np.ndarray]:
+        """Unknown → its error in every run (T + 1, B), of those whose truth is known."""
+        return {name: self.values[name][0] - true for name, true in self.truths.items()}
+
     @property
     def held_out(self) -> tuple[LeftOut, ...]:
         """What the others say of every channel, over all seeds; none where that was not asked for."""
@@ -275,7 +279,7 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
         using.progress(what, 0.3 + 0.7 * (until + (1 - until) * share))
 
     watch = ring_watch(bench, trial.model, problem.steps)
-    bank = has_bank(problem.config)
+    bank = estimate.method.parameters == "bank" and problem.unknowns.free
     filtered = by_bank(trial, y, filtering) if bank else by_extended(trial, y, filtering, watch)
     mean = filtered.mean[:, 0]
     doubts = (*undistinguished(trial, mean), *unfollowed(trial, reality, mean, filtered.std[:, 0]))

@@ -6,11 +6,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
-from strainsight.config.bench.connections import BearingForce
 from strainsight.errors import ConfigError, NumericalError, UserError
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.model import StepModel
@@ -22,7 +20,7 @@ from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.trial import BenchTrial
 from strainsight.experiment.filters_compared import filters_compared
 from strainsight.multibody.bearing.element import BallLoads, ball_loads
-from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
+from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.relations import relation_rows
@@ -185,9 +183,11 @@ def _refuse_large(trial: BenchTrial, y: np.ndarray) -> None:
 
 def by_bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRuns:
     """One run after the other on y (T, B, m), and the extended filter on the first one's samples beside it."""
-    runs, banks = y.shape[1], []
-    for run in range(runs):
-        banks.append(_bank(trial.of_runs(slice(run, run + 1)), y[:, run], partial(_advance, progress, run, runs)))
+    runs = y.shape[1]
+    banks = [
+        _bank(trial.of_runs(slice(run, run + 1)), y[:, run], lambda share, run=run: progress((run + share) / runs))
+        for run in range(runs)
+    ]
     mean, std, joint, nis = (
         np.stack([getattr(bank, key) for bank in banks], axis=1) for key in ("mean", "std", "joint", "nis")
     )
@@ -202,10 +202,6 @@ def by_bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRun
             f"{without} of {tried} points of the parameters have no weight: filters there diverged or found no start",
         )
     return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, banks[0]), notes=notes)
-
-
-def _advance(progress: Progress, run: int, runs: int, share: float) -> None:
-    progress((run + share) / runs)
 
 
 def _filter(
@@ -301,8 +297,7 @@ class RingWatch:
 
 def ring_watch(bench: Bench, model: AugmentedStep, steps: int) -> RingWatch:
     """Of all bearings of the bench, in so many steps."""
-    elements, k = bench.system.elements, 5 + model.coordinates.size
-    rows = {e.force.name: e.rows for e in elements if isinstance(bench.config.forces[e.force.name], BearingForce)}
+    k, rows = 5 + model.coordinates.size, {name: element.rows for name, (element, _) in bench.rings.items()}
     mean = {name: np.full((steps + 1, k), np.nan) for name in rows}
     return RingWatch(model, rows, mean, {name: np.full((steps + 1, k, k), np.nan) for name in rows})
 
@@ -357,10 +352,7 @@ def spread(mean: np.ndarray, covariance: np.ndarray, carried: Carried) -> tuple[
 
 def _carried(bench: Bench, coordinates: ParameterCoordinates, name: str) -> Carried:
     """Of one bearing, with the parameters of it that are free."""
-    stated = bench.config.forces[name]
-    assert isinstance(stated, BearingForce)
-    bearing: Bearing = bench.bearings[stated.bearing]
-    element = next(e for e in bench.system.elements if e.force.name == name)
+    element, bearing = bench.rings[name]
     properties = [bench.system.parameters[at].split(".")[-1] for at in element.parameters]
     places = [PARAMETERS.index(key) for key in properties]
 

@@ -56,12 +56,6 @@ def asked(config: BenchConfig) -> BenchEstimateSection:
     return config.estimate
 
 
-def has_bank(config: BenchConfig) -> bool:
-    """Whether a bank has the parameters; without any there is nothing for it."""
-    estimate = asked(config)
-    return estimate.method.parameters == "bank" and any(entry.std is not None for entry in estimate.parameters.values())
-
-
 def corrects(config: BenchConfig) -> bool:
     """Whether the filter allows for what its step leaves out: as in a test, unless the truth is made by that very step."""
     estimate = asked(config)
@@ -76,11 +70,6 @@ def corrects_in_a_test(config: BenchConfig) -> bool:
     if stated is not None or printed:
         return stated == "estimated"
     return config.simulate.method == "second_order" and not config.driven
-
-
-def has_other_poses(config: BenchConfig) -> bool:
-    """Whether drives, or gravity that turns, take the bench from where it starts."""
-    return config.driven or any(force.type == "gravity" and force.turns is not None for force in config.forces.values())
 
 
 def free_properties(estimate: BenchEstimateSection) -> dict[str, tuple[str, ...]]:

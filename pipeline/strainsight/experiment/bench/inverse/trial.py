@@ -18,7 +18,6 @@ from strainsight.experiment.bench.inverse.problem import (
     BenchProblem,
     corrects,
     free_zero,
-    has_other_poses,
     loads_at_rest,
     moved_at_rest,
     zero_of,
@@ -246,7 +245,8 @@ def _felt(
         isinstance(sensor, AccelerationSensor) or (isinstance(sensor, MotionSensor) and sensor.quantity == "velocity")
         for sensor in sensors
     )
-    if config.simulate.start != "equilibrium" or moving or has_other_poses(config):
+    turning = any(force.type == "gravity" and force.turns is not None for force in config.forces.values())
+    if config.simulate.start != "equilibrium" or moving or config.driven or turning:
         return ()
     moved = np.where(available[:, None], moved, 0.0)
     names = [f"inputs.{name}" for name in estimate.inputs] + [f"parameters.{name}" for name in unknowns.free]
