@@ -35,6 +35,7 @@ from strainsight.multibody.relations import cosine, relation_rows
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.system import Element, System, assemble
 from strainsight.records.bench import BenchPlaced, ReducedBody
+from strainsight.sensors.surface import unit_vector
 
 Between = stated.Joint | stated.Law
 """What stands between two frames."""
@@ -117,15 +118,9 @@ def bench_of(
 
 def axes_of(pose: stated_bodies.PoseSection) -> np.ndarray:
     """Right-handed orthonormal axes (3, 3), columns x, y, z, from the x axis and the part of the y axis across it."""
-    x, y = unit_vector(pose.x_axis), np.asarray(pose.y_axis, dtype=float)
-    y = unit_vector(y - (x @ y) * x)
+    x, y = unit_vector(pose.x_axis, "the x axis"), np.asarray(pose.y_axis, dtype=float)
+    y = unit_vector((y - (x @ y) * x).tolist(), "the y axis")
     return np.column_stack([x, y, np.cross(x, y)])
-
-
-def unit_vector(direction: Sequence[float] | np.ndarray) -> np.ndarray:
-    """A direction (3,) of any length, made of length 1."""
-    vector = np.asarray(direction, dtype=float)
-    return np.asarray(vector / np.linalg.norm(vector))
 
 
 def _body(name: str, entry: stated_bodies.Body, reduced: Mapping[str, ReducedBody]) -> Body:
@@ -172,9 +167,11 @@ def _force(
         case stated.GravitySection():
             if entry.turns is None:
                 return Gravity(np.array(entry.acceleration), name)
-            return turning_gravity(name, bodies, np.array(entry.acceleration), unit_vector(entry.turns.axis))
+            return turning_gravity(
+                name, bodies, np.array(entry.acceleration), unit_vector(entry.turns.axis, "the axis")
+            )
         case stated.PointForceSection() | stated.PointMomentSection():
-            direction = unit_vector(entry.direction)
+            direction = unit_vector(entry.direction, "the direction")
             if entry.axes == "frame":
                 follower = follower_force if entry.type == "force" else follower_moment
                 return follower(name, frames[entry.frame], direction)

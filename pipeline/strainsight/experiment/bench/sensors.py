@@ -156,6 +156,13 @@ def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -
     return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
 
 
+def frame_at(bench: Bench, frame: Frame, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Place and axes of a frame (12,), and their slopes by q (12, n)."""
+    sensors = [position_sensor(frame.name, frame), *(axis_sensor(frame.name, frame, k) for k in range(3))]
+    y, by_q, _ = readings(bench.system, sensors).read(q, np.zeros_like(q))
+    return y, by_q
+
+
 def channel_labels(sensors: Sensors) -> tuple[str, ...]:
     """Sensor and component of every channel, as numbers of a summary name them."""
     return tuple(f"{name}.{i}" for name in sensors.channels for i in range(1, 1 + sensors.count(name)))

@@ -12,7 +12,7 @@ from strainsight.config.bench.connections import Driven
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.loads import drives_of, loads_of
-from strainsight.experiment.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
+from strainsight.experiment.bench.sensors import Sensors, frame_at, instants_of, read_in_time, sensors_of
 from strainsight.experiment.resources import Resources, of_steps
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock
@@ -23,7 +23,7 @@ from strainsight.multibody.bodies import Frame, RigidBody
 from strainsight.multibody.coupled import CoupledModes, coupled_modes, growth
 from strainsight.multibody.initial import constraints_at, project_position
 from strainsight.multibody.laws import Friction, TurningGravity
-from strainsight.multibody.sensors import RelationSensor, axis_sensor, position_sensor, readings
+from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench import (
@@ -293,7 +293,7 @@ def at_rest(rest: BenchAtRest) -> AtRest:
     reactions = {name: reactions_in_time(bench, name, still, instants)[0] for name in config.joints}
     sensors = sensors_of(bench)
     read = read_in_time(bench, sensors.readings, still.q, still.v, still.u, instants)[0]
-    frames = {name: _looked_at(bench, frame, q)[0] for name, frame in bench.frames.items()}
+    frames = {name: frame_at(bench, frame, q)[0] for name, frame in bench.frames.items()}
     return AtRest(
         q=q,
         growth=rest.growth,
@@ -348,18 +348,11 @@ def coupled(rest: BenchAtRest) -> Coupled:
 
 def _frame_in_modes(bench: Bench, frame: Frame, q: np.ndarray, Phi: np.ndarray) -> FrameInModes:
     """δp, and δθ = ½ Σ a_k × δa_k."""
-    y, by_q = _looked_at(bench, frame, q)
+    y, by_q = frame_at(bench, frame, q)
     moved = by_q @ Phi
     axes, turned = y[3:].reshape(3, 3), moved[3:].reshape(3, 3, -1)
     rotation = 0.5 * sum(np.cross(axes[k], turned[k].T) for k in range(3))
     return FrameInModes(displacement=moved[:3].T, rotation=np.asarray(rotation).reshape(-1, 3))
-
-
-def _looked_at(bench: Bench, frame: Frame, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Place and axes of a frame (12,), and their slopes by q (12, n)."""
-    sensors = [position_sensor(frame.name, frame), *(axis_sensor(frame.name, frame, k) for k in range(3))]
-    y, by_q, _ = readings(bench.system, sensors).read(q, np.zeros_like(q))
-    return y, by_q
 
 
 def modes_in_space(rest: BenchAtRest) -> VtkHdf:
@@ -370,7 +363,7 @@ def modes_in_space(rest: BenchAtRest) -> VtkHdf:
         if isinstance(body, RigidBody):
             at = [body.centre, *(f.origin for f in bench.frames.values() if f.body == body.name)]
             frames = [Frame(str(k), body.name, np.asarray(x, dtype=float)) for k, x in enumerate(at)]
-            seen = [_looked_at(bench, frame, rest.q) for frame in frames]
+            seen = [frame_at(bench, frame, rest.q) for frame in frames]
             points.append(np.array([y[:3] for y, _ in seen]))
             shapes.append(np.stack([by_q[:3] @ rest.modes.shapes[:, :count] for _, by_q in seen]))
             to = np.arange(1, len(at))

@@ -149,7 +149,7 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
 
 
 def line(axes: Axes, time: FloatArray, values: FloatArray, **style: Any) -> None:
-    """At the instants that can be told apart."""
+    """At the instants that can be distinguished."""
     values = drawable(values)
     index = visible_instants(values[:, None], 240)
     axes.plot(time[index], values[index], **style)

@@ -112,17 +112,16 @@ def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
     ConfigError, where the config does not allow for them."""
     model, estimate = replace(trial.model, R=np.where(trial.available, trial.model.R, np.inf)), trial.problem.estimate
     finite = np.flatnonzero(np.isfinite(mean).all(axis=1))
-    places = np.linspace(0, len(finite) - 1, INSTANTS).round().astype(int) if len(finite) else []
+    if not len(finite):
+        return
     combinations: list[list[str]] = []
-    for k in np.unique(finite[places]):
+    for k in np.unique(finite[np.linspace(0, len(finite) - 1, INSTANTS).round().astype(int)]):
         try:
             combinations.append(indistinct(model, mean[k], min(k, len(model.known) - 1), trial.problem.names))
         except NumericalError:
             return  # nothing separates what decays from what does not: no statement
         if not combinations[-1]:
             return
-    if not combinations:
-        return
     words = "; ".join(combinations[0])
     if not estimate.allow_unobservable:
         raise ConfigError(

@@ -184,10 +184,11 @@ def _refuse_large(trial: BenchTrial, y: np.ndarray) -> None:
 def by_bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRuns:
     """One run after the other on y (T, B, m), and the extended filter on the first one's samples beside it."""
     runs = y.shape[1]
-    banks = [
-        _bank(trial.of_runs(slice(run, run + 1)), y[:, run], lambda share, run=run: progress((run + share) / runs))
-        for run in range(runs)
-    ]
+
+    def progress_of(run: int) -> Progress:
+        return lambda share: progress((run + share) / runs)
+
+    banks = [_bank(trial.of_runs(slice(run, run + 1)), y[:, run], progress_of(run)) for run in range(runs)]
     mean, std, joint, nis = (
         np.stack([getattr(bank, key) for bank in banks], axis=1) for key in ("mean", "std", "joint", "nis")
     )

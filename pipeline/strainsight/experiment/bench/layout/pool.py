@@ -19,15 +19,15 @@ from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.layout.strained import PlacedBody, Pose
 from strainsight.experiment.bench.loads import loads_of
-from strainsight.experiment.bench.sensors import linear_tolerances, motion_sensor, tolerances_of_gauges
+from strainsight.experiment.bench.sensors import frame_at, linear_tolerances, motion_sensor, tolerances_of_gauges
 from strainsight.experiment.layout.gauge_list import strain_candidates
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import at_rest, measured
 from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.multibody.inverse.parameters import static_response
-from strainsight.multibody.sensors import axis_sensor, position_sensor, readings
-from strainsight.sensors.bonded import BondedEntry, bonded
+from strainsight.multibody.sensors import readings
+from strainsight.sensors.bonded import BondedEntry, bonded, given_pool
 from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, Candidates, concatenate
 from strainsight.sensors.installation import sensitivity_rows
 from strainsight.sensors.rows import channel_rows
@@ -242,27 +242,13 @@ def _candidates(config: BenchConfig, bench: Bench, names: Sequence[str], q: np.n
         entry = config.sensors[name]
         assert isinstance(entry, RelativeSensor | MotionSensor | AccelerationSensor)
         at, along = entry.frames[::-1] if isinstance(entry, RelativeSensor) else (entry.frame, entry.frame)
-        axes = [axis_sensor(name, bench.frames[along], k) for k in range(3)]
-        y = readings(bench.system, [position_sensor(name, bench.frames[at]), *axes]).read(q, np.zeros_like(q))[0]
         turns = isinstance(entry, RelativeSensor) or (isinstance(entry, AccelerationSensor) and entry.axes == "own")
-        place = np.vstack([place, np.tile(y[:3], (3, 1))])
-        direction = np.vstack([direction, y[3:].reshape(3, 3) if turns else np.eye(3)])
+        axes = frame_at(bench, bench.frames[along], q)[0][3:].reshape(3, 3) if turns else np.eye(3)
+        place = np.vstack([place, np.tile(frame_at(bench, bench.frames[at], q)[0][:3], (3, 1))])
+        direction = np.vstack([direction, axes])
         quantity += [ACCELERATION if isinstance(entry, AccelerationSensor) else DISPLACEMENT] * 3
-    count = len(place)
-    none = np.zeros(count, dtype=np.int64)
-    return Candidates(
-        element=none,
-        facet=none,
-        kind=np.full(count, -1),
-        nodes=np.full((count, 8), -1),
-        position=place,
-        normal=np.zeros((count, 3)),
-        direction=direction,
-        angle=np.zeros(count),
-        local=np.zeros((count, 2)),
-        quantity=np.array(quantity, dtype=np.int64),
-        gauge=np.arange(count),
-    )
+    pool = given_pool(np.zeros(len(place), dtype=np.int64), place, direction)
+    return replace(pool, quantity=np.array(quantity, dtype=np.int64))
 
 
 AT_A_TIME = 4000
