@@ -6,7 +6,16 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from strainsight.config.base import GROUND, Names, Problem, known, marked, name_problems, section_problems, undivided
+from strainsight.config.base import (
+    GROUND,
+    Names,
+    Problem,
+    known,
+    marked,
+    name_problems,
+    section_problems,
+    step_problems,
+)
 from strainsight.config.bench.bench import (
     AccelerationSensor,
     BenchConfig,
@@ -125,12 +134,7 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
 
 
 def _time(config: BenchConfig) -> Iterator[Problem]:
-    duration, h = config.simulate.duration, config.simulate.time_step
-    steps = duration / h
-    if not 1 - 1e-9 <= steps <= MOST_STEPS:
-        yield Problem("simulate.time_step", f"{steps:.3g} steps", f"take 1 to {MOST_STEPS} steps")
-    else:
-        yield from undivided("simulate.time_step", duration, h)
+    yield from step_problems("simulate.time_step", config.simulate.duration, config.simulate.time_step, 1, MOST_STEPS)
     if config.simulate.start == "equilibrium":
         for name, body in config.bodies.items():
             for key in ("velocity", "spin"):

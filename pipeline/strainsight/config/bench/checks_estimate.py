@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from strainsight.config.base import Problem, known, undivided
+from strainsight.config.base import Problem, known, step_problems
 from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor, Sensor, units_of
 from strainsight.config.bench.bodies import RADII
 from strainsight.config.bench.connections import Load
@@ -81,7 +81,8 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
     yield from _bank(estimate)
-    yield from _times(config)
+    times = config.filter_duration, config.filter_step
+    yield from step_problems("estimate.time_step", *times, FEWEST_STEPS, MOST_STEPS, "estimate.duration")
     yield from truth_problems(config, estimate)
     yield from _elsewhere(config, estimate)
 
@@ -246,16 +247,6 @@ def _bank(estimate: BenchEstimateSection) -> Iterator[Problem]:
         if estimate.parameters[name].increment > 0:
             what = "in a bank parameters are constants"
             yield Problem(f"estimate.parameters.{name}.increment", what, f"leave increment out, {extended}")
-
-
-def _times(config: BenchConfig) -> Iterator[Problem]:
-    duration, h = config.filter_duration, config.filter_step
-    steps = duration / h
-    if not FEWEST_STEPS * (1 - 1e-9) <= steps <= MOST_STEPS:
-        what = f"{duration:g} s are {steps:.3g} steps of {h:g} s"
-        yield Problem("estimate.time_step", what, f"take {FEWEST_STEPS} to {MOST_STEPS} steps")
-    else:
-        yield from undivided("estimate.time_step", duration, h, "estimate.duration")
 
 
 def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:

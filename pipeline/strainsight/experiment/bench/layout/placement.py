@@ -11,8 +11,7 @@ from strainsight.config.bench.bench import BenchConfig, BenchPlace
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import bench_of
 from strainsight.experiment.bench.inverse.problem import asked, free_properties, unknowns_of
-from strainsight.experiment.bench.layout.pool import CandidatePool, gauge_pool, motion_pool
-from strainsight.experiment.bench.layout.strained import (
+from strainsight.experiment.bench.layout.expectation import (
     Known,
     PlacedBody,
     expected_std,
@@ -22,6 +21,7 @@ from strainsight.experiment.bench.layout.strained import (
     scenario_of,
     zeroed,
 )
+from strainsight.experiment.bench.layout.pool import CandidatePool, gauge_pool, motion_pool
 from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list
 from strainsight.experiment.layout.output import layout_output, layout_record

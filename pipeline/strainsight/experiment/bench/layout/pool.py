@@ -17,7 +17,7 @@ from strainsight.config.bench.bench import (
 )
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import Bench
-from strainsight.experiment.bench.layout.strained import PlacedBody, Pose
+from strainsight.experiment.bench.layout.expectation import PlacedBody, Pose
 from strainsight.experiment.bench.loads import loads_of
 from strainsight.experiment.bench.sensors import frame_at, linear_tolerances, motion_sensor, tolerances_of_gauges
 from strainsight.experiment.layout.gauge_list import strain_candidates
