@@ -237,6 +237,12 @@ class BenchConfig(NamedRun, BearingLoads):
         return any(isinstance(joint, Driven) for joint in self.joints.values())
 
     @property
+    def estimator(self) -> BenchEstimateSection:
+        """The section `estimate`, where there is one."""
+        assert self.estimate is not None
+        return self.estimate
+
+    @property
     def filter_step(self) -> float:
         """Time step of filter and samples [s]."""
         return (self.estimate and self.estimate.time_step) or self.simulate.time_step

@@ -52,15 +52,15 @@ def beyond_limit(what: str, pressure: float, bearing: BearingSection) -> list[st
     ]
 
 
-def loaded(bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase]) -> dict[str, dict[str, BearingCase]]:
+def load_cases(bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase]) -> dict[str, dict[str, BearingCase]]:
     """Bearing → load case → its equilibrium, for the bearings that each case is of."""
     return {
-        name: {case: _loaded(name, bearing, case, entry) for case, entry in cases.items() if entry.includes(name)}
+        name: {case: _load_case(name, bearing, case, entry) for case, entry in cases.items() if entry.includes(name)}
         for name, bearing in bearings.items()
     }
 
 
-def _loaded(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingCase:
+def _load_case(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingCase:
     load = np.array([*entry.force, *entry.moment], dtype=float)
     try:
         q = displacement(bearing, load)
@@ -73,7 +73,7 @@ def _loaded(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingC
     )
 
 
-def displaced(bearings: Mapping[str, Bearing], curves: Sequence[CurveSection]) -> list[BearingDisplaced]:
+def displacement_curves(bearings: Mapping[str, Bearing], curves: Sequence[CurveSection]) -> list[BearingDisplaced]:
     """The curves of every bearing; usual ones along and across its axis, and tilted, where the config asks for none."""
     each = []
     for name, bearing in bearings.items():

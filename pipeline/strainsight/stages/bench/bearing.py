@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import BearingConfig
-from strainsight.experiment.bench.bearings import bearings_of, beyond_limit, displaced, loaded
+from strainsight.experiment.bench.bearings import bearings_of, beyond_limit, displacement_curves, load_cases
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.pages.bench.bearing_page import (
     CASE_HEAD,
@@ -26,7 +26,7 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
     """Load-displacement curves, and for every load case the displacement, the stiffness and what each ball carries."""
     config = context.config
     bearings = bearings_of(config.bearings)
-    under, along = loaded(bearings, config.cases), displaced(bearings, config.curves)
+    under, along = load_cases(bearings, config.cases), displacement_curves(bearings, config.curves)
     curves: dict[str, dict[str, BearingCurve]] = {name: {} for name in bearings}
     for i, entry in enumerate(along):
         curves[entry.bearing][str(i)] = entry.curve

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ArtefactError
-from strainsight.experiment.bench.inverse.estimation import estimated
+from strainsight.experiment.bench.inverse.estimation import estimate_bench
 from strainsight.experiment.bench.inverse.problem import free_properties
 from strainsight.experiment.bench.inverse.verdicts import estimate_output
-from strainsight.records.bench import Simulated
+from strainsight.records.bench import BenchTruths, Simulated
 from strainsight.records.record import read
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Output
@@ -18,10 +18,10 @@ from strainsight.stages.bench.inputs import HISTORIES
 
 def run(context: Context[BenchConfig]) -> Output:
     """Simulate or fetch the measurements, run the filter on them, compare."""
-    config, estimate = context.config, context.config.estimate
-    assert estimate is not None  # a bench without it has no such stage
-    bench = inputs.bench(context, free_properties(estimate))
-    return estimate_output(config, estimated(bench, _other_bench(context), inputs.truths(context), context))
+    config, up = context.config, context.upstream
+    bench = inputs.bench(context, free_properties(config.estimator))
+    truths = read(BenchTruths, up["truth"]) if "truth" in up else None
+    return estimate_output(config, estimate_bench(bench, _other_bench(context), truths, context))
 
 
 def _other_bench(context: Context[object]) -> Simulated | None:

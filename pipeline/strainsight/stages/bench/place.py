@@ -7,7 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.experiment.bench.layout.placement import placement_of, placement_output
+from strainsight.experiment.bench.layout.placement import placement_output
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench.inputs import HISTORIES, bodies, meshes
@@ -15,11 +15,7 @@ from strainsight.stages.bench.inputs import HISTORIES, bodies, meshes
 
 def run(context: Context[BenchConfig]) -> Output:
     """The placement, with the pool as points of a grid."""
-    config, mesh_of = context.config, meshes(context)
-    placement = placement_of(config, mesh_of, bodies(context), context)
-    assert config.place is not None
-    body = config.place.body
-    return placement_output(placement, mesh_of[body], config.flexible[body].mesh.length_unit)
+    return placement_output(context.config, meshes(context), bodies(context), context)
 
 
 PLACE = Stage(

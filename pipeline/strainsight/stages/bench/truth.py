@@ -15,9 +15,7 @@ from strainsight.stages.bench.inputs import HISTORIES
 def run(context: Context[BenchConfig]) -> Output:
     """One history or several, without noise, which is the estimate's."""
     config = context.config
-    estimate = config.estimate
-    assert estimate is not None  # a bench without it has no such stage
-    truth = estimate.truth
+    truth = config.estimator.truth
     truths = truths_of(inputs.bench(context), truth, truth.duration or config.filter_duration, context)
     steps, histories = len(truths.time) - 1, len(truths.begin)
     text = (

@@ -149,7 +149,7 @@ class BenchComparison:
     claims: dict[str, Claim]
 
 
-def compared(result: BenchEstimation) -> BenchComparison:
+def compare(result: BenchEstimation) -> BenchComparison:
     """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
     problem, filtered = result.problem, result.filtered
     loads, parameters = list(problem.estimate.inputs), problem.unknowns.free

@@ -30,7 +30,7 @@ from strainsight.experiment.bench.inverse.problem import (
     zero_of,
 )
 from strainsight.experiment.bench.inverse.trial import BenchTrial, trial_of
-from strainsight.experiment.bench.inverse.truth import Reality, reality_of, walked
+from strainsight.experiment.bench.inverse.truth import Reality, drawn_reality, reality_of
 from strainsight.experiment.bench.sensors import channel_labels, misread
 from strainsight.experiment.bench.simulation import turns_in_a_step
 from strainsight.experiment.hold_out import LeftOut, held_out, left_out
@@ -250,7 +250,9 @@ class BenchEstimation:
         return left_out(self.without, channel_labels(self.problem.used), self.measured[:, :: self.starts])
 
 
-def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None, using: Resources) -> BenchEstimation:
+def estimate_bench(
+    bench: Bench, other: Simulated | None, truths: BenchTruths | None, using: Resources
+) -> BenchEstimation:
     """Simulate or take the measurements, run the filter on them; other: the bench of `estimate.measured`; truths: by another
     integrator, where these stand for reality."""
     problem = problem_of(bench, using.files)
@@ -267,7 +269,7 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
 
     trial = trial_with(available)
     if reality is None:
-        reality = walked(trial)
+        reality = drawn_reality(trial)
     y = _samples(trial, reality)
     until = 1.0 if estimate.hold_out is None else 1 / (1 + available.sum())
 

@@ -50,15 +50,9 @@ class BenchUnknowns:
     coordinates: ParameterCoordinates
 
 
-def asked(config: BenchConfig) -> BenchEstimateSection:
-    """The section `estimate`, which is there where something is estimated."""
-    assert config.estimate is not None
-    return config.estimate
-
-
 def corrects(config: BenchConfig) -> bool:
     """Whether the filter allows for what its step leaves out: as in a test, unless the truth is made by that very step."""
-    estimate = asked(config)
+    estimate = config.estimator
     by_own_step = estimate.measured is None and estimate.truth.model == "own"
     return corrects_in_a_test(config) and (estimate.method.step_error is not None or not by_own_step)
 
@@ -66,7 +60,7 @@ def corrects(config: BenchConfig) -> bool:
 def corrects_in_a_test(config: BenchConfig) -> bool:
     """The same where the bench itself moves: where it is asked to, else unless step or noise are the thesis's, which takes the
     step for true, or a joint is driven: along the motions that a drive leaves the bench is not linear in a step."""
-    stated, printed = asked(config).method.step_error, asked(config).method.noise == "as_printed"
+    stated, printed = config.estimator.method.step_error, config.estimator.method.noise == "as_printed"
     if stated is not None or printed:
         return stated == "estimated"
     return config.simulate.method == "second_order" and not config.driven
@@ -83,12 +77,12 @@ def free_properties(estimate: BenchEstimateSection) -> dict[str, tuple[str, ...]
 
 def parameter_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
     """Pa of a modulus, m of what a bearing has."""
-    return {name: "Pa" if asked(config).parameters[name].bearing is None else "m" for name in names}
+    return {name: "Pa" if config.estimator.parameters[name].bearing is None else "m" for name in names}
 
 
 def unknowns_of(bench: Bench, h: float) -> BenchUnknowns:
     """What the config's `estimate` says, h [s] the filter's step: σ a step is σ a second times h where it asks for that."""
-    config, system, estimate = bench.config, bench.system, asked(bench.config)
+    config, system, estimate = bench.config, bench.system, bench.config.estimator
     a_step = h if estimate.increments == "second" else 1.0
     places = {
         name: name if entry.bearing is None else f"{entry.bearing}.{entry.property}"
@@ -127,7 +121,7 @@ def unknowns_of(bench: Bench, h: float) -> BenchUnknowns:
 def load_process_of(config: BenchConfig, increments: np.ndarray, h: float) -> LoadProcess:
     """Of all unknown loads in their order, in steps of h [s]; increments of `increments_of`."""
     models, amplitudes = [], []
-    for name, entry in asked(config).inputs.items():
+    for name, entry in config.estimator.inputs.items():
         frequency, amplitude = (1.0, 1.0) if entry.model == "random_walk" else typical_of(config, name)
         models.append(input_model(entry.model, frequency, entry.kappa, entry.smoothness, entry.damping))
         amplitudes.append(amplitude)
@@ -137,7 +131,7 @@ def load_process_of(config: BenchConfig, increments: np.ndarray, h: float) -> Lo
 def increments_of(config: BenchConfig, h: float) -> np.ndarray:
     """σ (nu,) of the change of every unknown load in a step of h [s] [N, N m]: as stated; of a walk that states none a √(κωh), of
     the other models about aωh, at most a."""
-    estimate, increments = asked(config), []
+    estimate, increments = config.estimator, []
     for name, entry in estimate.inputs.items():
         if entry.increment is not None:
             increments.append(entry.increment * (h if estimate.increments == "second" else 1.0))
@@ -151,7 +145,7 @@ def increments_of(config: BenchConfig, h: float) -> np.ndarray:
 
 def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
     """Frequency [Hz] and amplitude [N, N m] of an unknown load: as stated, else of the sine that its history is."""
-    entry, force = asked(config).inputs[name], config.forces[name]
+    entry, force = config.estimator.inputs[name], config.forces[name]
     assert isinstance(force, Load)
     sine = force.signal if isinstance(force.signal, SineSection) else None
     frequency = entry.frequency or (None if sine is None else sine.frequency)
@@ -189,7 +183,7 @@ class BenchProblem:
 
     @property
     def estimate(self) -> BenchEstimateSection:
-        return asked(self.config)
+        return self.config.estimator
 
     @property
     def steps(self) -> int:
@@ -214,7 +208,7 @@ class BenchProblem:
 
 def problem_of(bench: Bench, files: Mapping[str, Path]) -> BenchProblem:
     """As `estimate` asks; the bench with its free properties as parameters."""
-    config, estimate, h = bench.config, asked(bench.config), bench.config.filter_step
+    config, estimate, h = bench.config, bench.config.estimator, bench.config.filter_step
     sensors, unknowns = sensors_of(bench), unknowns_of(bench, h)
     used = some_of(bench, sensors, list(estimate.sensors))
     loads, drives = loads_of(bench, files), drives_of(bench, files)

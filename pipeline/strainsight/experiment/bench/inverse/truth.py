@@ -62,7 +62,7 @@ def reality_of(
     problem: BenchProblem, other: Simulated | None, truths: BenchTruths | None, using: Resources
 ) -> Reality | None:
     """As `estimate` asks: measured in a file or on the other bench, by another integrator (truths), or by the bench's steps,
-    finer or not; None of one that is drawn from the filter's own model (`walked`)."""
+    finer or not; None of one that is drawn from the filter's own model (`drawn_reality`)."""
     truth, measured = problem.estimate.truth, problem.estimate.measured
     if isinstance(measured, FromFile):
         read, done = from_file(problem, measured, using.files["estimate.measured.file"])
@@ -126,7 +126,7 @@ def _as_read(
     return Reality(inputs, np.tile(bench.theta, (len(motions), 1)), read[1:], q)
 
 
-def walked(trial: BenchTrial) -> Reality:
+def drawn_reality(trial: BenchTrial) -> Reality:
     """Drawn truths; sensors that the filter has not are not read."""
     problem, runs = trial.problem, trial.problem.estimate.runs
     states = slice(trial.model.size)

@@ -30,7 +30,7 @@ from strainsight.estimation.decision import (
     out_of_range,
     without_sigma,
 )
-from strainsight.experiment.bench.inverse.comparison import BenchComparison, compared, smoothed_name
+from strainsight.experiment.bench.inverse.comparison import BenchComparison, compare, smoothed_name
 from strainsight.experiment.bench.inverse.estimation import BenchEstimation
 from strainsight.experiment.bench.inverse.problem import parameter_units
 from strainsight.experiment.bench.loads import load_units
@@ -237,12 +237,12 @@ def estimated_without_sigma(estimation: BenchEstimation, beyond: Mapping[str, st
 def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
     """Datasets, numbers, tables and loads.csv of an estimate, its σ withheld where it is not to be trusted."""
     estimate, problem, beyond = estimation.problem.estimate, estimation.problem, bench_out_of_range(estimation)
-    result = compared(estimation)
+    result = compare(estimation)
     evidence = Evidence(estimation, bench_numbers(estimation, result), result.claims, beyond)
     decision, shown = evidence.decision, estimation
     if decision.withheld:
         shown = estimated_without_sigma(estimation, beyond)
-        result = compared(shown)
+        result = compare(shown)
     record, rows = result.record, shown.held_out
     warnings = [
         *filter(None, (decision.message,)),

@@ -12,8 +12,8 @@ from scipy.linalg import block_diag
 from strainsight.config.bench.bench import BenchConfig, BenchPlace, StrainSensorSection
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
-from strainsight.experiment.bench.inverse.problem import BenchUnknowns, asked, corrects_in_a_test, parameter_units
-from strainsight.experiment.bench.loads import load_units, loads_of
+from strainsight.experiment.bench.inverse.problem import BenchUnknowns, corrects_in_a_test
+from strainsight.experiment.bench.loads import loads_of
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.initial import static_equilibrium
 from strainsight.multibody.inverse.linear import LinearBench, in_steps, in_time, linear_bench
@@ -31,7 +31,7 @@ that nothing damps have no steady covariance."""
 class PlacedBody:
     """The bench of a body that gauges are placed on, at the guess of its parameters.
 
-    files of the config; unknowns of the filter and its step h [s]; mesh of the body and basis (3 nodes, r) displacement per
+    files of the config; unknowns of the filter; mesh of the body and basis (3 nodes, r) displacement per
     coordinate.
     """
 
@@ -40,14 +40,13 @@ class PlacedBody:
     files: Mapping[str, Path]
     bench: Bench
     unknowns: BenchUnknowns
-    h: float
     mesh: Mesh
     basis: np.ndarray
 
     @property
     def loads(self) -> tuple[str, ...]:
         """The unknown loads in the order of the system."""
-        return tuple(name for name in self.bench.system.inputs if name in asked(self.config).inputs)
+        return tuple(name for name in self.bench.system.inputs if name in self.config.estimator.inputs)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -55,15 +54,9 @@ class PlacedBody:
         return (*self.loads, *self.unknowns.free)
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """Of `inputs`: Pa of a modulus, m of what a bearing has."""
-        of_parameters = parameter_units(self.config, self.unknowns.free)
-        return (*load_units(self.config, self.loads).values(), *of_parameters.values())
-
-    @property
     def acceleration(self) -> float:
         """[m/s²] Of the white force of the filter."""
-        return float(asked(self.config).disturbance)
+        return float(self.config.estimator.disturbance)
 
     @property
     def modal(self) -> slice:
@@ -81,8 +74,8 @@ class PlacedBody:
         """The bench about a pose; increment (unknowns,) of each in a step."""
         config, (places, by_xi) = self.config, self.columns
         corrected, method = corrects_in_a_test(config), config.simulate.method
-        printed, (q, u) = asked(config).method.noise == "as_printed", pose
-        theta, h = self.bench.theta, self.h
+        printed, (q, u) = config.estimator.method.noise == "as_printed", pose
+        theta, h = self.bench.theta, config.filter_step
         return linear_bench(self.bench.system, q, u, theta, places, increment, h, method, corrected, printed, by_xi)
 
 
@@ -122,13 +115,13 @@ def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarr
     The run is in each pose from half-way to the one before until half-way to the next; time (poses,) [s].
     """
     unknowns, theta = body.unknowns, body.bench.theta
-    order = [list(asked(body.config).inputs).index(name) for name in body.loads]
+    order = [list(body.config.estimator.inputs).index(name) for name in body.loads]
     of_loads = unknowns.increment_u[order]
     if not unknowns.free:
         return None, of_loads
     coordinates = unknowns.coordinates
     between = np.concatenate([[0.0], 0.5 * (time[1:] + time[:-1]), [body.config.filter_duration]])
-    steps = np.maximum(1, np.diff(np.round(between / body.h).astype(int)))
+    steps = np.maximum(1, np.diff(np.round(between / body.config.filter_step).astype(int)))
     covariance = coordinates.covariance(theta, unknowns.std)
     moved = np.sqrt(np.diag(coordinates.covariance(theta, unknowns.increment)))
     known = Known(
@@ -144,7 +137,7 @@ def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarr
 def zeroed(config: BenchConfig) -> bool:
     """Whether the filter has the layout by a sensor that is zeroed at a start at rest: it tells nothing of what deformed the
     bench then."""
-    sensors = (config.sensors[name] for name in asked(config).sensors)
+    sensors = (config.sensors[name] for name in config.estimator.sensors)
     takes = any(
         isinstance(sensor, StrainSensorSection) and sensor.layout == "place" and sensor.zeroed for sensor in sensors
     )

@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.config.bench.bench import BenchConfig, BenchPlace
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import bench_of
-from strainsight.experiment.bench.inverse.problem import asked, free_properties, unknowns_of
+from strainsight.experiment.bench.inverse.problem import free_properties, parameter_units, unknowns_of
 from strainsight.experiment.bench.layout.expectation import (
     Known,
     PlacedBody,
@@ -22,6 +22,7 @@ from strainsight.experiment.bench.layout.expectation import (
     zeroed,
 )
 from strainsight.experiment.bench.layout.pool import CandidatePool, gauge_pool, motion_pool
+from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list
 from strainsight.experiment.layout.output import layout_output, layout_record
@@ -45,77 +46,81 @@ UNTOLD = 0.9
 """Share of σ of its guess above which the gauges tell next to nothing of a parameter."""
 
 
-@dataclass(frozen=True)
-class BodyPlacement(Placement):
-    """The result of a placement; σ is in the unit of each unknown, inputs before parameters.
-
-    units of the unknowns; pool: the body's gauges; layouts: the placed one and those drawn at random, by name; time (poses,) [s]
-    and std (poses, unknowns) of the placed one in every pose; scale (unknowns,) as of `_Body.scale`.
-    """
-
-    units: tuple[str, ...]
-    pool: CandidatePool
-    layouts: dict[str, BenchLayout]
-    time: np.ndarray
-    std: np.ndarray
-    scale: np.ndarray
-
-
-def placement_of(
+def placement_output(
     config: BenchConfig, meshes: Mapping[str, Mesh], reduced: Mapping[str, ReducedBody], using: Resources
-) -> BodyPlacement:
+) -> Output:
     """Linearise about the static equilibria, screen, eliminate, exchange, prove; draw layouts to compare with.
 
-    Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
+    σ is in the unit of each unknown, inputs before parameters; gauges.csv has σ without each gauge in N or N m, and as peak the
+    strain at the start. Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
     """
+    subject = _subject(config, meshes, reduced, using)
+    body, pool, inputs = subject.body, subject.pool, subject.body.inputs
+    placement = place(subject, using.progress)
+    advice = placement.advice
+    if len(untold := subject.untold(np.array(list(placement.expected.std.values())))):
+        names = " and ".join(body.unknowns.free[i] for i in untold)
+        sentence = f"Of {names} the gauges tell next to nothing: σ stays that of the guess, through the whole run."
+        advice = (sentence, *advice)
+    if subject.known is not None and pool.off.any():
+        advice = (EXACT, *advice)
+    placement = replace(placement, advice=advice)
+    layouts, in_poses = _layouts(placement, subject), subject.in_poses(placement.gauges)
+    of_parameters = parameter_units(config, body.unknowns.free)
+    record = layout_record(
+        BenchPlaced,
+        placement,
+        inputs=inputs,
+        units=(*load_units(config, body.loads).values(), *of_parameters.values()),
+        candidates=record_from(BenchCandidates, pool.candidates, response=pool.response[0] / subject.scale),
+        layouts=layouts,
+    )
+    numbers: dict[str, Scalar] = {"candidates": len(pool.candidates)}
+    if len(layouts) > 1:
+        numbers |= _named("random", inputs, np.median(record.random_std, axis=0))
+    heads = [f"σ({name})" for name in inputs]
+    rows = [(name, *(f"{x:.4g}" for x in (layout.metric, *layout.std))) for name, layout in layouts.items()]
+    tables = [Table("layouts", ("layout", placement.task.criterion.symbol, *heads), tuple(rows))]
+    if len(in_poses) > 1:
+        poses = zip(body.place.poses, in_poses, strict=True)
+        rows = [(f"{t:.4g} s", *(f"{x:.4g}" for x in std)) for t, std in poses]
+        tables.append(Table("poses", ("pose", *heads), tuple(rows)))
+        numbers |= _named("best_pose", inputs, in_poses.min(axis=0))
+        numbers |= _named("worst_pose", inputs, in_poses.max(axis=0))
+        numbers["poses"] = len(in_poses)
+    length_unit = config.flexible[body.place.body].mesh.length_unit
+    output = layout_output(placement, record, body.mesh, length_unit, numbers, {}, tuple(tables))
+    return replace(output, message=f"{len(pool.candidates)} → {output.message}")
+
+
+def _named(what: str, names: Sequence[str], values: np.ndarray) -> dict[str, float]:
+    return {f"{what}.{name}": value for name, value in zip(names, values.tolist(), strict=True)}
+
+
+def _subject(
+    config: BenchConfig, meshes: Mapping[str, Mesh], reduced: Mapping[str, ReducedBody], using: Resources
+) -> _Body:
     settings = config.place
     assert settings is not None
-    bench = bench_of(config, reduced, meshes, free=free_properties(asked(config)))
-    unknowns = unknowns_of(bench, config.filter_step)
+    bench = bench_of(config, reduced, meshes, free=free_properties(config.estimator))
+    unknowns, mesh, basis = unknowns_of(bench, config.filter_step), meshes[settings.body], reduced[settings.body].basis
     # by what the filter takes the parameters for when it begins
     bench = replace(bench, theta=unknowns.starts[0])
-    body = PlacedBody(
-        config,
-        settings,
-        using.files,
-        bench,
-        unknowns,
-        config.filter_step,
-        meshes[settings.body],
-        reduced[settings.body].basis,
-    )
+    body = PlacedBody(config, settings, using.files, bench, unknowns, mesh, basis)
     time, poses = np.array(settings.poses), poses_of(body, settings.poses)
     known, increment = known_of(body, time)
     benches = tuple(body.linear(pose, increment) for pose in poses)
     modal, loads = body.modal, len(body.loads)
     using.progress("candidates", 0.1)
-    zero = np.zeros(len(range(*modal.indices(bench.system.size))))
-    taken_off = np.zeros((len(zero), len(body.inputs)))
-    if (unknowns.free or asked(config).tolerances is not None) and zeroed(config):
+    taken_off = np.zeros((len(benches[0].static[modal]), len(body.inputs)))
+    zero = np.zeros(len(taken_off))
+    if (unknowns.free or config.estimator.tolerances is not None) and zeroed(config):
         at_zero = poses[0] if time[0] == 0 else poses_of(body, (0.0,))[0]
         zero = at_zero[0][modal]
         taken_off[:, loads:] = body.linear(at_zero, increment).static[modal, loads:]
     pool = gauge_pool(body, time, poses, benches, zero, taken_off).with_more(motion_pool(body, poses, benches))
     subject = _Body(body, benches, pool, known)
-    if settings.search == "all":
-        subject = replace(subject, every=subject.all_candidates())
-    placement = place(subject, using.progress)
-    advice = placement.advice
-    if len(untold := subject.untold(np.array(list(placement.expected.std.values())))):
-        names = " and ".join(unknowns.free[i] for i in untold)
-        sentence = f"Of {names} the gauges tell next to nothing: σ stays that of the guess, through the whole run."
-        advice = (sentence, *advice)
-    if known is not None and pool.off.any():
-        advice = (EXACT, *advice)
-    return BodyPlacement(
-        **vars(replace(placement, advice=advice)),
-        units=body.units,
-        pool=pool,
-        layouts=_layouts(placement, subject),
-        time=time,
-        std=subject.in_poses(placement.gauges),
-        scale=subject.scale,
-    )
+    return replace(subject, every=subject.all_candidates()) if settings.search == "all" else subject
 
 
 @dataclass(frozen=True)
@@ -288,40 +293,3 @@ def _layouts(placement: Placement, subject: _Body) -> dict[str, BenchLayout]:
         cost, std = subject.metric(gauges, metric), subject.claimed(gauges)
         layouts[f"random-{i}"] = layout(gauges, cost, std, subject.without_each(gauges))
     return layouts
-
-
-def placement_output(placement: BodyPlacement, mesh: Mesh, length_unit: str) -> Output:
-    """Datasets, tables and files; gauges.csv has σ without each gauge in N or N m, and as peak the strain at the start.
-
-    mesh of the body that the gauges are on; length_unit of its deck.
-    """
-    candidates, inputs = placement.pool.candidates, placement.task.unknowns.names
-    record = layout_record(
-        BenchPlaced,
-        placement,
-        inputs=inputs,
-        units=placement.units,
-        candidates=record_from(BenchCandidates, candidates, response=placement.pool.response[0] / placement.scale),
-        layouts=placement.layouts,
-    )
-    numbers: dict[str, Scalar] = {"candidates": len(candidates)}
-    if len(placement.layouts) > 1:
-        numbers |= _named("random", inputs, np.median(record.random_std, axis=0))
-    rows = [(name, layout.metric, *layout.std) for name, layout in placement.layouts.items()]
-    heads = [f"σ({name})" for name in inputs]
-    layouts = tuple((name, *(f"{value:.4g}" for value in values)) for name, *values in rows)
-    tables = [Table("layouts", ("layout", placement.task.criterion.symbol, *heads), layouts)]
-    if len(placement.time) > 1:
-        poses = zip(placement.time, placement.std, strict=True)
-        rows_of_poses = tuple((f"{t:.4g} s", *(f"{x:.4g}" for x in std)) for t, std in poses)
-        tables.append(Table("poses", ("pose", *heads), rows_of_poses))
-        numbers |= _named("best_pose", inputs, placement.std.min(axis=0))
-        numbers |= _named("worst_pose", inputs, placement.std.max(axis=0))
-        numbers["poses"] = len(placement.time)
-
-    output = layout_output(placement, record, mesh, length_unit, numbers, {}, tuple(tables))
-    return replace(output, message=f"{len(candidates)} → {output.message}")
-
-
-def _named(what: str, names: Sequence[str], values: np.ndarray) -> dict[str, float]:
-    return {f"{what}.{name}": value for name, value in zip(names, values.tolist(), strict=True)}
