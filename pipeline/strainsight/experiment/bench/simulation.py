@@ -7,12 +7,20 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.bench import ReactionSensor
+from strainsight.config.bench.bench import ReactionSensor, Simulate
 from strainsight.config.bench.connections import Driven
-from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
-from strainsight.experiment.bench.bench import Bench, start_of
-from strainsight.experiment.bench.loads import drives_of, loads_of
-from strainsight.experiment.bench.sensors import Sensors, frame_at, instants_of, read_in_time, sensors_of
+from strainsight.errors import ConfigError, NumericalError, blame
+from strainsight.experiment.bench.bearings import overloaded
+from strainsight.experiment.bench.bench import Bench, explained, start_of
+from strainsight.experiment.bench.loads import doubtful_drives, drives_of, load_units, loads_of
+from strainsight.experiment.bench.sensors import (
+    Sensors,
+    dataset_units,
+    frame_at,
+    instants_of,
+    read_in_time,
+    sensors_of,
+)
 from strainsight.experiment.resources import Resources, of_steps
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock
@@ -20,11 +28,12 @@ from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.multibody.accelerations import Instant, measured, reaction
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bodies import Frame, RigidBody
-from strainsight.multibody.coupled import CoupledModes, coupled_modes, growth
-from strainsight.multibody.initial import constraints_at, project_position
-from strainsight.multibody.laws import Friction, TurningGravity
+from strainsight.multibody.coupled import SHARE, CoupledModes, coupled_modes, followed, growth, missed
+from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.laws import TurningGravity
 from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
+from strainsight.multibody.step import GAIN, LAG
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench import (
     AtRest,
@@ -39,7 +48,8 @@ from strainsight.records.bench import (
     Violation,
     WorstInstant,
 )
-from strainsight.records.record import record_from
+from strainsight.records.record import record_from, written
+from strainsight.runner.output import Output, Scalar, Table, warnings_table
 
 
 def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
@@ -79,23 +89,10 @@ SPUN = 1.0
 """[rad] a step up to which a driven angle is followed."""
 TILT = 0.1
 """[rad] up to which the displacements of a force law that takes angles to be small are what they are called."""
-LOCKED = 0.02
-"""Share of what the start has of the independence of its constraints, below which they are near a dead centre."""
 
 
-@dataclass(frozen=True)
-class Simulation:
-    """turn [rad]: the largest angle that any body turns in a step; parts: the most that a step was divided into."""
-
-    record: Simulated
-    bench: Bench
-    sensors: Sensors
-    turn: float
-    parts: int
-
-
-def simulation(bench: Bench, using: Resources) -> Simulation:
-    """Bring the bench to its start, step through the loads, read the sensors."""
+def _simulated(bench: Bench, using: Resources) -> tuple[Simulated, Sensors, int]:
+    """Bring the bench to its start, step through the loads, read the sensors; the most parts that a step was divided into."""
     settings, system, theta = bench.config.simulate, bench.system, bench.theta
     h, steps = settings.time_step, round(settings.duration / settings.time_step)
     loads, progress = loads_of(bench, using.files), of_steps(using.progress, "simulation", steps)
@@ -142,8 +139,85 @@ def simulation(bench: Bench, using: Resources) -> Simulation:
             for i, (name, (p, rate, _)) in enumerate(zip(system.drives.names, moved, strict=True))
         },
     )
-    turn = max(turns_in_a_step(bench, run.v, h).values(), default=0.0)
-    return Simulation(record, bench, sensors, turn, parts)
+    return record, sensors, parts
+
+
+TURN = {"second_order": 0.1, "thesis": 0.01}
+"""[rad] a step above which it shows in what turns freely."""
+
+MISSED = 0.05
+"""Share of a load that the step may get wrong before a warning says so."""
+
+
+def simulate_output(bench: Bench, using: Resources) -> Output:
+    """The bench in time, and up to which frequency it may be believed."""
+    config, settings, system = bench.config, bench.config.simulate, bench.system
+    (record, sensors, most), h = _simulated(bench, using), settings.time_step
+    turn = max(turns_in_a_step(bench, record.v, h).values(), default=0.0)
+    steps, worst = len(record.time) - 1, float(record.violation.position.max())
+    pressure = {name: float(ring.pressure.max()) for name, ring in record.bearings.items()}
+    summary: dict[str, Scalar] = {
+        "steps": steps,
+        "coordinates": system.size,
+        "constraints": system.constrained,
+        "violation": worst,
+        "violation_rate": float(record.violation.velocity.max()),
+        "turn": turn,
+        "parts": most,
+        **{f"pressure.{name}": highest for name, highest in pressure.items()},
+    }
+    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints held to {worst:.1e}"
+    if settings.tolerance is not None:
+        text += f", in up to {most} parts each: the motion is right to {settings.tolerance:g} of the coordinates"
+    doubts = []
+    if len(record.frequency) and record.frequency[0] > 0:
+        summary["first_frequency"] = float(record.frequency[0])
+        if settings.tolerance is None:
+            band = summary["band"] = followed(record.frequency, h, settings.method)
+            text += f"; follows loads up to {band:.3g} Hz to {100 * SHARE:g} %"
+            for name, load in record.inputs.items():
+                share = float(missed(load[:, None], record.frequency, h, settings.method)[0])
+                summary[f"missed.{name}"] = share
+                if share > MISSED:
+                    doubts.append(
+                        f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {band:.3g} Hz; take a smaller "
+                        "simulate.time_step, or leave out what is so quick"
+                    )
+    doubts += [*doubtful_drives(config, using.files), *overloaded(config, pressure)]
+    if system.size > system.constrained and settings.tolerance is None and turn > TURN[settings.method]:
+        doubts.append(f"a body turns by {turn:.3g} rad a step: {_turning(turn, settings)}")
+    moved = tuple(
+        (name, str(i), f"{1e3 * distance:.3g} mm")
+        for name, on in sensors.bonded.items()
+        for i, distance in enumerate(on.moved, start=1)
+    )
+    rings = []
+    for name, ring in record.bearings.items():
+        force = ring.worst.force
+        balls = f"{int((force > 0).any(axis=1).sum())} of {len(force)}"
+        rings.append((name, f"{pressure[name] / 1e6:.5g} MPa", f"{ring.worst.time:.4g} s", balls))
+    tables = (
+        Table("gauges, moved to the surface by", ("sensor", "gauge", "moved"), moved),
+        Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rings)),
+        *warnings_table(doubts),
+    )
+    return Output(
+        datasets=written(record, dataset_units(config, load_units(config, system.inputs))),
+        summary=summary,
+        message=text,
+        tables=tuple(table for table in tables if table.rows),
+    )
+
+
+def _turning(turn: float, settings: Simulate) -> str:
+    h = settings.time_step
+    if settings.method == "thesis":
+        loss = 1 - (1 + turn**2 / h) ** -0.5  # of dω/dt = −ω³h/2 over one second
+        what = f"implicit Euler brakes what turns freely, by {100 * loss:.2g} % in the first second"
+    else:
+        lag, gain = 100 * LAG * turn**2, 100 * GAIN * turn**4 / h
+        what = f"what turns freely lags by {lag:.2g} % of its angle and gains {gain:.2g} % of its spin in a second"
+    return f"{what}; take a smaller simulate.time_step"
 
 
 def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
@@ -199,59 +273,6 @@ def turns_in_a_step(bench: Bench, v: np.ndarray, h: float) -> dict[str, float]:
     """Body → the largest angle that it turns in a step h [s] of a run v (T + 1, n) [rad]: ‖Ṙ‖/√2 is |ω|."""
     spins = {name: v[:, bench.system.of[name]][:, 3:12] for name in bench.poses}
     return {name: float(h * np.nanmax(np.linalg.norm(spin, axis=1)) / np.sqrt(2)) for name, spin in spins.items()}
-
-
-def explained(error: NumericalError, bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError:
-    """Drives that lead where the joints do not let them, friction that is too sharp for its step, or the error as it is.
-
-    q (n,) the start; u (T + 1, nu) at 0, h, 2h, …
-    """
-    return _out_of_reach(bench, q, u, h) or _sharp(error, bench) or error
-
-
-def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError | None:
-    """φ(q, p(t)) = 0 from instant to instant, each from the last: does a configuration allow what the drives ask for, and is it
-    further from one where the constraints depend on each other, a dead centre, than LOCKED of the start?"""
-    drives = bench.system.drives
-    if not drives.names:
-        return None
-    first = 0.0
-    for k, inputs in enumerate(u):
-        try:
-            q = project_position(bench.system, q, inputs)
-            share = _independence(bench, q, inputs)
-            first = share if k == 0 else first
-            why = "stand at a dead centre" if share < LOCKED * first else ""
-        except InfeasibleError:
-            why = "do not let the drives go on"
-        if why:
-            asked = ", ".join(f"{name} {inputs[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
-            return ConfigError(
-                f"at t = {k * h:g} s the joints {why}, at {asked} [m or rad]",
-                key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
-                remedy="let it go less far, or move its frames",
-            )
-    return None
-
-
-def _independence(bench: Bench, q: np.ndarray, u: np.ndarray) -> float:
-    """Smallest singular value of the gradients of all constraints, each of length 1 in the metric."""
-    B = constraints_at(bench.system, q, u)[1] / bench.system.metric
-    return float(np.linalg.svd(B / np.linalg.norm(B, axis=1)[:, None], compute_uv=False)[-1])
-
-
-def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
-    laws = {e.force.name: e.force.law for e in bench.system.elements}
-    sharp = {name: law.speed for name, law in laws.items() if isinstance(law, Friction) and law.coulomb > 0}
-    if not sharp or "was not solved" not in error.what:
-        return None
-    name = min(sharp, key=lambda force: sharp[force])
-    return NumericalError(
-        error.what,
-        key=f"forces.{name}",
-        remedy=f"its friction may be too sharp for the step: raise its speed of {sharp[name]:g}, or take a smaller "
-        "simulate.time_step",
-    )
 
 
 DRAWN = 20

@@ -115,9 +115,12 @@ def run(context: Context[BenchConfig]) -> Output:
         f"{stage} artefact": up[stage].digest[:16] for stage in up
     }
     context.progress("pictures", 0.6)
-    body = _body(context)
-    pictures, problem = ([], "") if body is None else _pictures(context, body)
-    turned = "" if body is None else _in_space(context, body)
+    pictures: list[tuple[str, bytes]] = []
+    problem = turned = ""
+    if (body := _body(context)) is not None:
+        kinds = ("layout", "modes", *(("field", "strain") if "field" in up else ()))
+        views = {what: bench_view(context.config, what, body, up, None) for what in kinds}
+        (pictures, problem), turned = _pictures(views), _in_space(views, body)
     page = bench_page(report, drawings, provenance, pictures, turned).encode()
     count = sum(len(entries) for entries in drawings.values())
     # artefacts need at least one array
@@ -140,26 +143,22 @@ def _body(context: Context[BenchConfig]) -> str | None:
     return body_of(config, None if "field" in up or "place" in up else next(iter(strain), None))
 
 
-def _in_space(context: Context[BenchConfig], body: str) -> str:
+def _in_space(views: Mapping[str, View], body: str) -> str:
     """The body with its gauges, stress, strain and modes to turn round."""
-    config, up = context.config, context.upstream
-    modes = bench_view(config, "modes", body, up, None)
-    layout = bench_view(config, "layout", body, up, None).layout
-    fields = [bench_view(config, what, body, up, None) for what in ("field", "strain") if "field" in up]
+    layout, fields = views["layout"].layout, [views[what] for what in ("field", "strain") if what in views]
     shapes = [
         *(field_shape(view, layout) for view in fields),
-        *(ShownState(panel.title, panel.shift) for panel in modes.panels),
+        *(ShownState(panel.title, panel.shift) for panel in views["modes"].panels),
     ]
     return space_section([("", layout)], shapes, body, first=0 if fields else -1)
 
 
-def _pictures(context: Context[BenchConfig], body: str) -> tuple[list[tuple[str, bytes]], str]:
+def _pictures(views: Mapping[str, View]) -> tuple[list[tuple[str, bytes]], str]:
     """Captions and PNGs of the gauges on the body and of its stress, and why there are none."""
-    config, up = context.config, context.upstream
-    views = [bench_view(config, what, body, up, None) for what in ("layout", "field") if what == "layout" or what in up]
-    views = [view for view in views if view.layout.gauges or len(view.panels[0].values)]
+    shown = [views[what] for what in ("layout", "field") if what in views]
+    shown = [view for view in shown if view.layout.gauges or len(view.panels[0].values)]
     # The page says below the picture what it is of: not in it, too.
-    pictures, problem = drawn_or_why(lambda: [(_caption(view), screenshot(untitled(view))) for view in views])
+    pictures, problem = drawn_or_why(lambda: [(_caption(view), screenshot(untitled(view))) for view in shown])
     return pictures or [], problem
 
 

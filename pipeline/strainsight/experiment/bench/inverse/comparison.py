@@ -154,11 +154,11 @@ def compare(result: BenchEstimation) -> BenchComparison:
     problem, filtered = result.problem, result.filtered
     loads, parameters = list(problem.estimate.inputs), problem.unknowns.free
     numbers = run_numbers(result, 0)
-    for i, name in enumerate(loads):
-        numbers |= _load_numbers(result, name, i)
+    for name in loads:
+        numbers |= _load_numbers(result, name)
     claims = _claims(result, numbers)
-    for i, name in enumerate(parameters):
-        numbers |= _parameter_numbers(result, name, i, claims.get(name))
+    for name in parameters:
+        numbers |= _parameter_numbers(result, name, claims.get(name))
     sensors = {name: _sensor(result, name) for name in problem.sensors.channels}
     if isinstance(problem.estimate.measured, FromRun):
         for name, match in sensors.items():
@@ -172,7 +172,7 @@ def compare(result: BenchEstimation) -> BenchComparison:
         violation=np.array([_violation(result, k) for k in range(len(problem.time))]),
         nis=filtered.nis[:, 0],
         lost=filtered.lost,
-        inputs={name: _load_history(result, name, i) for i, name in enumerate(loads)},
+        inputs={name: _load_history(result, name) for name in loads},
         parameters={name: _parameter_history(result, name) for name in parameters},
         sensors=sensors,
         input_runs={
@@ -221,15 +221,15 @@ def _late(values: np.ndarray) -> np.ndarray:
     return values[len(values) // 2 :]
 
 
-def _load_numbers(result: BenchEstimation, name: str, i: int) -> Numbers:
+def _load_numbers(result: BenchEstimation, name: str) -> Numbers:
     """Of an unknown load: over all runs, smoothed, beside the other bench, or by itself where nobody knows it."""
-    (estimate, std), true, smoothed = result.values[name], result.truths.get(name), result.filtered.smoothed
+    (estimate, std), true = result.values[name], result.truths.get(name)
     numbers, elsewhere = Numbers(), result.reality.elsewhere.get(name)
     if true is not None:
         if estimate.shape[1] > 1 and np.isfinite(_late(std)).any():
             numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean(_late(result.errors[name] / std) ** 2)))
-        if smoothed is not None:
-            later = load_numbers(name, true[1:, 0], smoothed.mean[1:, i], smoothed.std[1:, i])
+        if name in result.smoothed:
+            later = load_numbers(name, true[1:, 0], *(values[1:] for values in result.smoothed[name]))
             numbers |= {f"smoothed_{key}": later[key] for key in (f"error.{name}", f"std.{name}") if key in later}
     elif elsewhere is None:
         numbers |= history_numbers(name, estimate[1:, 0], std[1:, 0])
@@ -249,19 +249,18 @@ def _claims(result: BenchEstimation, numbers: Numbers) -> dict[str, Claim]:
         if f"error.{name}" in numbers:
             claims[name] = claim_in_time(_late(off), _late(std), starts=result.starts)
         if f"smoothed_error.{name}" in numbers:
-            i, smoothed = list(result.problem.estimate.inputs).index(name), result.filtered.smoothed
-            assert smoothed is not None
-            off = smoothed.mean[:, i] - result.truths[name][:, 0]
-            claims[smoothed_name(name)] = claim_in_time(_late(off), _late(smoothed.std[:, i]), of="smoothed")
+            mean, std = result.smoothed[name]
+            off = mean - result.truths[name][:, 0]
+            claims[smoothed_name(name)] = claim_in_time(_late(off), _late(std), of="smoothed")
     return {name: claim for name, claim in claims.items() if claim is not None}
 
 
-def _parameter_numbers(result: BenchEstimation, name: str, i: int, claim: Claim | None) -> Numbers:
+def _parameter_numbers(result: BenchEstimation, name: str, claim: Claim | None) -> Numbers:
     """Of a parameter: whether it is identified, and over all runs."""
     (estimate, std), starts, numbers = result.values[name], result.starts, Numbers()
-    last, sigma = estimate[-1], std[-1]
+    last, sigma, unknowns = estimate[-1], std[-1], result.problem.unknowns
     apart = starts > 1 and bool(not_identified(last[:starts], sigma[:starts]))
-    learned = bool(np.all(sigma[:starts] < LEARNED * result.problem.unknowns.std[i]))
+    learned = bool(np.all(sigma[:starts] < LEARNED * unknowns.std[unknowns.free.index(name)]))
     wrong = starts > 1 and claim is not None and claim.overconfident
     withheld = np.isfinite(last).any() and not np.isfinite(sigma).any()
     if not withheld:
@@ -275,13 +274,14 @@ def _parameter_numbers(result: BenchEstimation, name: str, i: int, claim: Claim 
     return numbers | {f"{SETTLING_TIME}.{name}": settling_time(result.problem.time, estimate[:, 0], true, SETTLED)}
 
 
-def _load_history(result: BenchEstimation, name: str, i: int) -> LoadHistory:
-    (estimate, std), true, smoothed = result.values[name], result.truths.get(name), result.filtered.smoothed
+def _load_history(result: BenchEstimation, name: str) -> LoadHistory:
+    (estimate, std), true = result.values[name], result.truths.get(name)
+    smoothed, smoothed_std = result.smoothed.get(name, (None, None))
     return LoadHistory(
         estimate=estimate[:, 0],
         std=std[:, 0],
-        smoothed=None if smoothed is None else smoothed.mean[:, i],
-        smoothed_std=None if smoothed is None or np.isnan(smoothed.std[:, i]).all() else smoothed.std[:, i],
+        smoothed=smoothed,
+        smoothed_std=None if smoothed_std is None or np.isnan(smoothed_std).all() else smoothed_std,
         true=None if true is None else true[:, 0],
         there=result.reality.elsewhere.get(name),
     )

@@ -229,6 +229,13 @@ class BenchEstimation:
         return values | dict(zip(unknowns.free, zip(theta, std, strict=True), strict=True))
 
     @cached_property
+    def smoothed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Load → its estimate by all samples and σ in the first run (T + 1,), σ NaN where it is withheld; none of a bank."""
+        loads = self.filtered.smoothed
+        each = () if loads is None else zip(loads.mean.T, loads.std.T, strict=True)
+        return dict(zip(self.problem.estimate.inputs, each, strict=False))
+
+    @cached_property
     def truths(self) -> dict[str, np.ndarray]:
         """Unknown → its true value in every run (T + 1, B), of those where it is known: truths are one for all or one a seed,
         starts run within a seed."""
