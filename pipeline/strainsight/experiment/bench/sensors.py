@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from strainsight.config.bench.bench import (
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
 from strainsight.experiment.bench.bench import Bench
+from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.system import installation_std
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
@@ -182,10 +183,10 @@ def unit_of(entry: StatedSensor) -> str:
     return " or ".join(dict.fromkeys(units_of(entry)))
 
 
-def dataset_units(config: BenchConfig, loads: Mapping[str, str]) -> dict[str, str]:
+def dataset_units(config: BenchConfig, loads: Iterable[str]) -> dict[str, str]:
     """What records of a bench ask the unit of: its sensors, and these loads."""
     units = {f"sensor {name}": unit_of(entry) for name, entry in config.sensors.items()}
-    return units | {f"input {name}": unit for name, unit in loads.items()}
+    return units | {f"input {name}": unit for name, unit in load_units(config, loads).items()}
 
 
 DRAWN = 5

@@ -12,7 +12,7 @@ from strainsight.config.bench.connections import Driven
 from strainsight.errors import ConfigError, NumericalError, blame
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.bench import Bench, explained, start_of
-from strainsight.experiment.bench.loads import doubtful_drives, drives_of, load_units, loads_of
+from strainsight.experiment.bench.loads import doubtful_drives, drives_of, loads_of
 from strainsight.experiment.bench.sensors import (
     Sensors,
     dataset_units,
@@ -202,7 +202,7 @@ def simulate_output(bench: Bench, using: Resources) -> Output:
         *warnings_table(doubts),
     )
     return Output(
-        datasets=written(record, dataset_units(config, load_units(config, system.inputs))),
+        datasets=written(record, dataset_units(config, system.inputs)),
         summary=summary,
         message=text,
         tables=tuple(table for table in tables if table.rows),

@@ -10,7 +10,6 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import InfeasibleError
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.bench import unstable_in_words
-from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.bench.sensors import dataset_units
 from strainsight.experiment.bench.simulation import BenchAtRest, at_rest, coupled, modes_in_space, rest_of
 from strainsight.records.bench import Coupled
@@ -57,7 +56,7 @@ def statics(context: Context[BenchConfig]) -> Output:
     first = next((float(f) for f in rest.modes.frequency if f > 0), 0.0)
     lowest = f", lowest frequency {first:.4g} Hz" if first else ""
     return Output(
-        datasets=written(record, dataset_units(config, load_units(config, record.inputs))),
+        datasets=written(record, dataset_units(config, record.inputs)),
         summary={"coordinates": len(record.q), "growth": rest.growth, "first_frequency": first}
         | {f"pressure.{name}": pressure for name, pressure in pressed.items()}
         | {f"force.{name}": force for name, force in record.drives.items()},

@@ -257,7 +257,7 @@ def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
     if evidence.in_test or beyond:
         summary |= decision.numbers if evidence.in_test else {"withheld": decision.withheld}
     of_loads, of_parameters = load_units(config, record.inputs), parameter_units(config, record.parameters)
-    units = dataset_units(config, of_loads)
+    units = dataset_units(config, record.inputs)
     tables = [unknowns_table(shown, result, verdicts, evidence.in_test)]
     if shown.filtered.compared is not None:
         tables.append(comparison_table(shown.filtered.compared, of_parameters, COMPARED))
