@@ -11,6 +11,15 @@
     validation = api.validate(case, mesh, reduced, training, screened, layout.gauges)
 
 Every function computes what the stage of the same name writes, from a config and what came before it; nothing is written.
+Those of a bench are methods of what `bench` returns.
+
+    bench = api.bench("configs/bench/gauges.yaml")
+    meshes = bench.meshes()
+    bodies = bench.reduce(meshes)
+    layout = bench.place(meshes, bodies)
+    motion = bench.simulate(meshes, bodies, layout)
+    estimate = bench.estimate(meshes, bodies, layout)
+
 `place_arrays` and `place_modes` place gauges without a deck, on plain arrays. `open_run` reads what a run on the command line has
 written, `open_bench` what one of a bench has. The classes of all that is returned are names of this module.
 """
@@ -21,10 +30,11 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
@@ -32,9 +42,14 @@ from strainsight.experiment.resources import silent
 from strainsight.mesh.model import Mesh
 from strainsight.parallel import Sweep, serial
 from strainsight.placement.arrays import ArrayPlacement, place_arrays, place_modes
+from strainsight.records.bench import BenchEstimated, BenchPlaced, ReducedBodies, ReducedBody, Simulated
+from strainsight.records.mesh import Meshes
 from strainsight.records.placed import HotSpots, Observed
+from strainsight.records.record import read
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
+from strainsight.runner.output import InMemory
+from strainsight.runner.stage import Context
 from strainsight.runs import BenchRun, Run, open_bench, open_run, to_pyvista
 
 if TYPE_CHECKING:
@@ -43,6 +58,8 @@ if TYPE_CHECKING:
     from strainsight.experiment.structure.estimation import Estimation
     from strainsight.experiment.structure.placement import StructurePlacement
     from strainsight.experiment.structure.validation import Validation
+    from strainsight.runner.plan import Job
+    from strainsight.runner.stage import Stage
 
 Gauges = Sequence[int] | np.ndarray
 """Numbers of gauges, as train.h5 counts the candidates; `gauges` of a placement are those of its layout, G1 first."""
@@ -58,6 +75,9 @@ _RETURNED = {
 
 __all__ = [
     "ArrayPlacement",
+    "BenchCase",
+    "BenchEstimated",
+    "BenchPlaced",
     "BenchRun",
     "Campaign",
     "Case",
@@ -69,11 +89,14 @@ __all__ = [
     "Modes",
     "Observed",
     "Reduced",
+    "ReducedBody",
     "Run",
     "Screened",
+    "Simulated",
     "StructurePlacement",
     "Training",
     "Validation",
+    "bench",
     "campaign",
     "estimate",
     "expect",
@@ -102,16 +125,12 @@ def __getattr__(name: str) -> Any:
     raise AttributeError(f"module 'strainsight.api' has no attribute '{name}'")
 
 
+Config = TypeVar("Config", PlacementConfig, BenchConfig)
+
+
 @dataclass(frozen=True)
-class Case:
-    """A placement as its config states it.
-
-    config: the checked config; files: dotted key ("mesh.file") → input file; progress: called with what is being done and
-    the share that is done; sweep: runs one function at many points, in one process unless another is given; notice: called with
-    a sentence that need not wait for the result; base: the folder that paths of the config start from.
-    """
-
-    config: PlacementConfig
+class _Checked(Generic[Config]):
+    config: Config
     files: Mapping[str, Path]
     progress: Callable[[str, float], None] = silent
     sweep: Sweep = serial
@@ -119,28 +138,122 @@ class Case:
     base: Path = Path()
 
 
+@dataclass(frozen=True)
+class Case(_Checked[PlacementConfig]):
+    """A placement as its config states it.
+
+    config: the checked config; files: dotted key ("mesh.file") → input file; progress: called with what is being done and
+    the share that is done; sweep: runs one function at many points, in one process unless another is given; notice: called with
+    a sentence that need not wait for the result; base: the folder that paths of the config start from.
+    """
+
+
+@dataclass(frozen=True)
+class BenchCase(_Checked[BenchConfig]):
+    """A bench as its config states it; fields as of `Case`. Each method computes what the stage of that name writes."""
+
+    def meshes(self) -> dict[str, Mesh]:
+        """Flexible body → its mesh, checked, in SI units and to scale. Raises DeckError with file:line."""
+        from strainsight.stages.bench.import_bodies import run_import
+
+        context = Context(self.config, {}, self.files, self.progress, self.sweep, self.notice, self.base)
+        return read(Meshes, InMemory(run_import(context).datasets)).bodies
+
+    def reduce(self, meshes: Mapping[str, Mesh]) -> dict[str, ReducedBody]:
+        """Flexible body → its modes and static shapes after Craig and Bampton."""
+        from strainsight.experiment.bench.reduction import reduce_output
+
+        return read(ReducedBodies, InMemory(reduce_output(self.config, meshes, self).datasets)).bodies
+
+    def place(self, meshes: Mapping[str, Mesh], bodies: Mapping[str, ReducedBody]) -> BenchPlaced:
+        """The layout of the section `place`, with a bound and layouts drawn at random beside it.
+
+        Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
+        """
+        from strainsight.experiment.bench.layout.placement import placement_output
+
+        self._has("place")
+        return read(BenchPlaced, InMemory(placement_output(self.config, meshes, bodies, self).datasets))
+
+    def simulate(
+        self, meshes: Mapping[str, Mesh], bodies: Mapping[str, ReducedBody], placed: BenchPlaced | None = None
+    ) -> Simulated:
+        """The bench in time. placed: a layout, where a sensor takes its gauges from one."""
+        from strainsight.experiment.bench.bench import bench_of
+        from strainsight.experiment.bench.simulation import simulate_output
+
+        bench = bench_of(self.config, bodies, meshes, placed)
+        return read(Simulated, InMemory(simulate_output(bench, self).datasets))
+
+    def estimate(
+        self,
+        meshes: Mapping[str, Mesh],
+        bodies: Mapping[str, ReducedBody],
+        placed: BenchPlaced | None = None,
+        measured: Simulated | None = None,
+    ) -> BenchEstimated:
+        """Loads and parameters of the section `estimate`, σ NaN where it is withheld. measured: the motion of
+        `estimate.measured.from`, where the config takes one."""
+        from strainsight.experiment.bench.bench import bench_of
+        from strainsight.experiment.bench.inverse.estimation import estimate_bench
+        from strainsight.experiment.bench.inverse.problem import free_properties
+        from strainsight.experiment.bench.inverse.truth import truths_of
+        from strainsight.experiment.bench.inverse.verdicts import estimate_output
+
+        self._has("estimate")
+        settings = self.config.estimate
+        assert settings is not None
+        truths = None
+        if settings.truth.model == "other" and settings.measured is None:
+            duration = settings.truth.duration or self.config.filter_duration
+            truths = truths_of(bench_of(self.config, bodies, meshes, placed), settings.truth, duration, self)
+        bench = bench_of(self.config, bodies, meshes, placed, free_properties(settings))
+        found = estimate_output(self.config, estimate_bench(bench, measured, truths, self))
+        return read(BenchEstimated, InMemory(found.datasets))
+
+    def _has(self, section: str) -> None:
+        if getattr(self.config, section) is None:
+            raise ConfigError(f"the config has no section '{section}'", key=section, remedy="add it")
+
+
 def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
     """Read and check the config of a placement; overrides as behind --set ("place.keep=6").
 
     Raises ConfigError that lists every problem with file:line:column, key and remedy.
     """
-    from strainsight.runner.plan import Job, inputs_of
     from strainsight.stages.placement import stages_for
+
+    config, job = _checked(path, overrides, PlacementConfig)
+    test = config.estimate
+    stages = stages_for(test is not None and bool(test.file or test.records), config.validation.truth.model)
+    return Case(config, _files(stages, job), base=job.base)
+
+
+def bench(path: Path | str, overrides: Iterable[str] = ()) -> BenchCase:
+    """Read and check the config of a bench; overrides and errors as of `load`."""
+    from strainsight.stages.bench.pipeline import bench_stages
+
+    config, job = _checked(path, overrides, BenchConfig)
+    return BenchCase(config, _files(bench_stages(job.config), job), base=job.base)
+
+
+def _checked(path: Path | str, overrides: Iterable[str], kind: type[Config]) -> tuple[Config, Job]:
+    from strainsight.runner.plan import Job
 
     loaded = load_config(path, overrides)
     config = loaded.model
-    if not isinstance(config, PlacementConfig):
+    if not isinstance(config, kind):
+        word = "placement" if kind is PlacementConfig else "bench"
         raise ConfigError(
-            f"a config of kind {config.kind}", where=str(path), key="kind", remedy="give the config of a placement"
+            f"a config of kind {config.kind}", where=str(path), key="kind", remedy=f"give the config of a {word}"
         )
-    job = Job(loaded.data, loaded.path.parent, Path("results"), loaded.locate, config)
-    test = config.estimate
-    has_test = test is not None and bool(test.file or test.records)
-    stages = stages_for(has_test, config.validation.truth.model)
-    files: dict[str, Path] = {}
-    for stage in stages:
-        files |= inputs_of(stage, job).files
-    return Case(config, files, base=job.base)
+    return config, Job(loaded.data, loaded.path.parent, Path("results"), loaded.locate, config)
+
+
+def _files(stages: Iterable[Stage], job: Job) -> dict[str, Path]:
+    from strainsight.runner.plan import inputs_of
+
+    return {key: path for stage in stages for key, path in inputs_of(stage, job).files.items()}
 
 
 def mesh(case: Case) -> Mesh:

@@ -24,7 +24,10 @@ from strainsight.sensors.bonded import without
 from strainsight.sensors.zones import Box, NearEdges
 from strainsight_cli.main import app
 
+from ..models import ended, project
+from ..robustness.small import BENCH
 from .conftest import COARSE, LOADS, ROOT
+from .test_bench_sensors import RIG
 
 LINES = 12
 
@@ -134,13 +137,15 @@ def everything(record):
     """Every field of a record, and of those below it."""
     for field in fields(record):
         value = getattr(record, field.name)
-        for part in value.values() if isinstance(value, dict) else (value,):
+        for part in (value[key] for key in sorted(value)) if isinstance(value, dict) else (value,):
             yield part
             if is_dataclass(part):
                 yield from everything(part)
 
 
-FUNCTIONS = [name for name in api.__all__ if inspect.isfunction(getattr(api, name))]
+FUNCTIONS = {name: getattr(api, name) for name in api.__all__ if inspect.isfunction(getattr(api, name))}
+METHODS = ("meshes", "reduce", "place", "simulate", "estimate")
+FUNCTIONS |= {name: getattr(api.BenchCase, name) for name in METHODS}
 
 
 @pytest.mark.parametrize("name", FUNCTIONS)
@@ -148,9 +153,9 @@ def test_what_a_function_returns_has_a_public_class_that_names_its_fields(name):
     """In the docstring of the class, or with the field, as artefacts are described."""
     public = {getattr(api, own): own for own in api.__all__ if inspect.isclass(getattr(api, own))}
     scope = {own: getattr(api, own) for own in api.__all__}
-    returned = get_type_hints(getattr(api, name), localns=scope | {"pyvista": pyvista})["return"]
+    returned = get_type_hints(FUNCTIONS[name], localns=scope | {"pyvista": pyvista})["return"]
     for own in get_args(returned) or (returned,):
-        if own.__module__.startswith("strainsight"):
+        if own.__module__.startswith("strainsight"):  # and not str, pyvista's own, …
             assert own in public, f"{name} returns {own.__name__}"
             assert public[own] in (ROOT / "docs" / "python.md").read_text()
             text = " ".join(base.__doc__ or "" for base in own.__mro__)
@@ -168,6 +173,26 @@ def test_all_that_a_bench_has_written_is_read(bench):
         run.to_pyvista("simulate")
     with pytest.raises(ArtefactError):
         _ = run.surface
+
+
+def test_a_bench_has_the_arrays_of_the_command_line():
+    end = ended("estimate", BENCH)
+    run, case = api.open_bench(end.folder), api.bench(project(BENCH))
+    meshes = case.meshes()
+    bodies = case.reduce(meshes)
+    same(bodies["beam"], run.reduced["beam"])
+    placed = case.place(meshes, bodies)
+    same(placed, run.placed)
+    same(case.simulate(meshes, bodies, placed), run.simulated)
+    same(case.estimate(meshes, bodies, placed), run.estimated)
+
+
+def test_what_a_config_of_a_bench_has_not_is_refused():
+    case = api.bench(project(RIG))
+    with pytest.raises(ConfigError, match="no section 'place'"):
+        case.place({}, {})
+    with pytest.raises(ConfigError, match="config of kind placement"):
+        api.bench(ROOT / "configs" / "cantilever-youngs-modulus.yaml")
 
 
 def test_grids_go_to_pyvista(run_there):

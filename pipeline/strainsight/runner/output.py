@@ -38,6 +38,33 @@ class Dataset:
 
 
 @dataclass(frozen=True)
+class InMemory:
+    """The datasets of a stage by path, from which records are read as from its artefact."""
+
+    datasets: Mapping[str, Dataset]
+
+    def __getitem__(self, path: str) -> np.ndarray:
+        return np.asarray(self.datasets[path].array)
+
+    def __contains__(self, path: str) -> bool:
+        return path in self.datasets or any(own.startswith(f"{path}/") for own in self.datasets)
+
+    def children(self, path: str) -> dict[str, np.ndarray]:
+        """The datasets directly under a group, by name."""
+        below = {own.removeprefix(f"{path}/"): own for own in self.datasets if own.startswith(f"{path}/")}
+        return {name: self[own] for name, own in below.items() if "/" not in name}
+
+    def groups(self, path: str) -> tuple[str, ...]:
+        """Names of the groups directly under a group."""
+        below = (own.removeprefix(f"{path}/") for own in self.datasets if own.startswith(f"{path}/"))
+        return tuple(dict.fromkeys(name.partition("/")[0] for name in below if "/" in name))
+
+    def attributes(self, path: str) -> dict[str, str]:
+        """Those of a dataset."""
+        return {"units": self.datasets[path].unit}
+
+
+@dataclass(frozen=True)
 class Table:
     """A table for people, printed at the end of `run`; every cell is already text."""
 
