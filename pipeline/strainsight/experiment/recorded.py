@@ -1,4 +1,4 @@
-"""A load history from a file of the config: `signal: {type: csv}`."""
+"""What both a structure and a bench read of a config: files of tests and load histories, damping, regions by name."""
 
 from __future__ import annotations
 
