@@ -238,8 +238,6 @@ def _mesh(path: Path, required: bool) -> Mesh:
         position=nodes.position,
         blocks=tuple(blocks),
         regions={number: Region(number, names.get(number) or f"material {number}", 0) for number in regions},
-        materials={},
-        fixed=np.zeros((0, 2), dtype=np.int64),
         notes=tuple(notes),
         source=str(path),
     )

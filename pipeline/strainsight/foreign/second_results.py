@@ -307,7 +307,6 @@ def _forms(mesh: Mesh, own: Parameter) -> list[sparse.csr_array]:
                         blocks=blocks,
                         regions={number: Region(number, mesh.regions[number].name, 1)},
                         materials={1: Material(1, 1.0, ratio, 0.0)},
-                        fixed=np.zeros((0, 2), dtype=np.int64),
                     )
                 )
             )

@@ -91,14 +91,77 @@ class Origin:
         return cls(ids, line, file, tuple(files))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Properties:
+    """What elements are made of: regions and isotropic materials by id; laminae: orthotropic materials of plies, and anisotropic
+    ones of solids, whose ids no other material has; orientations: region id → how the axes of its anisotropic material lie,
+    along the basic ones where it has none; composites: region id of solids → their layers, where they have some; sections:
+    region id of shells or beams → its section."""
+
+    regions: Mapping[int, Region] = field(default_factory=dict)
+    materials: Mapping[int, Material] = field(default_factory=dict)
+    laminae: Mapping[int, Lamina] = field(default_factory=dict)
+    anisotropic: Mapping[int, Anisotropic] = field(default_factory=dict)
+    orientations: Mapping[int, Orientation] = field(default_factory=dict)
+    composites: Mapping[int, CompositeSolid] = field(default_factory=dict)
+    sections: Mapping[int, Section] = field(default_factory=dict)
+
+    def laminate(self, region: int) -> Laminate | None:
+        """The plies of a region (id); None for any other section, and for solids."""
+        section = self.sections.get(region)
+        return section if isinstance(section, Laminate) else None
+
+    def general_shell(self, region: int) -> GeneralShell | None:
+        """The section of a region (id) of shells that has stiffness and density of its own; None for any other."""
+        section = self.sections.get(region)
+        return section if isinstance(section, GeneralShell) else None
+
+    def ply_materials(self, region: int) -> tuple[Lamina | Material | None, ...]:
+        """The material of every ply of a laminate (region id), None where it is not there."""
+        laminate = self.laminate(region)
+        ids = [ply.material for ply in laminate.plies] if laminate else []
+        return tuple(self.laminae.get(number) or self.materials.get(number) for number in ids)
+
+    def layer_materials(self, region: int) -> tuple[Anisotropic | Material | None, ...]:
+        """The material of every layer of a composite solid (region id), None where it is not there."""
+        composite = self.composites.get(region)
+        ids = [layer.material for layer in composite.layers] if composite else []
+        return tuple(self.anisotropic.get(number) or self.materials.get(number) for number in ids)
+
+    def material_of(self, region: int) -> Material | None:
+        """The isotropic material of a region (id); None where it has none, or several or an anisotropic one."""
+        several = self.laminate(region) or self.composites.get(region)
+        return None if several else self.materials.get(self.regions[region].material)
+
+    def anisotropic_of(self, region: int) -> Anisotropic | None:
+        """The anisotropic material of a region (id) of solids; None where it has another."""
+        return self.anisotropic.get(self.regions[region].material)
+
+    def density_of(self, region: int) -> float | None:
+        """Density of a region (id) [kg/m³], of a laminate or composite solid the mean over its thickness, Σ ρt/Σ t; None where a
+        material lacks."""
+        if (shell := self.general_shell(region)) is not None:
+            return shell.density
+        if (laminate := self.laminate(region)) is not None:
+            stack = [(ply.thickness, own) for ply, own in zip(laminate.plies, self.ply_materials(region), strict=True)]
+            return _mean_density(stack)
+        if (composite := self.composites.get(region)) is not None:
+            return _mean_density(list(zip(composite.shares.tolist(), self.layer_materials(region), strict=True)))
+        material = self.material_of(region) or self.anisotropic_of(region)
+        return None if material is None else material.density
+
+
+def _mean_density(stack: Sequence[tuple[float, Lamina | Anisotropic | Material | None]]) -> float | None:
+    """Σ ρt/Σ t of thicknesses and their materials; None where one lacks."""
+    parts = [(t, own.density) for t, own in stack if own is not None]
+    return sum(rho * t for t, rho in parts) / sum(t for t, _ in parts) if len(parts) == len(stack) else None
+
+
 @dataclass(frozen=True)
-class Mesh:
+class Mesh(Properties):
     """A finite-element model as its file says it, lengths in m, masses in kg.
 
-    node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams, and sections of these: region id → its
-    own; laminae: orthotropic materials of plies, and anisotropic ones of solids, whose ids no other material has; orientations:
-    region id → how the axes of its anisotropic material lie, along the basic ones where it has none; composites: region id of
-    solids → their layers, where they have some; arms (a, 2): the last a
+    node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams; arms (a, 2): the last a
     nodes, which lie on faces of shells and sides of beams, and the node of these that each follows as a rigid arm, whose id it
     bears too; fixed (f, 2) pairs (node index, component 0-5) that are held at zero; axes: node index → (3, 3) axes, one in a
     column, that the components of fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where
@@ -115,9 +178,7 @@ class Mesh:
     node_ids: IntArray
     position: FloatArray
     blocks: tuple[CellBlock, ...]
-    regions: Mapping[int, Region]
-    materials: Mapping[int, Material]
-    fixed: IntArray
+    fixed: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     rigid: tuple[RigidElement, ...] = ()
     averaging: tuple[AveragingElement, ...] = ()
     relations: tuple[Relation, ...] = ()
@@ -125,11 +186,6 @@ class Mesh:
     springs: tuple[Springs, ...] = ()
     shells: tuple[ShellBlock, ...] = ()
     beams: tuple[BeamBlock, ...] = ()
-    sections: Mapping[int, Section] = field(default_factory=dict)
-    laminae: Mapping[int, Lamina] = field(default_factory=dict)
-    anisotropic: Mapping[int, Anisotropic] = field(default_factory=dict)
-    orientations: Mapping[int, Orientation] = field(default_factory=dict)
-    composites: Mapping[int, CompositeSolid] = field(default_factory=dict)
     arms: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
     axes: Mapping[int, FloatArray] = field(default_factory=dict)
     node_sets: Mapping[str, IntArray] = field(default_factory=dict)
@@ -200,50 +256,6 @@ class Mesh:
         found[self.arms[chosen[self.arms[:, 1]], 0]] = True
         return found
 
-    def laminate(self, region: int) -> Laminate | None:
-        """The plies of a region (id); None for any other section, and for solids."""
-        section = self.sections.get(region)
-        return section if isinstance(section, Laminate) else None
-
-    def general_shell(self, region: int) -> GeneralShell | None:
-        """The section of a region (id) of shells that has stiffness and density of its own; None for any other."""
-        section = self.sections.get(region)
-        return section if isinstance(section, GeneralShell) else None
-
-    def ply_materials(self, region: int) -> tuple[Lamina | Material | None, ...]:
-        """The material of every ply of a laminate (region id), None where it is not there."""
-        laminate = self.laminate(region)
-        ids = [ply.material for ply in laminate.plies] if laminate else []
-        return tuple(self.laminae.get(number) or self.materials.get(number) for number in ids)
-
-    def layer_materials(self, region: int) -> tuple[Anisotropic | Material | None, ...]:
-        """The material of every layer of a composite solid (region id), None where it is not there."""
-        composite = self.composites.get(region)
-        ids = [layer.material for layer in composite.layers] if composite else []
-        return tuple(self.anisotropic.get(number) or self.materials.get(number) for number in ids)
-
-    def material_of(self, region: int) -> Material | None:
-        """The isotropic material of a region (id); None where it has none, or several or an anisotropic one."""
-        several = self.laminate(region) or self.composites.get(region)
-        return None if several else self.materials.get(self.regions[region].material)
-
-    def anisotropic_of(self, region: int) -> Anisotropic | None:
-        """The anisotropic material of a region (id) of solids; None where it has another."""
-        return self.anisotropic.get(self.regions[region].material)
-
-    def density_of(self, region: int) -> float | None:
-        """Density of a region (id) [kg/m³], of a laminate or composite solid the mean over its thickness, Σ ρt/Σ t; None where a
-        material lacks."""
-        if (shell := self.general_shell(region)) is not None:
-            return shell.density
-        if (laminate := self.laminate(region)) is not None:
-            stack = [(ply.thickness, own) for ply, own in zip(laminate.plies, self.ply_materials(region), strict=True)]
-            return _mean_density(stack)
-        if (composite := self.composites.get(region)) is not None:
-            return _mean_density(list(zip(composite.shares.tolist(), self.layer_materials(region), strict=True)))
-        material = self.material_of(region) or self.anisotropic_of(region)
-        return None if material is None else material.density
-
     @property
     def turning(self) -> IntArray:
         """Indices of the nodes whose elements resist rotations: those of shells, and of beams that are no rods."""
@@ -287,9 +299,3 @@ class Mesh:
             if error.where is None and error.entity:
                 error.where = self.where(*error.entity) or self.source or None
             raise
-
-
-def _mean_density(stack: Sequence[tuple[float, Lamina | Anisotropic | Material | None]]) -> float | None:
-    """Σ ρt/Σ t of thicknesses and their materials; None where one lacks."""
-    parts = [(t, own.density) for t, own in stack if own is not None]
-    return sum(rho * t for t, rho in parts) / sum(t for t, _ in parts) if len(parts) == len(stack) else None

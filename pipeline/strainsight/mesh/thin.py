@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -125,6 +125,11 @@ class BeamSection:
     sides: tuple[bool, bool, bool, bool] = (True, True, True, True)
     neutral: Annotated[Pair, Column("m", "2", "y and z of the neutral axis from the shear centre")] = ZERO
     beside: Annotated[Pair, Column("m", "2", "y and z of that mass from the shear centre")] = ZERO
+
+    def with_shear(self, ratio: float) -> BeamSection:
+        """The section with the shear modulus of its material times `ratio`, which is taken into J and the shear factors."""
+        shear = (ratio * self.shear[0], ratio * self.shear[1])
+        return replace(self, torsion=ratio * self.torsion, shear=shear, at_b=self.at_b and self.at_b.with_shear(ratio))
 
 
 Section = ShellSection | GeneralShell | Laminate | BeamSection

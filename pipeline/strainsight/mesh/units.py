@@ -107,7 +107,7 @@ def rescaled(value: T, length: float = 1.0, mass: float = 1.0, pressure: float =
         for name, (_, column) in columns_of(type(value)).items():  # type: ignore[arg-type]
             quantity = getattr(value, name)
             if quantity is None or column is None or column.unit not in POWERS:
-                changes[name] = changed(quantity) if is_dataclass(quantity) or isinstance(quantity, tuple) else quantity
+                changes[name] = changed(quantity)
             else:
                 by = factor(column.unit)
                 changes[name] = tuple(by * each for each in quantity) if isinstance(quantity, tuple) else by * quantity

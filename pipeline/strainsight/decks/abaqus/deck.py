@@ -123,7 +123,7 @@ def read_abaqus(
         "node": Origin.at(assembly.node_ids, assembly.node_where),
         "element": Origin.at(assembly.element_ids, assembly.element_where),
     }
-    bare = Mesh(assembly.node_ids, assembly.position, blocks, {}, {}, np.zeros((0, 2), dtype=np.int64), origin=origin)
+    bare = Mesh(assembly.node_ids, assembly.position, blocks, origin=origin)
     found = surfaces(assembly, bare, ignored)
     node_sets |= _surface_sets(found.values(), assembly, node_sets)
     axes = nodal_axes(assembly)

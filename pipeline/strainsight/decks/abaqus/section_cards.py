@@ -96,10 +96,7 @@ def own_constants(keyword: Keyword, section: BeamSection, notes: list[str]) -> t
         raise row.error(f"E is {E:g} and G {G:g}", "give positive moduli")
     nu = E / (2 * G) - 1
     if elastic_fault(E, nu):
-        ratio = G / (E / 2)
-        section = replace(
-            section, torsion=section.torsion * ratio, shear=(section.shear[0] * ratio, section.shear[1] * ratio)
-        )
+        section = section.with_shear(G / (E / 2))
         notes.append(f"{row.where}: no isotropic material has E = {E:g} and G = {G:g}: G is taken into J and shear")
         nu = 0.0
     given = keyword.parameters.get("DENSITY", "")

@@ -246,8 +246,6 @@ def read_gmsh(path: Path, *, required: bool = True, given: Mapping[str, GivenSec
         position=np.ascontiguousarray(nodes.position),
         blocks=blocks,
         regions=regions | {region.id: region for region, _ in thin.chosen.values()},
-        materials={},
-        fixed=np.zeros((0, 2), dtype=np.int64),
         node_sets=node_sets,
         element_sets=element_sets,
         ignored=dict(sorted(file.skipped.items())),

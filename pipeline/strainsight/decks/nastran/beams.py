@@ -8,7 +8,7 @@ from dataclasses import replace
 import numpy as np
 
 from strainsight.decks.faults import folded
-from strainsight.decks.nastran.cards import Card
+from strainsight.decks.nastran.cards import Card, Cards
 from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.springs import components
 from strainsight.decks.text import parse_integer, parse_real
@@ -24,14 +24,14 @@ APART = 1e-9
 """Length of an element over the extent of the model, below which its ends coincide."""
 
 
-def with_defaults(cards: dict[str, list[Card]]) -> dict[str, list[Card]]:
+def with_defaults(cards: Cards) -> dict[str, list[Card]]:
     """CBAR and CBEAM by name, in whose blank PID, X1 to X3 (or G0) and OFFT stands what BAROR and BEAMOR say."""
     found: dict[str, list[Card]] = {}
     for name, default in DEFAULTS.items():
-        given = cards.get(default, [])
+        given = cards.of(default)
         if len(given) > 1:
             raise given[1].error(f"a second one (first at {given[0].where})", f"keep one {default}")
-        found[name] = [_filled(card, given[0]) for card in cards.get(name, [])] if given else cards.get(name, [])
+        found[name] = [_filled(card, given[0]) for card in cards.of(name)] if given else cards.of(name)
     return found
 
 

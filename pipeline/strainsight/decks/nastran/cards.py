@@ -111,12 +111,20 @@ class Card(Entries, NamedTuple("_Card", [("name", str), ("fields", list[str]), (
         return DeckError(f"{self.name} {self.text(0)}: {what}", where=self.where, remedy=remedy)
 
 
+class Cards(dict[str, list[Card]]):
+    """Cards by name, those of one name in file order."""
+
+    def of(self, *names: str) -> list[Card]:
+        """The cards of these names, one name after the other."""
+        return [card for name in names for card in self.get(name, [])]
+
+
 @dataclass(frozen=True)
 class Deck:
     """cards by name in file order, the case-control lines, how many lines stand after ENDDATA, the files that are included and
     notes on them, whether there is a BEGIN BULK, whether ENDDATA shows that the deck is whole, and its last line."""
 
-    cards: dict[str, list[Card]]
+    cards: Cards
     case_control: tuple[Line, ...]
     after_end: int
     included: tuple[str, ...]
@@ -187,7 +195,7 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
                 )
     end = next((i for i in range(start, len(lines)) if _ENDDATA.match(lines[i].text)), len(lines))
     ended = end < len(lines)
-    cards: dict[str, list[Card]] = {}
+    cards = Cards()
     for card in _cards(lines[start:end]):
         cards.setdefault(card.name, []).append(card)
     if not cards:

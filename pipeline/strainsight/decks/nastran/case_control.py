@@ -10,7 +10,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from strainsight.decks.faults import Doubt
-from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.decks.nastran.cards import Card, Cards, Deck
 from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray
@@ -98,10 +98,10 @@ def sets(
                 taken = True
         if not taken:
             ignored["SET of the case control"] += 1
-    for card in deck.cards.get("SET1", []):
+    for card in deck.cards.of("SET1"):
         tokens = [token for token in card.fields[1:] if token.upper() != "SKIN"]
         nodes[_name(card, nodes)] = _members(card, tokens, node_ids, "node")
-    for card in deck.cards.get("SET3", []):
+    for card in deck.cards.of("SET3"):
         match card.text(1).upper():
             case "GRID" | "POINT":
                 nodes[_name(card, nodes)] = _members(card, card.fields[2:], node_ids, "node")
@@ -131,7 +131,7 @@ def _members(card: Card, tokens: Sequence[str], existing: IntArray, what: str) -
     return np.unique(members)
 
 
-def _others(cards: Mapping[str, Sequence[Card]], tokens: Sequence[str], imported: IntArray, where: str) -> set[str]:
+def _others(cards: Cards, tokens: Sequence[str], imported: IntArray, where: str) -> set[str]:
     """The tokens that are single ids of elements of the deck beside those that are imported."""
     missing = {str(number) for number in expand(tokens, imported, where)[1].tolist()}
     if not missing:
@@ -183,7 +183,7 @@ def mass_scale(deck: Deck) -> float:
     """PARAM WTMASS: the factor that turns the deck's weights into masses.
 
     Raises DeckError where it is not positive, and where bulk data and case control, or subcases, state different ones."""
-    found = _named(deck.cards.get("PARAM", []), "WTMASS")[-1:]  # of the bulk data the last one counts
+    found = _named(deck.cards.of("PARAM"), "WTMASS")[-1:]  # of the bulk data the last one counts
     found += _named(_of_case_control(deck), "WTMASS")
     factors = [card.real(1, "the factor") for card in found]
     for card, scale in zip(found, factors, strict=True):
@@ -228,7 +228,7 @@ def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dic
 
 
 def _parameters(deck: Deck) -> tuple[Card, ...]:
-    return (*deck.cards.get("PARAM", []), *_of_case_control(deck))
+    return (*deck.cards.of("PARAM"), *_of_case_control(deck))
 
 
 def _named(cards: Sequence[Card], name: str) -> list[Card]:

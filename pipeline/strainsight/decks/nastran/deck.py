@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.faults import ENFORCED, HELD, MISSING_END, effects, notes_and_doubts, spelt, turning_nodes
-from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, together, unique_ids
+from strainsight.decks.nastran.cards import Cards, Deck, origin, read_deck, together, unique_ids
 from strainsight.decks.nastran.case_control import count_parameters, lumped, mass_scale, sets
 from strainsight.decks.nastran.grids import BY_NODES, BY_POINTS, read_grids
 from strainsight.decks.nastran.loads import LOADS, PLATES, preloads, static_loads
@@ -57,19 +57,16 @@ def structural_lines(deck: Deck) -> list[str]:
     return [f"{match[1].upper()} of the case control" for match in found if match]
 
 
-def unused_systems(cards: Mapping[str, Sequence[Card]]) -> dict[str, int]:
+def unused_systems(cards: Cards) -> dict[str, int]:
     """CORD1 and CORD2 that no card refers to, "CORD2R that no card refers to" → how many."""
     used = {
-        parse_integer(card.text(i))
-        for name, fields in SYSTEM_FIELDS.items()
-        for card in cards.get(name, [])
-        for i in fields
+        parse_integer(card.text(i)) for name, fields in SYSTEM_FIELDS.items() for card in cards.of(name) for i in fields
     }
     found: dict[str, int] = {}
     for name in (*BY_POINTS, *BY_NODES):
         # a CORD1 may define two
         of_card = (0, 4) if name in BY_NODES else (0,)
-        ids = [parse_integer(card.text(i)) for card in cards.get(name, []) for i in of_card if card.text(i)]
+        ids = [parse_integer(card.text(i)) for card in cards.of(name) for i in of_card if card.text(i)]
         if count := sum(own not in used for own in ids):
             found[f"{name} that no card refers to"] = count
     return found
@@ -129,7 +126,7 @@ def read_nastran(
     nodes = grids.nodes
     blocks, elements = read_solids(cards, nodes, grids.position, notes)
     scale = mass_scale(deck)
-    thin = read_thin(cards, grids, blocks, elements, scale, required, notes)
+    thin = read_thin(cards, grids, blocks, elements, required, notes)
     if required and not (blocks or thin.shells or thin.beams):
         raise DeckError(
             "the deck holds no solid element, and no shell or beam",
@@ -138,8 +135,8 @@ def read_nastran(
         )
     ignored += thin.left_out
     elements = together(elements, thin.elements)
-    found = properties(cards, blocks, grids.position, thin, grids.systems, ignored, notes, stated)
-    ties = [card for name in ("RBE2", "RBE3", *RIGID_BARS) for card in cards.get(name, [])]
+    made_of = rescaled(properties(cards, blocks, grids, thin, ignored, notes, stated), mass=scale)
+    ties = cards.of("RBE2", "RBE3", *RIGID_BARS)
     tie_ids = unique_ids(ties, "rigid element")
     turned = nodes_that_turn(thin.shells, thin.beams)
     bars, mpc = rigid_bars(cards, grids), selected_cards(deck, ignored)
@@ -165,7 +162,12 @@ def read_nastran(
     masses = point_masses(cards, grids, scale, turning, notes)
     # a plate that is left out still says where a pressure acts
     loads = static_loads(
-        {**{n: left_out[n] for n in PLATES if n in left_out}, **cards}, grids, blocks, thin.shells, turning, notes
+        Cards({**{n: left_out[n] for n in PLATES if n in left_out}, **cards}),
+        grids,
+        blocks,
+        thin.shells,
+        turning,
+        notes,
     )
     of_parameters = _count_ignored(deck, ignored, notes)
     loaded = preloads(deck)
@@ -177,15 +179,10 @@ def read_nastran(
     by_temperature = any(name.startswith("MATT") for name in cards)
     said, doubts = notes_and_doubts(notes)
     return Mesh(
+        **vars(made_of),
         node_ids=nodes.ids,
         position=grids.position,
         blocks=blocks,
-        regions=found.regions,
-        materials=rescaled(found.materials, mass=scale),
-        laminae=rescaled(found.laminae, mass=scale),
-        anisotropic=rescaled(found.anisotropic, mass=scale),
-        orientations=found.orientations,
-        composites=found.composites,
         fixed=fixed,
         rigid=rigid,
         averaging=averaging,
@@ -194,7 +191,6 @@ def read_nastran(
         springs=sprung,
         shells=thin.shells,
         beams=thin.beams,
-        sections=found.sections,
         axes=grids.axes,
         node_sets=node_sets,
         element_sets=element_sets,

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.nastran.cards import Card, unique_ids
+from strainsight.decks.nastran.cards import Card, Cards, unique_ids
 from strainsight.decks.nastran.case_control import expand
 from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem, local_axes
@@ -30,7 +30,7 @@ class _Definition:
     systems: tuple[int, int, int]
 
 
-def coordinate_systems(cards: dict[str, list[Card]], point_of: PointOf) -> dict[int, CoordinateSystem]:
+def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateSystem]:
     """Coordinate systems by id; 0 is the basic one.
 
         z = (B − A)/|B − A|,   y = z × (C − A)/|z × (C − A)|,   x = y × z
@@ -62,7 +62,7 @@ def coordinate_systems(cards: dict[str, list[Card]], point_of: PointOf) -> dict[
     return systems
 
 
-def _definitions(cards: dict[str, list[Card]], point_of: PointOf) -> dict[int, _Definition]:
+def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
     found: dict[int, _Definition] = {}
 
     def add(cid: int, definition: _Definition) -> None:
@@ -73,11 +73,11 @@ def _definitions(cards: dict[str, list[Card]], point_of: PointOf) -> dict[int, _
             raise definition.card.error(f"system id {cid} stands twice (first at {first})", "give each its own id")
         found[cid] = definition
 
-    for card in (card for name in BY_POINTS for card in cards.get(name, [])):
+    for card in cards.of(*BY_POINTS):
         points = np.array([card.real(2 + i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
         reference = card.integer(1, "the reference system", 0)
         add(card.integer(0, "the system id"), _Definition(card, points, (reference,) * 3))
-    for card in (card for name in BY_NODES for card in cards.get(name, [])):
+    for card in cards.of(*BY_NODES):
         for at in (0, 4):
             if at and not any(card.fields[at : at + 4]):
                 continue
@@ -161,12 +161,12 @@ class Grids:
     permanent: list[tuple[Card, int, str]]
 
 
-def read_grids(cards: dict[str, list[Card]], notes: list[str], path: Path) -> Grids:
+def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
     """GRID with what GRDSET says where its CP, CD or PS is blank.
 
     Raises DeckError for a deck without GRID, an id that stands twice, and a system that is not there.
     """
-    grids = cards.get("GRID", [])
+    grids = cards.of("GRID")
     if not grids:
         raise DeckError(
             "the deck holds no GRID card", where=str(path), remedy="check that this is the deck of the model"
@@ -175,8 +175,8 @@ def read_grids(cards: dict[str, list[Card]], notes: list[str], path: Path) -> Gr
         raise long[0].error(
             "more than 8 data fields", "remove what is behind field 9; a line of its own begins every card"
         )
-    CP, CD, PS = _defaults(cards.get("GRDSET", []))
-    nodes = NodeTable(unique_ids(grids, "node"), cards.get("SPOINT", []))
+    CP, CD, PS = _defaults(cards.of("GRDSET"))
+    nodes = NodeTable(unique_ids(grids, "node"), cards.of("SPOINT"))
     local = np.array([[card.real(i, "a coordinate", 0.0) for i in (2, 3, 4)] for card in grids])
     given = np.array([card.integer(1, "the system CP", CP) for card in grids])
     meant = np.array([card.integer(5, "the system CD", CD) for card in grids])

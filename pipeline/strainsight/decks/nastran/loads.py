@@ -9,7 +9,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from strainsight.decks.faults import PRELOAD, moment_note
-from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.decks.nastran.cards import Card, Cards, Deck
 from strainsight.decks.nastran.case_control import expand, large_displacements
 from strainsight.decks.nastran.grids import Grids, axes_at, resolved_system
 from strainsight.decks.text import Line
@@ -38,7 +38,7 @@ class Pressed:
 
 
 def pressure_forces(
-    cards: dict[str, list[Card]], grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]
+    cards: Cards, grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]
 ) -> Iterator[tuple[int, IntArray, FloatArray]]:
     """(set, rows (m,), force (m, 3)) of the pressures, the consistent forces of
 
@@ -74,24 +74,22 @@ def _forces(position: FloatArray, like: Pressed, linear: Kind, nodes: IntArray, 
     return consistent_forces(position, like.kind, nodes, traction)
 
 
-def _pressed(
-    cards: dict[str, list[Card]], grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]
-) -> list[Pressed]:
+def _pressed(cards: Cards, grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]) -> list[Pressed]:
     found: list[Pressed] = []
     outlines: list[
         tuple[Card, tuple[int, ...], tuple[float, ...]]
     ] = []  # of PLOAD and plates: corners in their sequence
     place = {int(i): (block, row) for block in blocks for row, i in enumerate(block.ids)} if "PLOAD4" in cards else {}
     plates = _plates(cards, grids)
-    for card in cards.get("PLOAD", []):
+    for card in cards.of("PLOAD"):
         p = card.real(1, "the pressure")
         ids = [card.integer(2 + i, "a node id") for i in range(4) if i < 3 or card.text(5) not in ("", "0")]
         outlines.append((card, tuple(grids.nodes.row(i, card) for i in ids), (p,) * len(ids)))
-    for card in cards.get("PLOAD2", []):
+    for card in cards.of("PLOAD2"):
         p = card.real(1, "the pressure")
         for corners in _named_plates(card, card.fields[2:], plates):
             outlines.append((card, corners, (p,) * len(corners)))
-    for card in cards.get("PLOAD4", []):
+    for card in cards.of("PLOAD4"):
         number = card.integer(1, "the element id")
         first = card.real(2, "the pressure")
         p4 = tuple(card.real(2 + i, "the pressure", first) for i in range(4))
@@ -163,7 +161,7 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
     return facet, tuple(local[i] for i in (*turn, *middle))
 
 
-def _plates(cards: dict[str, list[Card]], grids: Grids) -> dict[int, tuple[int, ...]]:
+def _plates(cards: Cards, grids: Grids) -> dict[int, tuple[int, ...]]:
     """Element id → rows of its corners, of the plates of the deck, where a pressure may refer to one."""
     if not ("PLOAD2" in cards or "PLOAD4" in cards):
         return {}
@@ -172,7 +170,7 @@ def _plates(cards: dict[str, list[Card]], grids: Grids) -> dict[int, tuple[int, 
             grids.nodes.row(card.integer(2 + i, "a node id"), card) for i in range(count)
         )
         for name, count in PLATES.items()
-        for card in cards.get(name, [])
+        for card in cards.of(name)
     }
 
 
@@ -271,7 +269,7 @@ class LoadSet:
 
 
 def static_loads(
-    cards: dict[str, list[Card]],
+    cards: Cards,
     grids: Grids,
     blocks: Sequence[CellBlock],
     shells: Sequence[ShellBlock],
@@ -295,20 +293,20 @@ def static_loads(
 
     for kind in ("FORCE", "MOMENT"):
         for which, points in POINTS.items():
-            for card in cards.get(kind + which, []):
+            for card in cards.of(kind + which):
                 row = grids.nodes.row(card.integer(1, "the node id"), card)
                 values = of(card).force if kind == "FORCE" else of(card).moment
                 values[row] = values.get(row, np.zeros(3)) + _vector(card, row, points, grids)
     for name in ("PLOAD", "PLOAD2", "PLOAD4"):
-        for card in cards.get(name, []):
+        for card in cards.of(name):
             of(card)
     for number, rows, force in pressure_forces(cards, grids, blocks, shells):
         own = sets[number].force
         for row, value in zip(rows.tolist(), force, strict=True):
             own[row] = own.get(row, np.zeros(3)) + value
-    for card in cards.get("GRAV", []):
+    for card in cards.of("GRAV"):
         of(card).body.append(BodyForce(acceleration=_along(card, 1, 2, grids)))
-    for card in cards.get("RFORCE", []):
+    for card in cards.of("RFORCE"):
         if card.real(8, "the angular acceleration RACC", 0.0) != 0:
             raise card.error("RACC states an angular acceleration", "only a steady rotation is supported: leave it out")
         at = card.integer(1, "the node G", 0)
@@ -320,7 +318,7 @@ def static_loads(
     named = {
         f"{'FORCE' if own.cards == {'FORCE'} else 'LOAD'}-{number}": own.made() for number, own in sorted(sets.items())
     }
-    return named | _combined(cards.get("LOAD", []), sets)
+    return named | _combined(cards.of("LOAD"), sets)
 
 
 def _combined(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, NodalForces]:

@@ -13,11 +13,6 @@ from strainsight.mesh.model import Material
 from strainsight.mesh.thin import Lamina, Laminate, Ply, ShellSection
 
 
-def states_moduli(card: Card) -> bool:
-    """Whether a MAT1 says E, G or ν; mesh generators write it blank."""
-    return any(card.text(i) for i in (1, 2, 3))
-
-
 def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Material, float]:
     """MAT1: two of E, G, ν give the third, E = 2 (1 + ν) G, E alone ν = 0; of three that contradict this, G over E/2(1 + ν).
 

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.decks.faults import folded
-from strainsight.decks.nastran.cards import Card
+from strainsight.decks.nastran.cards import Card, Cards
 from strainsight.decks.nastran.grids import Grids, resolved_system
 from strainsight.decks.nastran.materials import isotropic_material, lamina, note_damping
 from strainsight.decks.text import parse_integer
@@ -190,10 +190,10 @@ _PLACES = {1: "MID1", 3: "MID2 (bending)", 5: "MID3 (shear)", 10: "MID4 (couplin
 """Field of a material → its name."""
 
 
-def shell_materials(cards: Mapping[str, Sequence[Card]]) -> dict[int, list[Card]]:
+def shell_materials(cards: Cards) -> dict[int, list[Card]]:
     """Id → the MAT1, MAT2 and MAT8 of a deck that have it."""
     found: dict[int, list[Card]] = {}
-    for card in (card for name in ("MAT1", "MAT2", "MAT8") for card in cards.get(name, [])):
+    for card in cards.of("MAT1", "MAT2", "MAT8"):
         found.setdefault(card.integer(0, "the material id"), []).append(card)
     return found
 

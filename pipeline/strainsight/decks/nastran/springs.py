@@ -10,7 +10,7 @@ from typing import TypeVar
 import numpy as np
 
 from strainsight.decks.faults import ENFORCED, HELD, Doubt
-from strainsight.decks.nastran.cards import Card, Deck, unique_ids
+from strainsight.decks.nastran.cards import Card, Cards, Deck, unique_ids
 from strainsight.decks.nastran.case_control import expand
 from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, resolved_system
 from strainsight.decks.text import Line, parse_integer
@@ -27,7 +27,7 @@ APART = 1e-9
 """Length of a CBUSH over the extent of the model, below which its ends coincide."""
 
 
-def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tuple[Springs, ...]:
+def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]:
     """The springs that resist  s = u_1 − u_2  of two components along the systems CD of their nodes (CELAS), or of two points
     along the axes of the element (CBUSH):
 
@@ -38,7 +38,7 @@ def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tup
     A node or component left blank is the ground. Damping is a note. Raises DeckError for nodes, properties and systems that
     are not there, a translation against a rotation, a CBUSH without axes, at another place (OCID), rigid or with mass.
     """
-    elements = [card for name in ("CELAS1", "CELAS2", "CBUSH") for card in cards.get(name, [])]
+    elements = cards.of("CELAS1", "CELAS2", "CBUSH")
     unique_ids(elements, "element")
     bushes = _bush_properties(cards, notes)
     scalar = {
@@ -62,10 +62,10 @@ def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tup
     return tuple(found)
 
 
-def _packed(cards: dict[str, list[Card]], name: str, size: int) -> Iterator[tuple[int, Card, int]]:
+def _packed(cards: Cards, name: str, size: int) -> Iterator[tuple[int, Card, int]]:
     """Id, card and first field of the properties on the cards of a name, one in every `size` of eight fields."""
     known: set[int] = set()
-    for card in cards.get(name, []):
+    for card in cards.of(name):
         for at in range(0, 8, size):
             if at and not card.text(at):
                 continue
@@ -111,11 +111,11 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
     return spring_between(f"{card.name} {card.text(0)}", k, ends)
 
 
-def _bush_properties(cards: dict[str, list[Card]], notes: list[str]) -> dict[int, FloatArray]:
+def _bush_properties(cards: Cards, notes: list[str]) -> dict[int, FloatArray]:
     """PBUSH id → K (6,)."""
     found: dict[int, FloatArray] = {}
     damped = 0
-    for card, number in zip(cards.get("PBUSH", []), unique_ids(cards.get("PBUSH", []), "property"), strict=True):
+    for card, number in zip(cards.of("PBUSH"), unique_ids(cards.of("PBUSH"), "property"), strict=True):
         k = np.zeros(6)
         for at in range(0, len(card.fields), 8):
             part = card.text(at + 1).upper()
@@ -205,7 +205,7 @@ INDEFINITE = 1e-6
 
 
 def point_masses(
-    cards: dict[str, list[Card]], grids: Grids, scale: float, turning: Collection[int], notes: list[str]
+    cards: Cards, grids: Grids, scale: float, turning: Collection[int], notes: list[str]
 ) -> tuple[PointMass, ...]:
     """CONM2 with offset and inertia along the basic axes; masses and inertia times `scale` (PARAM WTMASS).
 
@@ -216,7 +216,7 @@ def point_masses(
     Raises DeckError for a negative mass, an inertia or a matrix that is not positive semidefinite, a node, system or property
     that is not there, and a CMASS between two motions.
     """
-    found = [card for name in MASSES for card in cards.get(name, [])]
+    found = cards.of(*MASSES)
     properties = {number: card.real(at + 1, "the mass", 0.0) for number, card, at in _packed(cards, "PMASS", 2)}
     masses = []
     for number, card in zip(unique_ids(found, "point mass").tolist(), found, strict=True):
@@ -327,7 +327,7 @@ def fixed_components(
     for card, row, text in permanent:
         pairs += [(row, c) for c in components(text, card)]
     selected = _selected_sets(deck, chosen, notes, left_out=bool(ignored["SPC"] or ignored["SPC1"]))
-    for card in (*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])):
+    for card in (*deck.cards.of("SPC"), *deck.cards.of("SPC1")):
         if card.integer(0, "the set id") not in selected:
             ignored[f"{card.name} of a set that is not selected"] += 1
             continue
@@ -419,8 +419,8 @@ def known_sets(
     left_out: some cards were, so that none need be there. Raises DeckError for a set that is part of one and has no card.
     """
     combined = combined_sets(deck, adding)
-    single = {card.integer(0, "the set id") for name in names for card in deck.cards.get(name, [])}
-    for card in deck.cards.get(adding, []):
+    single = {card.integer(0, "the set id") for name in names for card in deck.cards.of(name)}
+    for card in deck.cards.of(adding):
         if (lost := combined[int(card.fields[0])] - single) and not left_out:
             raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or take it out")
     ids = single | set(combined)
@@ -429,13 +429,13 @@ def known_sets(
 
 def card_of_set(deck: Deck, names: Sequence[str], number: int) -> Card:
     """The first card of a set."""
-    return next(card for name in names for card in deck.cards.get(name, []) if int(card.fields[0]) == number)
+    return next(card for name in names for card in deck.cards.of(name) if int(card.fields[0]) == number)
 
 
 def combined_sets(deck: Deck, name: str) -> dict[int, set[int]]:
     """Set id → sets that an SPCADD or MPCADD makes it of."""
     found: dict[int, set[int]] = {}
-    for card in deck.cards.get(name, []):
+    for card in deck.cards.of(name):
         number = card.integer(0, "the set id")
         if number in found:
             raise card.error("the set id stands twice")

@@ -23,7 +23,7 @@ from strainsight.decks.nastran.beams import (
     tube_section,
     with_defaults,
 )
-from strainsight.decks.nastran.cards import Card, origin, unique_ids
+from strainsight.decks.nastran.cards import Card, Cards, origin, unique_ids
 from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.materials import COMPOSITES, laminate, middle_of, one_ply
 from strainsight.decks.nastran.shells import (
@@ -38,7 +38,6 @@ from strainsight.decks.nastran.shells import (
 from strainsight.errors import DeckError
 from strainsight.mesh.model import CellBlock, IntArray, Origin
 from strainsight.mesh.thin import BeamBlock, BeamSection, Laminate, Section, ShellBlock, ShellSection
-from strainsight.mesh.units import rescaled
 
 SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
     "PSHELL": lambda card, _: shell_section(card),
@@ -101,22 +100,21 @@ class Thin:
 
 
 def read_thin(
-    cards: dict[str, list[Card]],
+    cards: Cards,
     grids: Grids,
     blocks: Sequence[CellBlock],
     solids: Origin,
-    scale: float,
     required: bool,
     notes: list[str],
 ) -> Thin:
-    """Shells, beams and rods; masses of their sections times `scale` (PARAM WTMASS). Each CONROD of other values is a region.
+    """Shells, beams and rods. Each CONROD of other values is a region.
 
     required: their properties have to be there and supported; otherwise those of others are left out. Raises DeckError for
     that, an id that stands twice, and what `read_shells` and `read_beams` refuse.
     """
     bars = with_defaults(cards)
     own = sorted(
-        (card for name in ELEMENTS for card in bars.get(name, cards.get(name, []))),
+        (card for name in ELEMENTS for card in bars.get(name, cards.of(name))),
         key=lambda card: (card.file, card.line),
     )
     ids = unique_ids(own, "element")
@@ -125,16 +123,16 @@ def read_thin(
         raise card.error(f"element id {card.text(0)} stands twice, a solid has it too", "give every element its own id")
     given: dict[tuple[str, int], Card] = {}
     for name in PROPERTIES:
-        for card in cards.get(name, []):
+        for card in cards.of(name):
             given.setdefault((name, card.integer(0, "the property id")), card)
-    numbers = [card.integer(0, "the property id") for card in cards.get("PSOLID", [])]
+    numbers = [card.integer(0, "the property id") for card in cards.of("PSOLID")]
     taken = np.concatenate([[0], numbers, ids, *(np.unique(block.region) for block in blocks)]).astype(np.int64)
     region, properties = _regions(own, ids, given, cards, taken, required)
     materials: dict[int, int] = {}
     sections: dict[int, Section] = {}
     middles: dict[int, float] = {}
     general: dict[int, tuple[int, ...]] = {}
-    orthotropic = {card.text(0) for card in cards.get("MAT8", [])}
+    orthotropic = {card.text(0) for card in cards.of("MAT8")}
     known = shell_materials(cards)
     for number, card in list(properties.items()):
         if not required and number in numbers:  # a PSOLID has it
@@ -156,7 +154,7 @@ def read_thin(
                 raise
             del properties[number]
             continue
-        sections[number] = rescaled(section, mass=scale)
+        sections[number] = section
     kept = np.isin(region, list(sections))
     left_out = Counter(card.name for card, there in zip(own, kept, strict=True) if not there)
     left_out.update(_unused(cards, properties))
@@ -178,7 +176,7 @@ def _regions(
     own: Sequence[Card],
     ids: IntArray,
     given: dict[tuple[str, int], Card],
-    cards: dict[str, list[Card]],
+    cards: Cards,
     taken: IntArray,
     required: bool,
 ) -> tuple[IntArray, dict[int, Card]]:
@@ -215,7 +213,7 @@ def _regions(
     return region, properties
 
 
-def _no_property(card: Card, number: int, cards: dict[str, list[Card]]) -> DeckError:
+def _no_property(card: Card, number: int, cards: Cards) -> DeckError:
     wanted = " or ".join(OF[card.name])
     there = next(
         (name for name in cards if _PROPERTY.match(name) and any(c.text(0) == str(number) for c in cards[name])), None
@@ -227,8 +225,8 @@ def _no_property(card: Card, number: int, cards: dict[str, list[Card]]) -> DeckE
     )
 
 
-def _unused(cards: dict[str, list[Card]], properties: dict[int, Card]) -> dict[str, int]:
+def _unused(cards: Cards, properties: dict[int, Card]) -> dict[str, int]:
     """Cards of properties that make no region, with how many there are."""
     used = Counter(card.name for card in properties.values())
-    counts = {name: len(cards.get(name, [])) - used[name] for name in PROPERTIES}
+    counts = {name: len(cards.of(name)) - used[name] for name in PROPERTIES}
     return {f"{name} that no element refers to": count for name, count in counts.items() if count}

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.decks.nastran.cards import Card, Cards, Deck
 from strainsight.decks.nastran.case_control import expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
 from strainsight.decks.nastran.springs import card_of_set, components, known_sets, selections
@@ -18,16 +18,14 @@ from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 from strainsight.mesh.model import FloatArray, IntArray
 
 
-def rigid_elements(
-    cards: dict[str, list[Card]], nodes: NodeTable, turned: Set[int], notes: list[str]
-) -> tuple[RigidElement, ...]:
+def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list[str]) -> tuple[RigidElement, ...]:
     """RBE2 with all the components that it states; turned: ids of the nodes that other cards turn.
 
     One that ties rotations only, of nodes of solids that are no reference nodes and so have none, becomes a note.
     """
     elements = []
     references = _references(cards) | turned
-    for card in cards.get("RBE2", []):
+    for card in cards.of("RBE2"):
         reference = nodes.row(card.integer(1, "the reference node GN"), card)
         wanted = components(card.text(2), card)
         tokens = [token for token in card.fields[3:] if token]
@@ -51,22 +49,20 @@ def rigid_elements(
     return tuple(elements)
 
 
-def _references(cards: dict[str, list[Card]]) -> set[int]:
+def _references(cards: Cards) -> set[int]:
     """Ids of the nodes that an element gives rotations."""
     fields = (("RBE2", 1), ("RBE3", 2))
-    return {card.integer(i, "the reference node") for name, i in fields for card in cards.get(name, [])}
+    return {card.integer(i, "the reference node") for name, i in fields for card in cards.of(name)}
 
 
-def averaging_elements(
-    cards: dict[str, list[Card]], nodes: NodeTable, turning: Set[int]
-) -> tuple[AveragingElement, ...]:
+def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tuple[AveragingElement, ...]:
     """RBE3: groups of weight, components and nodes, and the UM set where it has one.
 
     turning: rows of the nodes that have rotations, beside the reference nodes; those of another one cannot be averaged.
     """
     elements = []
-    turning = turning | {nodes.row(card.integer(2, "the reference node"), card) for card in cards.get("RBE3", [])}
-    for card in cards.get("RBE3", []):
+    turning = turning | {nodes.row(card.integer(2, "the reference node"), card) for card in cards.of("RBE3")}
+    for card in cards.of("RBE3"):
         reference = nodes.row(card.integer(2, "the reference node"), card)
         wanted = components(card.text(3), card)
         tokens = [token.upper() for token in card.fields[4:] if token]
@@ -170,7 +166,7 @@ class Bars:
         )
 
 
-def rigid_bars(cards: dict[str, list[Card]], grids: Grids) -> Bars:
+def rigid_bars(cards: Cards, grids: Grids) -> Bars:
     """All of them, with u_i = u + θ × (x_i − x), θ_i = θ of the rigid body along the axes of each node:
 
         RBAR, RBE1   z_D = G_D G_I⁻¹ z_I,  the six independent motions z_I = G_I (u, θ)
@@ -179,7 +175,7 @@ def rigid_bars(cards: dict[str, list[Card]], grids: Grids) -> Bars:
     Raises DeckError for a node that is not there or stands twice, and independent motions that do not hold a rigid body.
     """
     found = Bars()
-    for card in cards.get("RBAR", []):
+    for card in cards.of("RBAR"):
         a, b = _ends(card, grids)
         independent = [*_motions(a, card.text(3), card), *_motions(b, card.text(4), card)]
         left = {node: "".join(str(c + 1) for c in SIX if (node, c) not in independent) for node in (a, b)}
@@ -187,16 +183,16 @@ def rigid_bars(cards: dict[str, list[Card]], grids: Grids) -> Bars:
         # blank in both: all that are not independent
         dependent = stated if any(text not in ("", "0") for text in stated.values()) else left
         _rigid(card, grids, independent, [m for node in (a, b) for m in _motions(node, dependent[node], card)], found)
-    for card in cards.get("RBAR1", []):
+    for card in cards.of("RBAR1"):
         a, b = _ends(card, grids)
         _rigid(card, grids, _motions(a, "123456", card), _motions(b, card.text(3) or "123456", card), found)
-    for card in cards.get("RBE1", []):
+    for card in cards.of("RBE1"):
         tokens = [token.upper() for token in card.fields]
         if "UM" not in tokens:
             raise card.error("has no UM, behind which its dependent motions stand")
         at = tokens.index("UM")
         _rigid(card, grids, _listed(card, 1, at, grids), _listed(card, at + 1, len(tokens), grids), found)
-    for card in cards.get("RROD", []):
+    for card in cards.of("RROD"):
         _rod(card, grids, found)
     return found
 
@@ -302,8 +298,8 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
 
     Raises DeckError for subcases that select different sets, several sets without a case control, and a set that is not there.
     """
-    found = deck.cards.get("MPC", [])
-    added = deck.cards.get("MPCADD", [])
+    found = deck.cards.of("MPC")
+    added = deck.cards.of("MPCADD")
     if not found and not added:
         return []
     left_out = bool(ignored["MPC"] or ignored["MPCADD"])

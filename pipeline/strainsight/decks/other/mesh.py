@@ -222,8 +222,6 @@ def read_meshio(
         position=position,
         blocks=blocks,
         regions=regions | {own.id: own for own, _ in chosen.values()},
-        materials={},
-        fixed=np.zeros((0, 2), dtype=np.int64),
         node_sets=node_sets,
         element_sets=element_sets,
         ignored=dict(sorted(ignored.items())),
