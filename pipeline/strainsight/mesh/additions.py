@@ -17,7 +17,7 @@ from strainsight.mesh.anisotropic import Anisotropic, Orientation
 from strainsight.mesh.facets import Facets, all_facets, facet_key
 from strainsight.mesh.joins import AveragingElement, RigidElement, Springs
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
+from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, IntArray, Material, Mesh
 from strainsight.mesh.thin import Lamina
 from strainsight.mesh.units import rescaled
 
@@ -58,7 +58,7 @@ def with_material(
 
     Raises UserError for a region that the mesh does not have, and for one whose section has materials of its own.
     """
-    number = free_material(mesh)
+    number = mesh.free_material()
     changed = _assigned(mesh, regions, number)
     return replace(changed, materials={**changed.materials, number: Material(number, E, nu, rho, name)})
 
@@ -73,7 +73,7 @@ def with_anisotropic(
 ) -> Mesh:
     """A mesh whose regions (None: all) of solids are of the stiffness (6, 6) [Pa], see `Anisotropic`, along those axes, and of
     the density ρ [kg/m³]. Raises UserError for a region that the mesh does not have, and for one of shells or beams."""
-    number = free_material(mesh)
+    number = mesh.free_material()
     changed = _assigned(mesh, regions, number)
     chosen = [i for i, own in changed.regions.items() if own.material == number]
     for block in mesh.thin:
@@ -166,14 +166,13 @@ def _with_altered(
     mesh: Mesh, old: Material | Lamina | Anisotropic, density: float, stiffness: float
 ) -> tuple[Mesh, int]:
     """A mesh with a material more, of another density and of moduli that are multiplied, and its id."""
-    number = free_material(mesh)
+    number = mesh.free_material()
     return with_added_material(mesh, rescaled(replace(old, id=number, density=density), pressure=stiffness)), number
 
 
 def with_added_material(mesh: Mesh, material: Material | Lamina | Anisotropic) -> Mesh:
     """A mesh with a material more, of an id that no other has."""
-    kinds = {Lamina: "laminae", Anisotropic: "anisotropic", Material: "materials"}
-    field = kinds[type(material)]
+    field = MATERIAL_FIELDS[type(material)]
     changes: dict[str, Any] = {field: {**getattr(mesh, field), material.id: material}}
     return replace(mesh, **changes)
 
@@ -184,11 +183,6 @@ def with_layers(mesh: Mesh, region: int, layers: Sequence[Any]) -> Mesh:
         return replace(mesh, sections={**mesh.sections, region: replace(laminate, plies=tuple(layers))})
     composite = replace(mesh.composites[region], layers=tuple(layers))
     return replace(mesh, composites={**mesh.composites, region: composite})
-
-
-def free_material(mesh: Mesh) -> int:
-    """An id that no material of the mesh has."""
-    return max([0, *mesh.materials, *mesh.laminae, *mesh.anisotropic]) + 1
 
 
 def _of_plies(mesh: Mesh) -> set[int]:

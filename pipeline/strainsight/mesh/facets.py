@@ -15,7 +15,7 @@ from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
-from strainsight.mesh.thin import BeamBlock, ShellBlock
+from strainsight.mesh.thin import BeamBlock, ShellBlock, concatenated
 from strainsight.mesh.unjoined import component_labels
 
 CODE = {kind.name: code for code, kind in enumerate(FACETS)}
@@ -71,7 +71,7 @@ class Facets:
 
     def of(self, blocks: Sequence[CellBlock | ShellBlock | BeamBlock]) -> NDArray[np.bool_]:
         """Which facets (f,) are those of some elements."""
-        return np.isin(self.element_id, np.concatenate([np.zeros(0, dtype=np.int64), *(block.ids for block in blocks)]))
+        return np.isin(self.element_id, concatenated(block.ids for block in blocks))
 
 
 def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:

@@ -10,7 +10,16 @@ import numpy as np
 from strainsight.errors import DeckError, UserError, did_you_mean
 from strainsight.mesh.model import CellBlock, Mesh, Region
 from strainsight.mesh.node_order import plate_normals
-from strainsight.mesh.thin import CORNERS, SHELL_KINDS, BeamBlock, BeamSection, FloatArray, ShellBlock, ShellSection
+from strainsight.mesh.thin import (
+    CORNERS,
+    SHELL_KINDS,
+    BeamBlock,
+    BeamSection,
+    FloatArray,
+    Section,
+    ShellBlock,
+    ShellSection,
+)
 from strainsight.mesh.units import rescaled
 
 LINE, LINE3 = "line2", "line3"
@@ -59,7 +68,7 @@ def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, Given
         _refuse_curved_rods(of[LINE3], given)
         lines = [_beams(mesh, kind, of[line], given) for kind, line in LINES.items() if len(of[line].ids)]
     beams = tuple(block for block in lines if len(block.ids))
-    sections = {region: own.section for region, own in given.items()}
+    sections: dict[int, Section] = {region: own.section for region, own in given.items()}
     return replace(mesh, shells=shells, beams=beams, sections=sections, notes=tuple(notes))
 
 

@@ -14,7 +14,16 @@ from strainsight.columns import Column
 from strainsight.errors import DeckError
 from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid, Orientation
 from strainsight.mesh.joins import AveragingElement, NodalForces, PointMass, Relation, RigidElement, Springs
-from strainsight.mesh.thin import BeamBlock, GeneralShell, Lamina, Laminate, Section, ShellBlock, nodes_that_turn
+from strainsight.mesh.thin import (
+    BeamBlock,
+    GeneralShell,
+    Lamina,
+    Laminate,
+    Section,
+    ShellBlock,
+    concatenated,
+    nodes_that_turn,
+)
 from strainsight.mesh.thin import FloatArray as FloatArray
 from strainsight.mesh.thin import IntArray as IntArray
 
@@ -91,6 +100,10 @@ class Origin:
         return cls(ids, line, file, tuple(files))
 
 
+MATERIAL_FIELDS = {Material: "materials", Lamina: "laminae", Anisotropic: "anisotropic"}
+"""Kind of a material → the field of `Properties` that holds it."""
+
+
 @dataclass(frozen=True, kw_only=True)
 class Properties:
     """What elements are made of: regions and isotropic materials by id; laminae: orthotropic materials of plies, and anisotropic
@@ -98,13 +111,17 @@ class Properties:
     along the basic ones where it has none; composites: region id of solids → their layers, where they have some; sections:
     region id of shells or beams → its section."""
 
-    regions: Mapping[int, Region] = field(default_factory=dict)
-    materials: Mapping[int, Material] = field(default_factory=dict)
-    laminae: Mapping[int, Lamina] = field(default_factory=dict)
-    anisotropic: Mapping[int, Anisotropic] = field(default_factory=dict)
-    orientations: Mapping[int, Orientation] = field(default_factory=dict)
-    composites: Mapping[int, CompositeSolid] = field(default_factory=dict)
-    sections: Mapping[int, Section] = field(default_factory=dict)
+    regions: dict[int, Region] = field(default_factory=dict)
+    materials: dict[int, Material] = field(default_factory=dict)
+    laminae: dict[int, Lamina] = field(default_factory=dict)
+    anisotropic: dict[int, Anisotropic] = field(default_factory=dict)
+    orientations: dict[int, Orientation] = field(default_factory=dict)
+    composites: dict[int, CompositeSolid] = field(default_factory=dict)
+    sections: dict[int, Section] = field(default_factory=dict)
+
+    def free_material(self) -> int:
+        """An id that no material has."""
+        return max([0, *self.materials, *self.laminae, *self.anisotropic]) + 1
 
     def laminate(self, region: int) -> Laminate | None:
         """The plies of a region (id); None for any other section, and for solids."""
@@ -228,12 +245,12 @@ class Mesh(Properties):
     @property
     def thin_nodes(self) -> IntArray:
         """Indices of the nodes of shells and beams, ascending."""
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(block.nodes.ravel() for block in self.thin)]))
+        return np.unique(concatenated(block.nodes.ravel() for block in self.thin))
 
     @property
     def nodes_of_elements(self) -> IntArray:
         """Indices of the nodes that an element has, ascending."""
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(nodes.ravel() for nodes in self.connectivity)]))
+        return np.unique(concatenated(nodes.ravel() for nodes in self.connectivity))
 
     @property
     def ties(self) -> tuple[RigidElement | AveragingElement, ...]:
@@ -264,7 +281,7 @@ class Mesh(Properties):
     @property
     def turned_by_springs(self) -> IntArray:
         """Indices of the nodes whose rotations springs resist, but for those of solids and rods with no rotation held."""
-        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(own.turned for own in self.springs)]))
+        nodes = np.unique(concatenated(own.turned for own in self.springs))
         still = np.setdiff1d(self.nodes_of_elements, self.fixed[self.fixed[:, 1] > 2, 0])
         return np.setdiff1d(nodes, np.setdiff1d(still, self.turning))
 

@@ -14,7 +14,7 @@ from strainsight.decks.faults import OR_CONFIG, elastic_fault, lamina_fault
 from strainsight.decks.text import parse_real
 from strainsight.mesh.anisotropic import Anisotropic, Orientation, constants_fault, orthotropic, stiffness_fault
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem
-from strainsight.mesh.model import FloatArray, Material
+from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, Material, Properties
 from strainsight.mesh.thin import Lamina
 
 OURS = [0, 1, 2, 3, 5, 4]
@@ -34,28 +34,20 @@ class Definition:
 
 @dataclass
 class Materials:
-    """definitions: NAME → material of the deck; stated: each that a section names has to be there and elastic; found: number →
-    material, in the order in which sections name them; laminae: those of plies that are orthotropic; solids:
-    those of solids that are anisotropic."""
+    """definitions: NAME → material of the deck; stated: each that a section names has to be there and elastic; made_of: where the
+    materials are put, numbered in the order in which sections name them."""
 
     definitions: dict[str, Definition]
     stated: bool
     notes: list[str]
-    found: dict[int, Material] = field(default_factory=dict)
-    laminae: dict[int, Lamina] = field(default_factory=dict)
-    solids: dict[int, Anisotropic] = field(default_factory=dict)
+    made_of: Properties
     _numbers: dict[str, int] = field(default_factory=dict)
 
     def _add(self, name: str, make: Callable[[Definition, int, list[str]], Material | Lamina | Anisotropic]) -> int:
         """The number of one more."""
-        number = len(self.found) + len(self.laminae) + len(self.solids) + 1
+        number = self.made_of.free_material()
         made = make(self.definitions[name], number, self.notes)
-        if isinstance(made, Lamina):
-            self.laminae[number] = made
-        elif isinstance(made, Anisotropic):
-            self.solids[number] = made
-        else:
-            self.found[number] = made
+        getattr(self.made_of, MATERIAL_FIELDS[type(made)])[number] = made
         self._numbers[name] = number
         return number
 
@@ -73,7 +65,7 @@ class Materials:
         if name not in self.definitions or not (self.stated or "ELASTIC" in self.definitions[name].options):
             return 0
         solid = self.anisotropic(keyword)
-        if name in self._numbers and (solid or self._numbers[name] in self.found):
+        if name in self._numbers and (solid or self._numbers[name] in self.made_of.materials):
             return self._numbers[name]
         return self._add(name, _anisotropic if solid else _material)
 
@@ -112,8 +104,8 @@ class Materials:
 
     def of_section(self, name: str, E: float, nu: float, rho: float) -> int:
         """Number of a material that a section states itself."""
-        number = len(self.found) + len(self.laminae) + len(self.solids) + 1
-        self.found[number] = Material(number, E, nu, rho, name)
+        number = self.made_of.free_material()
+        self.made_of.materials[number] = Material(number, E, nu, rho, name)
         return number
 
     @property

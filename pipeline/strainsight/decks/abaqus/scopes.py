@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, kind_index, read_part
+from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, read_part
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.text import is_whole, no_integer, parse_integer
 from strainsight.errors import DeckError
+from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.thin import concatenated
 
 MESH = ("NODE", "ELEMENT")
 SECTIONS = ("SOLIDSECTION", "SHELLSECTION", "SHELLGENERALSECTION", "BEAMSECTION", "BEAMGENERALSECTION")
@@ -187,12 +189,15 @@ class Assembly:
         """Is there at most one instance, so that names need not say which?"""
         return len(self.scopes) <= 2
 
-    def keywords(self, name: str) -> Iterator[tuple[Scope, Keyword]]:
-        """Keywords of this name outside of steps, once for every instance of a part, with the scope of their names."""
+    def keywords(self, name: str, of_steps: bool = False) -> Iterator[tuple[Scope, Keyword]]:
+        """Keywords of this name, once for every instance of a part, with the scope of their names; of_steps: behind them those in
+        steps."""
         for scope in self.scopes.values():
             for keyword in scope.part.keywords:
                 if keyword.name == name:
                     yield scope, keyword
+        for step in self.steps if of_steps else ():
+            yield from ((self.scopes[""], keyword) for keyword in step.keywords if keyword.name == name)
 
     def scope_of(self, name: str, row: Keyword | Row) -> Scope:
         """The instance of this name; DeckError where there is none."""
@@ -223,6 +228,14 @@ class Assembly:
     def element_set(self, name: str, scope: Scope, row: Keyword | Row) -> IntArray:
         """Rows of the element set of this name, also if it is a number; DeckError where there is none."""
         return self._named("ELEMENT", name, scope, row)
+
+    def connectivity(self, rows: IntArray, places: Sequence[int]) -> IntArray:
+        """Rows (k, p) of the nodes of elements at these of their places."""
+        return self.nodes[self.first[rows][:, None] + np.array(places)]
+
+    def nodes_of(self, row: int) -> IntArray:
+        """Rows of the nodes of one element, −1 of those that are not in the deck."""
+        return self.nodes[self.first[row] : self.first[row + 1]]
 
     def element_nodes(self, rows: IntArray) -> IntArray:
         """Rows (k,) of the nodes of elements, each once, sorted."""
@@ -279,7 +292,7 @@ class Assembly:
                 parts.append(scope.part.rows[id(keyword)] + first)
             else:
                 parts.append(self._listed(kind, keyword, scope, (*above, f"{scope.name}.{name}")))
-        self._known[key] = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *parts]))
+        self._known[key] = np.unique(concatenated(parts))
         return self._known[key]
 
     def _listed(self, kind: str, keyword: Keyword, scope: Scope, above: tuple[str, ...]) -> IntArray:
@@ -365,68 +378,42 @@ def assemble(keywords: list[Keyword]) -> Assembly:
 
 def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[Step, ...]) -> Assembly:
     """Nodes and elements of all scopes in one table."""
-    notes: list[str] = []
-    node_offset = _offsets([scope.part.nodes.ids for scope in scopes.values()])
-    element_offset = _offsets([scope.part.elements.ids for scope in scopes.values()])
-    empty = np.zeros(0, dtype=np.int64)
-    node_ids, position, element_ids, kind, nodes, count = (
-        [empty],
-        [np.zeros((0, 3))],
-        [empty],
-        [empty],
-        [empty],
-        [empty],
-    )
-    node_where: list[tuple[str, int]] = []
-    element_where: list[tuple[str, int]] = []
-    type_: list[str] = []
-    words: list[tuple[int, str, Scope, Row]] = []
-    members = 0
-    for scope, by_node, by_element in zip(scopes.values(), node_offset, element_offset, strict=True):
-        part = scope.part
-        node_ids.append(part.nodes.ids + by_node)
-        position.append(part.position @ scope.rotation.T + scope.translation)
-        node_where += part.node_where
-        element_ids.append(part.elements.ids + by_element)
-        for cells in part.cells:
-            base, lines = members, cells.keyword.rows() if cells.words else []
-            for i, word in cells.words.items():
-                line = lines[cells.line[np.searchsorted(cells.first, i, "right") - 1]]
-                words.append((base + i, word, scope, line))
-            if cells.cut:
-                notes.append(
-                    f"{cells.keyword.where}: lines of {cells.type} hold more nodes and end in a comma, as those of quadratic "
-                    f"elements do: the first {int(cells.first[1])} count, as in CalculiX"
-                )
-            members += len(cells.nodes)
-            nodes.append(np.where(cells.nodes < 0, -1, cells.nodes + scope.first_node))
-            count.append(np.diff(cells.first))
-            kind.append(np.full(len(cells.ids), kind_index(cells.kind)))
-            type_ += [cells.type] * len(cells.ids)
-            element_where += [(cells.keyword.files[i], cells.keyword.numbers[i]) for i in cells.line.tolist()]
-        if by_node or by_element:
+    every = list(scopes.values())
+    cells = [(scope, own) for scope in every for own in scope.part.cells]
+    notes = [
+        f"{own.keyword.where}: lines of {own.type} hold more nodes and end in a comma, as those of quadratic elements do: the "
+        f"first {int(own.first[1])} count, as in CalculiX"
+        for _, own in cells
+        if own.cut
+    ]
+    offsets = _offsets([scope.part.nodes.ids for scope in every]), _offsets([s.part.elements.ids for s in every])
+    for scope, *by in zip(every, *offsets, strict=True):
+        shifts = [f"{what} ids + {more}" for what, more in zip(("node", "element"), by, strict=True) if more]
+        if shifts and scope.part.nodes.ids.size:
             owner = f"instance {scope.name}" if scope.name else "the assembly's own"
-            shifts = [f"{what} ids + {by}" for what, by in (("node", by_node), ("element", by_element)) if by]
-            if part.nodes.ids.size:
-                notes.append(f"{owner}: {', '.join(shifts)}, as several instances have the same ids")
+            notes.append(f"{owner}: {', '.join(shifts)}, as several instances have the same ids")
     assembly = Assembly(
         scopes=scopes,
-        node_ids=np.concatenate(node_ids),
-        position=np.concatenate(position),
-        node_where=node_where,
-        element_ids=np.concatenate(element_ids),
-        kind=np.concatenate(kind),
-        type=type_,
-        nodes=np.concatenate(nodes),
-        first=np.concatenate([[0], np.cumsum(np.concatenate(count))]).astype(np.int64),
-        element_where=element_where,
+        node_ids=concatenated(scope.part.nodes.ids + by for scope, by in zip(every, offsets[0], strict=True)),
+        position=np.concatenate([scope.part.position @ scope.rotation.T + scope.translation for scope in every]),
+        node_where=[at for scope in every for at in scope.part.node_where],
+        element_ids=concatenated(scope.part.elements.ids + by for scope, by in zip(every, offsets[1], strict=True)),
+        kind=concatenated(np.full(len(own.ids), ELEMENTS.index(own.kind) if own.kind else -1) for _, own in cells),
+        type=[own.type for _, own in cells for _ in own.ids],
+        nodes=concatenated(np.where(own.nodes < 0, -1, own.nodes + scope.first_node) for scope, own in cells),
+        first=np.cumsum(concatenated([np.zeros(1, dtype=np.int64), *(np.diff(own.first) for _, own in cells)])),
+        element_where=[at for scope in every for at in scope.part.element_where],
         model=model,
         steps=steps,
         notes=notes,
     )
-    for i, word, scope, row in words:
-        rows = assembly.node_rows(word, scope, row)
-        assembly.nodes[i] = rows[0] if rows.size == 1 else -1
+    base = 0
+    for scope, own in cells:
+        lines = own.keyword.rows() if own.words else []
+        for i, word in own.words.items():
+            rows = assembly.node_rows(word, scope, lines[own.line[np.searchsorted(own.first, i, "right") - 1]])
+            assembly.nodes[base + i] = rows[0] if rows.size == 1 else -1
+        base += len(own.nodes)
     return assembly
 
 

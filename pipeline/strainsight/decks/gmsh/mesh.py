@@ -25,6 +25,7 @@ from strainsight.mesh.given_sections import (
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.kinds.kind import in_order
 from strainsight.mesh.model import CellBlock, IdTable, IntArray, Mesh, Origin, Region
+from strainsight.mesh.thin import concatenated
 
 
 @dataclass(frozen=True)
@@ -372,8 +373,8 @@ def _set_names(
 def _origin(path: str, nodes: NodeRows, solids: list[Chunk]) -> dict[str, Origin]:
     if nodes.line is None:
         return {}
-    ids = np.concatenate([np.zeros(0, np.int64), *(chunk.ids for chunk in solids)])
-    line = np.concatenate([np.zeros(0, np.int64), *(chunk.line for chunk in solids if chunk.line is not None)])
+    ids = concatenated(chunk.ids for chunk in solids)
+    line = concatenated(chunk.line for chunk in solids if chunk.line is not None)
     return {
         "node": Origin(nodes.ids, nodes.line, np.zeros(len(nodes.ids), dtype=np.int64), (path,)),
         "element": Origin(ids, line, np.zeros(len(ids), dtype=np.int64), (path,)),

@@ -14,7 +14,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.faults import repeated
+from strainsight.decks.faults import check_once
 from strainsight.decks.text import (
     Entries,
     Includes,
@@ -139,13 +139,7 @@ def unique_ids(cards: Sequence[Card], what: str) -> IntArray:
     ids = np.array([card.integer(0, f"the {what} id") for card in cards], dtype=np.int64)
     if ids.size and ids.min() < 1:
         raise cards[int(np.argmin(ids))].error(f"the {what} id must be positive")
-    if twice := repeated(ids):
-        first, second = (cards[i] for i in twice)
-        raise DeckError(
-            f"{what} id {second.fields[0]} stands twice (first at {first.where})",
-            where=second.where,
-            remedy=f"give every {what} its own id",
-        )
+    check_once(ids, what, lambda i: cards[i].where)
     return ids
 
 

@@ -10,7 +10,7 @@ from difflib import get_close_matches
 import numpy as np
 
 from strainsight.decks.faults import Doubt
-from strainsight.decks.nastran.cards import Card, Cards, Deck
+from strainsight.decks.nastran.cards import Card, Deck
 from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray
@@ -131,7 +131,7 @@ def _members(card: Card, tokens: Sequence[str], existing: IntArray, what: str) -
     return np.unique(members)
 
 
-def _others(cards: Cards, tokens: Sequence[str], imported: IntArray, where: str) -> set[str]:
+def _others(cards: Mapping[str, Sequence[Card]], tokens: Sequence[str], imported: IntArray, where: str) -> set[str]:
     """The tokens that are single ids of elements of the deck beside those that are imported."""
     missing = {str(number) for number in expand(tokens, imported, where)[1].tolist()}
     if not missing:

@@ -27,6 +27,7 @@ from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind, in_order
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
 from strainsight.mesh.node_order import left_handed
+from strainsight.mesh.thin import concatenated
 
 REGIONS = (
     *("region", "region_id", "gmsh:physical", "medit:ref", "cell_tags", "netgen:index", "tetgen:ref"),
@@ -215,7 +216,7 @@ def read_meshio(
     shells = list(thin_cells(raw, thin, cells, element_ids, tags, chosen, str(path)))
     check_elements([*blocks, *shells], lambda *_: str(path))
     taken = {used_nodes, used_elements, tags.name if tags else ""}
-    used = np.isin(element_ids, np.concatenate([np.zeros(0, np.int64), *(block.ids for block in (*blocks, *shells))]))
+    used = np.isin(element_ids, concatenated(block.ids for block in (*blocks, *shells)))
     node_sets, element_sets = sets_of(raw, tags, cells, used, node_ids, element_ids, ignored, taken)
     mesh = Mesh(
         node_ids=node_ids,
@@ -310,7 +311,7 @@ def _regions(raw: Any, tags: Labels | None, blocks: tuple[CellBlock, ...]) -> di
     if tags is None:
         return {1: Region(1, "solids", 0)}
     names = tag_names(raw, 3)
-    found = np.unique(np.concatenate([np.zeros(0, np.int64), *(block.region for block in blocks)]))
+    found = np.unique(concatenated(block.region for block in blocks))
     return {int(tag): Region(int(tag), ", ".join(names.get(int(tag), ())) or f"region {tag}", 0) for tag in found}
 
 
