@@ -34,7 +34,7 @@ def shells(unknowns: int) -> Mesh:
     block = ShellBlock("quad4", 1 + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan))
     none = np.zeros((0, 2), dtype=int)
     ids, sections = 1 + np.arange(grid.size), {1: ShellSection(0.002)}
-    return Mesh(ids, position, (), PLATE, STEEL, fixed=none, shells=(block,), sections=sections)
+    return Mesh(ids, position, (), fixed=none, shells=(block,), regions=PLATE, materials=STEEL, sections=sections)
 
 
 def solids(unknowns: int) -> Mesh:
@@ -48,7 +48,7 @@ def solids(unknowns: int) -> Mesh:
     used, nodes = np.unique(key, return_inverse=True)
     position = 0.005 * np.column_stack([used // 3 // (half[1] + 1), used // 3 % (half[1] + 1), used % 3])
     block = CellBlock("hex20", 1 + np.arange(len(key)), nodes.reshape(key.shape), np.ones(len(key), int))
-    return Mesh(1 + np.arange(len(used)), position, (block,), PLATE, STEEL, fixed=np.zeros((0, 2), dtype=int))
+    return Mesh(1 + np.arange(len(used)), position, (block,), regions=PLATE, materials=STEEL)
 
 
 def main(words: list[str]) -> None:

@@ -11,7 +11,7 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError, UserError
-from strainsight.mesh.joins import AveragingElement, NodalForces, RigidElement
+from strainsight.mesh.joins import NodalForces, RigidElement
 from strainsight.mesh.model import FloatArray, IdTable, IntArray, Mesh
 from strainsight.mesh.projection import Met, hanging, inside, patches
 from strainsight.mesh.unjoined import Coincident, Doubled, Joints, component_labels, doubled
@@ -189,7 +189,7 @@ def _renamed(mesh: Mesh, index: IntArray, gone: NDArray[np.bool_]) -> Mesh:
         beams=tuple(replace(block, nodes=index[block.nodes]) for block in mesh.beams),
         fixed=np.unique(np.column_stack([index[mesh.fixed[:, 0]], mesh.fixed[:, 1]]), axis=0),
         rigid=tuple(own for tie in mesh.rigid if len((own := _rigid(tie, index)).nodes)),
-        averaging=tuple(_averaging(tie, index) for tie in mesh.averaging),
+        averaging=tuple(tie.moved(int(index[tie.reference]), index[tie.nodes], index) for tie in mesh.averaging),
         relations=tuple(replace(own, node=index[own.node]) for own in mesh.relations),
         point_masses=tuple(replace(own, node=int(index[own.node])) for own in mesh.point_masses),
         springs=tuple(replace(own, node=index[own.node]) for own in mesh.springs),
@@ -202,32 +202,6 @@ def _renamed(mesh: Mesh, index: IntArray, gone: NDArray[np.bool_]) -> Mesh:
 def _rigid(tie: RigidElement, index: IntArray) -> RigidElement:
     nodes, reference = np.unique(index[tie.nodes]), int(index[tie.reference])
     return replace(tie, reference=reference, nodes=nodes[nodes != reference])
-
-
-def _averaging(tie: AveragingElement, index: IntArray) -> AveragingElement:
-    """Of nodes that became one the weights add up."""
-    dependent = tie.dependent
-    if dependent is not None:
-        dependent = np.column_stack([index[dependent[:, 0]], dependent[:, 1]])
-    reference, one = int(index[tie.reference]), index[tie.nodes]
-    counts = [own.astype(int) for own in (tie.directions, tie.rotations) if own is not None]
-    key = np.column_stack([one, *counts])
-    _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    if len(np.unique(one)) < len(first):
-        raise DeckError(
-            f"{tie}: nodes in one place count in different directions there",
-            remedy="let both count in the same, so that mesh.merge can make them one",
-            entity=("tie", tie.id),
-        )
-    return replace(
-        tie,
-        reference=reference,
-        nodes=one[first],
-        weight=np.bincount(of.ravel(), tie.weight).astype(float),
-        directions=None if tie.directions is None else tie.directions[first],
-        rotations=None if tie.rotations is None else tie.rotations[first],
-        dependent=dependent,
-    )
 
 
 def _load(load: NodalForces, index: IntArray) -> NodalForces:

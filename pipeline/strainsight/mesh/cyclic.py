@@ -212,23 +212,8 @@ class Copies:
                 )
             for reference, group in groups:
                 number.append(own.id)
-                every = np.concatenate([self.at[j][own.nodes] for j in group])
-                nodes, first, place = np.unique(every, return_index=True, return_inverse=True)
-                first %= len(own.nodes)
-                averaging.append(
-                    replace(
-                        own,
-                        id=len(number),
-                        reference=reference,
-                        nodes=nodes,
-                        weight=np.bincount(place, np.tile(own.weight, len(group))).astype(float),
-                        directions=None if own.directions is None else own.directions[first],
-                        rotations=None if own.rotations is None else own.rotations[first],
-                        dependent=None
-                        if own.dependent is None
-                        else np.column_stack([self.at[group[0]][own.dependent[:, 0]], own.dependent[:, 1]]),
-                    )
-                )
+                moved = own.moved(reference, self.at[group][:, own.nodes].ravel(), self.at[group[0]])
+                averaging.append(replace(moved, id=len(number)))
         return tuple(rigid), tuple(averaging), np.array(number, dtype=np.int64)
 
     def _by_reference(self, node: int) -> list[tuple[int, list[int]]]:

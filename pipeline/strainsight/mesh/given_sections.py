@@ -61,7 +61,9 @@ def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, Given
     Raises DeckError for a shell of no area, folded or warped too much, a line without length, and one along the direction of its
     section.
     """
-    of = {kind: _together([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE, LINE3)}
+    of = {
+        kind: CellBlock.joined([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE, LINE3)
+    }
     notes = list(mesh.notes)
     with mesh.located():
         shells = tuple(_shells(mesh, of[kind], given, notes) for kind in SHELL_KINDS if len(of[kind].ids))
@@ -70,15 +72,6 @@ def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, Given
     beams = tuple(block for block in lines if len(block.ids))
     sections: dict[int, Section] = {region: own.section for region, own in given.items()}
     return replace(mesh, shells=shells, beams=beams, sections=sections, notes=tuple(notes))
-
-
-def _together(blocks: Sequence[CellBlock]) -> CellBlock:
-    """Blocks of one kind as one."""
-    if not blocks:
-        nothing = np.zeros(0, dtype=np.int64)
-        return CellBlock("", nothing, nothing.reshape(0, 0), nothing)
-    columns = ([getattr(block, name) for block in blocks] for name in ("ids", "nodes", "region"))
-    return CellBlock(blocks[0].kind, *(np.concatenate(own) for own in columns))
 
 
 def _shells(mesh: Mesh, block: CellBlock, given: Mapping[int, GivenSection], notes: list[str]) -> ShellBlock:

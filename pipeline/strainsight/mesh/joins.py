@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.columns import Column
+from strainsight.errors import DeckError
 from strainsight.mesh.thin import FloatArray, IntArray
 
 STRAIGHT = "straight side"
@@ -69,6 +70,32 @@ class AveragingElement:
     def turned(self) -> IntArray:
         """Nodes whose rotations count."""
         return self.nodes[:0] if self.rotations is None else self.nodes[self.rotations.any(axis=1)]
+
+    def moved(self, reference: int, nodes: IntArray, at: IntArray) -> AveragingElement:
+        """The element on other nodes (c k,), those of c copies one after the other; weights of nodes that became one add up;
+        at: index of every node before → that after.
+
+        Raises DeckError for nodes that became one and count in different directions."""
+        row = np.arange(len(nodes)) % len(self.nodes)
+        counts = [own[row].astype(int) for own in (self.directions, self.rotations) if own is not None]
+        key = np.column_stack([nodes, *counts])
+        _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        if len(np.unique(nodes)) < len(first):
+            raise DeckError(
+                f"{self}: nodes in one place count in different directions there",
+                remedy="let both count in the same, so that they can be made one",
+                entity=("tie", self.id),
+            )
+        dependent = self.dependent
+        return replace(
+            self,
+            reference=reference,
+            nodes=nodes[first],
+            weight=np.bincount(of.ravel(), self.weight[row]).astype(float),
+            directions=None if self.directions is None else self.directions[row[first]],
+            rotations=None if self.rotations is None else self.rotations[row[first]],
+            dependent=None if dependent is None else np.column_stack([at[dependent[:, 0]], dependent[:, 1]]),
+        )
 
 
 @dataclass(frozen=True)

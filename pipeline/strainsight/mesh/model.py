@@ -37,6 +37,14 @@ class CellBlock:
     nodes: Annotated[IntArray, Column("1", "element × node", "node indices in VTK order")]
     region: Annotated[IntArray, Column("1", "element", "region id of every element")]
 
+    @classmethod
+    def joined(cls, blocks: Sequence[CellBlock]) -> CellBlock:
+        """Blocks of one kind as one, of no kind where there are none."""
+        if not blocks:
+            return cls("", *(np.zeros(shape, dtype=np.int64) for shape in (0, (0, 0), 0)))
+        columns = ([getattr(block, name) for block in blocks] for name in ("ids", "nodes", "region"))
+        return cls(blocks[0].kind, *(np.concatenate(parts) for parts in columns))
+
 
 @dataclass(frozen=True)
 class Material:

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.faults import Where, check_elements, check_nodes, plural
+from strainsight.decks.faults import Where, check_elements, check_nodes, entity_error, plural
 from strainsight.decks.gmsh.records import KINDS, TYPES, Chunk, NodeRows, remedy
 from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
 from strainsight.errors import DeckError
@@ -23,7 +24,7 @@ from strainsight.mesh.given_sections import (
     with_given,
 )
 from strainsight.mesh.kinds import ELEMENTS
-from strainsight.mesh.kinds.kind import in_order
+from strainsight.mesh.kinds.kind import Order, in_order
 from strainsight.mesh.model import CellBlock, IdTable, IntArray, Mesh, Origin, Region
 from strainsight.mesh.thin import concatenated
 
@@ -74,19 +75,15 @@ def note_doubled(doubled: Doubled) -> list[str]:
     ]
 
 
-def indices(chunk: Chunk, table: IdTable, where: Where) -> IntArray:
-    index, missing = table.rows(chunk.nodes)
+def block_of(chunk: Chunk, kind: str, order: Order, region: int, table: IdTable, where: Where) -> CellBlock:
+    """Elements of a chunk by the rows of their nodes. Raises DeckError for a node that is not in the file."""
+    rows, missing = table.rows(chunk.nodes)
     if missing.any():
         row, column = np.argwhere(missing)[0]
         element = int(chunk.ids[row])
-        raise DeckError(
-            f"element {element} ({TYPES[chunk.type].name}) refers to node {chunk.nodes[row, column]}, "
-            "which is not in the file",
-            where=where("element", element),
-            remedy="write the mesh again with all its nodes",
-            entity=("element", element),
-        )
-    return index
+        what = f"element {element} ({TYPES[chunk.type].name}) refers to node {chunk.nodes[row, column]}, which is not in the file"
+        raise entity_error("element", element, what, "write the mesh again with all its nodes", where)
+    return CellBlock(kind, chunk.ids, in_order(rows, order), np.full(len(chunk.ids), region))
 
 
 def kept_ids(ids: IntArray, doubled: Doubled) -> IntArray:
@@ -131,27 +128,35 @@ def thin_cells(
         if not own or not len(chunk.ids):
             continue
         if chunk.type not in THIN_KINDS:
-            element = int(chunk.ids[0])
-            raise DeckError(
-                f"element {element} is a {TYPES[chunk.type].name}, and {chosen[dimension, own[0]][0]} has a section: "
-                f"its elements may be {', '.join(TYPES[number].name + 's' for number in THIN_KINDS)}",
-                where=where("element", element),
-                remedy="set Mesh.SecondOrderIncomplete = 1 before meshing"
-                if chunk.type == NINE
-                else "set Mesh.ElementOrder = 2 (or 1) before meshing",
-                entity=("element", element),
-            )
+            element, names = int(chunk.ids[0]), ", ".join(TYPES[number].name + "s" for number in THIN_KINDS)
+            what = f"element {element} is a {TYPES[chunk.type].name}, and {chosen[dimension, own[0]][0]} has a section"
+            incomplete = "set Mesh.SecondOrderIncomplete = 1 before meshing"
+            lower = "set Mesh.ElementOrder = 2 (or 1) before meshing"
+            remedy = incomplete if chunk.type == NINE else lower
+            raise entity_error("element", element, f"{what}: its elements may be {names}", remedy, where)
         groups = tuple(sorted(tag for tag in own if tag is not None))
         chunks.append(replace(chunk, groups=groups))
     left, doubled = merged(chunks, file.version)
-    together = [*_in_several(left), *_written_twice(chunks, doubled)]
-    for element, dimension, tags in together:
-        _check_one_section(element, [chosen[dimension, tag] for tag in tags], where)
-    if together:
+    several = [*_in_several(left), *_written_twice(chunks, doubled)]
+    for element, dimension, tags in several:
+        (first, own), *others = (chosen[dimension, tag] for tag in tags)
+        if other := next((region for region, section in others if section is not own), None):
+            what = f"element {element} is in {first} and in {other}, which have different sections"
+            remedy = "give one of the two a section (mesh.sections), or part the physical groups"
+            raise entity_error("element", element, what, remedy, where)
+    if several:
         notes.append(
-            f"element {together[0][0]} is in several physical groups with a section: in the region of the lowest tag"
+            f"element {several[0][0]} is in several physical groups with a section: in the region of the lowest tag"
         )
-    return Thin(left, tuple(_cells(left, chosen, table, where)), chosen, doubled)
+    cells = []
+    for number, kind in THIN_KINDS.items():
+        regions = {
+            tag: region.id for (dimension, tag), (region, _) in chosen.items() if dimension == TYPES[number].dimension
+        }
+        own_kind = [chunk for chunk in left if chunk.type == number]
+        blocks = [block_of(c, kind, (), regions[c.groups[0] if c.groups else None], table, where) for c in own_kind]
+        cells += [CellBlock.joined(blocks)] if blocks else []
+    return Thin(left, tuple(cells), chosen, doubled)
 
 
 def _groups(file: GmshFile) -> dict[int, dict[int | None, str]]:
@@ -180,34 +185,6 @@ def _written_twice(chunks: list[Chunk], doubled: Doubled) -> Iterator[tuple[int,
     of = {i: chunk for chunk in chunks for i in chunk.ids.tolist() if i in wanted}
     for dropped, kept in zip(doubled.dropped.tolist(), doubled.kept.tolist(), strict=True):
         yield kept, TYPES[of[kept].type].dimension, (of[kept].groups[0], of[dropped].groups[0])
-
-
-def _check_one_section(element: int, regions: list[tuple[Region, GivenSection]], where: Where) -> None:
-    (a, own), *others = regions
-    for b, other in others:
-        if other is not own:
-            raise DeckError(
-                f"element {element} is in {a} and in {b}, which have different sections",
-                where=where("element", element),
-                remedy="give one of the two a section (mesh.sections), or part the physical groups",
-                entity=("element", element),
-            )
-
-
-def _cells(chunks: list[Chunk], chosen: Chosen, table: IdTable, where: Where) -> Iterator[CellBlock]:
-    for number, kind in THIN_KINDS.items():
-        own = [chunk for chunk in chunks if chunk.type == number]
-        if own:
-            region = [
-                np.full(len(c.ids), chosen[TYPES[number].dimension, c.groups[0] if c.groups else None][0].id)
-                for c in own
-            ]
-            yield CellBlock(
-                kind,
-                np.concatenate([chunk.ids for chunk in own]),
-                np.concatenate([indices(chunk, table, where) for chunk in own]),
-                np.concatenate(region),
-            )
 
 
 __all__ = ["is_gmsh", "read_gmsh"]
@@ -275,7 +252,7 @@ def _places(path: str, nodes: NodeRows, elements: list[Chunk]) -> Where:
 def _check_types(solids: list[Chunk], elements: list[Chunk] | None, path: str, where: Where) -> None:
     """Raise DeckError for solids of other kinds, and where there are none beside `elements`."""
     if not solids and elements is not None:
-        found = {TYPES[chunk.type].name: 0 for chunk in elements}
+        found: Counter[str] = Counter()
         for chunk in elements:
             found[TYPES[chunk.type].name] += len(chunk.ids)
         shown = ", ".join(plural(count, name) for name, count in found.items()) or "no elements"
@@ -289,12 +266,8 @@ def _check_types(solids: list[Chunk], elements: list[Chunk] | None, path: str, w
         if chunk.type not in KINDS:
             name, count = TYPES[chunk.type].name, sum(len(c.ids) for c in solids if c.type == chunk.type)
             element = int(chunk.ids[0])
-            raise DeckError(
-                f"element {element} is a {name}, which is not supported ({count} in the file)",
-                where=where("element", element),
-                remedy=remedy(chunk.type),
-                entity=("element", element),
-            )
+            what = f"element {element} is a {name}, which is not supported ({count} in the file)"
+            raise entity_error("element", element, what, remedy(chunk.type), where)
 
 
 def _blocks(
@@ -321,11 +294,8 @@ def _blocks(
         own = [chunk for chunk in solids if chunk.type == kind.gmsh]
         if not own:
             continue
-        index = np.concatenate([indices(chunk, table, where) for chunk in own])
-        region = [np.full(len(chunk.ids), min(chunk.groups, default=spare)) for chunk in own]
-        ids = np.concatenate([chunk.ids for chunk in own])
-        nodes = in_order(index, kind.gmsh_order)
-        blocks.append(CellBlock(kind.name, ids, nodes, np.concatenate(region).astype(np.int64)))
+        parts = [block_of(c, kind.name, kind.gmsh_order, min(c.groups, default=spare), table, where) for c in own]
+        blocks.append(CellBlock.joined(parts))
     used = {int(tag) for block in blocks for tag in np.unique(block.region)}
     return tuple(blocks), {tag: region for tag, region in regions.items() if tag in used}, notes
 
@@ -337,7 +307,7 @@ def _sets(
     members: dict[tuple[int, int], list[Chunk]] = {}
     for chunk in elements:
         if len(chunk.ids) and chunk.type not in KINDS:
-            indices(chunk, table, where)
+            block_of(chunk, "", (), 0, table, where)  # all its nodes are there
         for tag in chunk.groups:
             members.setdefault((TYPES[chunk.type].dimension, tag), []).append(chunk)
     names, notes = _set_names(members, file.names)

@@ -290,19 +290,12 @@ def _blocks(
     raw = loaded.mesh
     blocks = []
     for kind in ELEMENTS:
-        own = [b for b in solids if KINDS[raw.cells[b].type] == kind]
-        if own:
-            cells_ = [in_order(np.asarray(raw.cells[b].data, np.int64), kind.meshio[raw.cells[b].type]) for b in own]
-            nodes = [in_our_order(kind, block, loaded.format, position, notes) for block in cells_]
-            rows = [cells.rows[b] for b in own]
-            blocks.append(
-                CellBlock(
-                    kind.name,
-                    np.concatenate([ids[r] for r in rows]),
-                    np.concatenate(nodes),
-                    np.concatenate([region[r] for r in rows]),
-                )
-            )
+        parts = []
+        for b in (b for b in solids if KINDS[raw.cells[b].type] == kind):
+            nodes = in_order(np.asarray(raw.cells[b].data, np.int64), kind.meshio[raw.cells[b].type])
+            nodes, rows = in_our_order(kind, nodes, loaded.format, position, notes), cells.rows[b]
+            parts.append(CellBlock(kind.name, ids[rows], nodes, region[rows]))
+        blocks += [CellBlock.joined(parts)] if parts else []
     return tuple(blocks)
 
 
