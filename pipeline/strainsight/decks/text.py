@@ -27,6 +27,14 @@ UNPACKING = (gzip.BadGzipFile, EOFError, zlib.error)
 """What a damaged .gz raises."""
 
 
+AGAIN = "write the file again: it was cut short or altered"
+
+
+def damaged(what: str, where: str) -> DeckError:
+    """A file that was cut short or altered."""
+    return DeckError(what, where=where, remedy=AGAIN)
+
+
 class Line(NamedTuple):
     """A line without comment and trailing blanks, and where it stands."""
 

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from strainsight.child_reader import Message, answer, child_reader, reason
+from strainsight.decks.text import damaged
 from strainsight.errors import DeckError
-from strainsight.foreign.results.response import AGAIN, Response, check_frequency, check_motion, unsupported
+from strainsight.foreign.results.response import Response, check_frequency, check_motion, unsupported
 from strainsight.processes import python
 
 TIME_LIMIT = 20.0
@@ -32,7 +33,7 @@ def responses_apart(path: Path) -> Iterator[Response]:
     Raises DeckError as it does, and where the process fails.
     """
     limit = TIME_LIMIT + path.stat().st_size / 5e6
-    failure = DeckError(f"{PACKAGE} crashed, or did not come to an end", where=str(path), remedy=AGAIN)
+    failure = damaged(f"{PACKAGE} crashed, or did not come to an end", str(path))
     with TemporaryDirectory() as folder:
         try:
             copy = copyfile(path, Path(folder) / path.name)
@@ -56,9 +57,9 @@ def messages(path: Path, copy: Path) -> Iterator[Message]:
         raise
     except MemoryError:
         what = f"reading it with {PACKAGE} takes more memory than a file of its size may"
-        raise DeckError(what, where=str(path), remedy=AGAIN) from None
+        raise damaged(what, str(path)) from None
     except Exception as error:
-        raise DeckError(f"cannot be read by {PACKAGE}: {reason(error)}", where=str(path), remedy=AGAIN) from None
+        raise damaged(f"cannot be read by {PACKAGE}: {reason(error)}", str(path)) from None
     yield {}, []
 
 

@@ -29,12 +29,11 @@ from strainsight.decks.frd import (
 )
 from strainsight.decks.other.load import load_sandboxed
 from strainsight.decks.other.mesh import NODE_IDS, numbers_of
-from strainsight.decks.text import UNPACKING, check_plain, opened, parse_integer, parse_real
+from strainsight.decks.text import UNPACKING, check_plain, damaged, opened, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.foreign.results.ansys import ansys_responses
 from strainsight.foreign.results.nastran import op2_responses, punch_responses
 from strainsight.foreign.results.response import (
-    AGAIN,
     Response,
     check_frequency,
     check_motion,
@@ -214,7 +213,7 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
             while not is_mark(line := file.readline(_LONGEST)):
                 number += 1
                 if not line:
-                    raise DeckError(f"the file ends within dataset {kind}", where=f"{path}:{number}", remedy=AGAIN)
+                    raise damaged(f"the file ends within dataset {kind}", f"{path}:{number}")
                 if layout is not None:
                     lines.extend(padded(line, _WIDTH))
             number += 1
@@ -226,7 +225,7 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
     """None where it holds something else than a vector of displacements at nodes."""
     layout, lines, where = dataset.layout, dataset.lines, f"{path}:{dataset.number}"
     if (there := len(lines) // _WIDTH) < layout.lines:
-        raise DeckError(f"a header of {there} lines, not {layout.lines}", where=where, remedy=AGAIN)
+        raise damaged(f"a header of {there} lines, not {layout.lines}", where)
     head = [lines[row * _WIDTH : (row + 1) * _WIDTH].decode("latin-1") for row in range(layout.lines)]
     _, analysis, characteristic, kind, data, count = _integers(head[layout.parameters], 6, where)
     if layout.location is not None and _integers(head[layout.location], 1, where)[0] != _AT_NODES:
@@ -238,7 +237,7 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
             _OTHERS.get(analysis, "complex values" if data > 4 else f"an analysis of type {analysis}"), where
         )
     if count != _VECTORS[characteristic]:
-        raise DeckError(f"a vector of {count} values, not {_VECTORS[characteristic]}", where=where, remedy=AGAIN)
+        raise damaged(f"a vector of {count} values, not {_VECTORS[characteristic]}", where)
     integers_, reals_ = _integers(head[layout.integers], 8, where), _reals(head[layout.reals], where)
     step = integers_[layout.load_case] or 1
     is_mode = analysis == _UNIVERSAL_MODE
@@ -265,7 +264,7 @@ def _integers(line: str, count: int, where: str) -> list[int]:
     """So many integers of a line of a header, 0 where it is shorter."""
     values = [parse_integer(word) for word in line.split()[:count]]
     if None in values:
-        raise DeckError(f"{line.strip()!r} are no integers of a header", where=where, remedy=AGAIN)
+        raise damaged(f"{line.strip()!r} are no integers of a header", where)
     return [value for value in values if value is not None] + [0] * (count - len(values))
 
 
@@ -274,7 +273,7 @@ def _reals(line: str, where: str) -> list[float]:
     words = [line[at : at + _NUMBER].strip() for at in range(0, _WIDTH, _NUMBER)]
     values = [parse_real(word or "0") for word in words]
     if None in values:
-        raise DeckError(f"{line.strip()!r} are no numbers of a header", where=where, remedy=AGAIN)
+        raise damaged(f"{line.strip()!r} are no numbers of a header", where)
     return [value for value in values if value is not None]
 
 
@@ -284,7 +283,7 @@ def _rows(dataset: _Dataset, count: int, path: Path) -> tuple[np.ndarray, np.nda
     number = dataset.number + first
     text = np.frombuffer(dataset.lines, np.uint8).reshape(-1, _WIDTH)[first:]
     if len(text) % 2:
-        raise DeckError("a node without its values", where=f"{path}:{number + len(text)}", remedy=AGAIN)
+        raise damaged("a node without its values", f"{path}:{number + len(text)}")
     return (
         integers(text[::2, :_ID], lambda row: f"{path}:{number + 2 * row}"),
         reals(text[1::2, : count * _NUMBER], _NUMBER, lambda row: f"{path}:{number + 2 * row + 1}"),

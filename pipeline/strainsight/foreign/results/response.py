@@ -16,7 +16,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from strainsight.decks.faults import repeated
-from strainsight.decks.text import opened, parse_integer, parse_real
+from strainsight.decks.text import damaged, opened, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.thin import FloatArray, IntArray
 
@@ -51,9 +51,6 @@ class Response:
     position: FloatArray | None = None
 
 
-AGAIN = "write the file again: it was cut short or altered"
-
-
 def natural_frequency(eigenvalue: float) -> float:
     """f = √λ/2π [Hz] of an eigenvalue λ = ω² [1/s²]; −√|λ|/2π where it is negative."""
     return math.copysign(math.sqrt(abs(eigenvalue)) / math.tau, eigenvalue)
@@ -62,7 +59,7 @@ def natural_frequency(eigenvalue: float) -> float:
 def check_motion(ids: IntArray, motion: FloatArray, where: str) -> None:
     """Raise DeckError unless ids (n,) are each there once and motion (n, k) is finite."""
     if (pair := repeated(ids)) is not None:
-        raise DeckError(f"node {ids[pair[1]]} stands twice", where=where, remedy=AGAIN)
+        raise damaged(f"node {ids[pair[1]]} stands twice", where)
     finite = np.isfinite(motion).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
@@ -77,7 +74,7 @@ def check_motion(ids: IntArray, motion: FloatArray, where: str) -> None:
 def check_frequency(frequency: float, where: str) -> None:
     """Raise DeckError unless a mode's frequency is a finite number."""
     if not math.isfinite(frequency):
-        raise DeckError(f"the frequency of the mode is {frequency:g}", where=where, remedy=AGAIN)
+        raise damaged(f"the frequency of the mode is {frequency:g}", where)
 
 
 def unsupported(what: str, where: str) -> DeckError:
@@ -140,7 +137,7 @@ def _checked(parse: Callable[[str], T | None], word: bytes, place: Callable[[int
     value = parse(word.decode("latin-1").strip())
     if value is None:
         said = " ".join(word.decode("latin-1").split())
-        raise DeckError(f"{said!r} is no finite number", where=place(row), remedy=AGAIN)
+        raise damaged(f"{said!r} is no finite number", place(row))
     return value
 
 
@@ -248,5 +245,5 @@ def _of_calculix(path: Path) -> list[_Step]:
 def _real(word: str, path: Path, line: int) -> float:
     value = parse_real(word)
     if value is None:
-        raise DeckError(f"{word!r} is no finite number", where=f"{path}:{line}", remedy=AGAIN)
+        raise damaged(f"{word!r} is no finite number", f"{path}:{line}")
     return value
