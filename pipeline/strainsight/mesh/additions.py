@@ -5,7 +5,7 @@ All in SI units, positions in m too, whatever the unit of the file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any
@@ -92,23 +92,24 @@ def with_anisotropic(
 def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> Mesh:
     """A mesh whose regions (None: all) refer to the material of that number, without materials that nothing refers to."""
     chosen = set(mesh.regions if regions is None else region_ids(mesh, regions))
-    if own := sorted(i for i in chosen if mesh.general_shell(i)):
-        raise UserError(
-            f"{mesh.regions[own[0]]} is a shell whose membrane, bending and shear have materials of their own",
-            remedy="name the regions that are none, and state its materials in the deck (MAT1, MAT2, MAT8)",
-        )
-    if of_plies := sorted(i for i in chosen if mesh.laminate(i)):
-        raise UserError(
-            f"{mesh.regions[of_plies[0]]} is a laminate, whose plies have materials of their own",
-            remedy="name the regions that are none, and state materials of plies in the deck (MAT8, MAT1)",
-        )
-    if of_layers := sorted(chosen & set(mesh.composites)):
-        raise UserError(
-            f"{mesh.regions[of_layers[0]]} is a composite solid, whose layers have materials of their own",
-            remedy="name the regions that are none, and state materials of layers in the deck",
-        )
+    several: dict[str, tuple[Callable[[int], object], str]] = {
+        "a shell whose membrane, bending and shear": (
+            mesh.general_shell,
+            "its materials in the deck (MAT1, MAT2, MAT8)",
+        ),
+        "a laminate, whose plies": (mesh.laminate, "materials of plies in the deck (MAT8, MAT1)"),
+        "a composite solid, whose layers": (mesh.composites.get, "materials of layers in the deck"),
+    }
+    for words, (part_of, where) in several.items():
+        if own := sorted(i for i in chosen if part_of(i)):
+            raise UserError(
+                f"{mesh.regions[own[0]]} is {words} have materials of their own",
+                remedy=f"name the regions that are none, and state {where}",
+            )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
-    used = {region.material for region in altered.values()} | _of_plies(mesh)
+    stacks = [laminate.plies for region in mesh.regions if (laminate := mesh.laminate(region))]
+    stacks += [composite.layers for composite in mesh.composites.values()]
+    used = {region.material for region in altered.values()} | {part.material for parts in stacks for part in parts}
     return replace(
         mesh,
         regions=altered,
@@ -183,13 +184,6 @@ def with_layers(mesh: Mesh, region: int, layers: Sequence[Any]) -> Mesh:
         return replace(mesh, sections={**mesh.sections, region: replace(laminate, plies=tuple(layers))})
     composite = replace(mesh.composites[region], layers=tuple(layers))
     return replace(mesh, composites={**mesh.composites, region: composite})
-
-
-def _of_plies(mesh: Mesh) -> set[int]:
-    """Ids of the materials of plies and layers."""
-    laminates = [laminate for region in mesh.regions if (laminate := mesh.laminate(region))]
-    plies = {ply.material for laminate in laminates for ply in laminate.plies}
-    return plies | {layer.material for composite in mesh.composites.values() for layer in composite.layers}
 
 
 def with_support(mesh: Mesh, nodes: IntArray, components: Sequence[int]) -> Mesh:
@@ -282,8 +276,7 @@ def face_springs(mesh: Mesh, name: str, face: str, stiffness: Sequence[float]) -
     """
     facets, own = all_facets(mesh), mesh.faces[face]
     chosen = np.isin(facets.key, facet_key(*own.T))
-    weight, spring, node, value = [], [], [], []
-    count = 0
+    parts, count = [], 0
     for number in np.unique(facets.kind[chosen]):
         kind = FACETS[number]
         nodes = facets.nodes[chosen & (facets.kind == number), : len(kind.nodes)]
@@ -292,19 +285,16 @@ def face_springs(mesh: Mesh, name: str, face: str, stiffness: Sequence[float]) -
         J = np.einsum("qad,fac->fqcd", dN, mesh.position[nodes])
         dA = np.linalg.norm(np.cross(J[..., 0], J[..., 1]), axis=-1)
         f, q, a = (part.ravel() for part in np.meshgrid(*map(np.arange, (len(nodes), *N.shape)), indexing="ij"))
-        weight.append((w * dA).ravel())
-        spring.append(count + f * len(w) + q)
-        node.append(nodes[f, a])
-        value.append(N[q, a])
+        parts.append(((w * dA).ravel(), count + f * len(w) + q, nodes[f, a], N[q, a]))
         count += len(nodes) * len(w)
-    share = np.concatenate(weight)
-    share /= share.sum()
+    share, spring, node, value = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    share = share / share.sum()
     components = np.flatnonzero(stiffness)
     return Springs(
         name,
         np.concatenate([stiffness[c] * share for c in components.tolist()]),
-        np.concatenate([i * count + at for i in range(len(components)) for at in spring]),
-        np.tile(np.concatenate(node), len(components)),
-        np.repeat(components, sum(map(len, node))),
-        np.tile(np.concatenate(value), len(components)),
+        np.concatenate([i * count + spring for i in range(len(components))]),
+        np.tile(node, len(components)),
+        np.repeat(components, len(node)),
+        np.tile(value, len(components)),
     )

@@ -96,18 +96,15 @@ def on_solids(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int
 
 def all_facets(mesh: Mesh) -> Facets:
     """Every facet of every cell, the two faces of every shell, and the four sides of beams."""
-    ids, facet, kind, nodes, region = [], [], [], [], []
+    parts = [tuple(np.zeros(shape, dtype=np.int64) for shape in (0, 0, 0, (0, 8), 0))]
 
     def add(
         block: CellBlock | ShellBlock | BeamBlock, rows: IntArray | slice, number: int, code: int, around: IntArray
     ) -> None:
         padded = np.full((len(around), 8), -1, dtype=np.int64)
         padded[:, : around.shape[1]] = around
-        ids.append(block.ids[rows])
-        facet.append(np.full(len(around), number))
-        kind.append(np.full(len(around), code))
-        nodes.append(padded)
-        region.append(block.region[rows])
+        numbers = (np.full(len(around), own) for own in (number, code))
+        parts.append((block.ids[rows], *numbers, padded, block.region[rows]))
 
     for block in mesh.blocks:
         for number, (facet_kind, local) in enumerate(kind_of(block.kind).facets, start=1):
@@ -121,10 +118,7 @@ def all_facets(mesh: Mesh) -> Facets:
         for number, side in enumerate(np.moveaxis(beam.on_sides, 1, 0), start=1):
             rows = np.flatnonzero(side[:, 0] >= 0)
             add(beam, rows, number, CODE["quad4" if side.shape[1] == 4 else ON_SHELL["quad8"]], side[rows])
-    nodes.append(np.zeros((0, 8), dtype=np.int64))
-    parts = ([*part, np.zeros(0)] for part in (ids, facet, kind, region))
-    *columns, last = (np.concatenate(part).astype(np.int64) for part in parts)
-    columns += [np.concatenate(nodes), last]
+    columns = [np.concatenate(own) for own in zip(*parts, strict=True)]
     order = np.lexsort((columns[1], columns[0]))
     found = Facets(*(column[order] for column in columns))
     return replace(found, corners=_meeting(mesh)[found.nodes[:, :4]]) if mesh.beams else found

@@ -255,16 +255,13 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     found += mesh.doubts
     for material in mesh.materials.values():
         found += _ratio_warnings(mesh, material)
-        found += _material_warnings(str(material), material.youngs_modulus, material.density, length_unit, mass_unit)
-    for lamina in mesh.laminae.values():
-        found += _material_warnings(str(lamina), lamina.e1, lamina.density, length_unit, mass_unit, True)
-    for number, section in mesh.sections.items():
-        if isinstance(section, GeneralShell):
-            found += _material_warnings(
-                str(mesh.regions[number]), section.modulus, section.density, length_unit, mass_unit
-            )
-    for solid in mesh.anisotropic.values():
-        found += _material_warnings(str(solid), max(solid.moduli), solid.density, length_unit, mass_unit, True)
+    general = {number: own for number, own in mesh.sections.items() if isinstance(own, GeneralShell)}
+    constants = [(str(own), own.youngs_modulus, own.density, False) for own in mesh.materials.values()]
+    constants += [(str(own), own.e1, own.density, True) for own in mesh.laminae.values()]
+    constants += [(str(mesh.regions[number]), own.modulus, own.density, False) for number, own in general.items()]
+    constants += [(str(own), max(own.moduli), own.density, True) for own in mesh.anisotropic.values()]
+    for name, E, rho, ply in constants:
+        found += _material_warnings(name, E, rho, length_unit, mass_unit, ply)
     found += _stiff_cores(mesh)
     found += section_warnings(mesh)
     extent = float(np.max(np.ptp(mesh.position, axis=0)))
