@@ -5,16 +5,18 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
 
 import numpy as np
 
 from strainsight.decks.faults import Doubt
 from strainsight.decks.nastran.cards import Card, Deck
-from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
+from strainsight.decks.text import Line, is_whole, no_integer, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray
 
+_SELECTION = re.compile(r"\s*(SPC|MPC)\s*=\s*(\w+)", re.IGNORECASE)
 _SET = re.compile(r"\s*SET\s+(\d+)\s*=\s*(.*)$", re.IGNORECASE)
 
 
@@ -152,6 +154,65 @@ def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
             found[-1][1].extend(text.replace(",", " ").upper().split())
             continued = line.text.endswith(",")
     return found
+
+
+@dataclass(frozen=True)
+class CardSets:
+    """Sets of supports ("SPC") or relations ("MPC"), what they are called; cards of all; combined: set → sets that an SPCADD or
+    MPCADD makes it of; ids of all, and top: those that are part of no other; chosen: ids, as written, that lines "SPC = n" of the
+    case control select, and the first line of each; left_out: some cards were, so that none need be there."""
+
+    what: str
+    cards: list[Card]
+    combined: dict[int, set[int]]
+    ids: set[int]
+    top: set[int]
+    chosen: dict[str, Line]
+    left_out: bool
+
+    def parts(self, number: int) -> set[int]:
+        """Sets that a set is made of, or itself."""
+        return self.combined.get(number, {number})
+
+    def card(self, number: int) -> Card:
+        """The first card of a set."""
+        return next(card for card in self.cards if int(card.fields[0]) == number)
+
+    def listed(self, more: str = "") -> str:
+        """What to do about a set that is not there; more: beside selecting another one."""
+        return f"select one of {', '.join(map(str, sorted(self.ids)))}{more}" if self.ids else "add the set"
+
+    def selected(self, more: str) -> int:
+        """The set that the first line selects. Raises DeckError, with `more` as remedy, where it is not there."""
+        text, line = next(iter(self.chosen.items()))
+        number = parse_integer(text) or 0
+        if number not in self.ids and not self.left_out:
+            raise DeckError(
+                f"{self.what} = {text} selects a set that is not in the deck",
+                where=line.where,
+                remedy=self.listed(more),
+            )
+        return number
+
+
+def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) -> CardSets:
+    """The sets on cards of these names. Raises DeckError for a set that is part of one and has no card."""
+    single = {card.integer(0, "the set id") for card in deck.cards.of(*names)}
+    combined: dict[int, set[int]] = {}
+    for card in deck.cards.of(f"{what}ADD"):
+        number = card.integer(0, "the set id")
+        if number in combined:
+            raise card.error("the set id stands twice")
+        combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.fields[1:]) if token}
+        if (lost := combined[number] - single) and not left_out:
+            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or take it out")
+    ids = single | set(combined)
+    chosen: dict[str, Line] = {}
+    for line in deck.case_control:
+        if (match := _SELECTION.match(line.text)) and match[1].upper() == what:
+            chosen.setdefault(match[2], line)
+    top = ids - {member for members in combined.values() for member in members}
+    return CardSets(what, deck.cards.of(*names, f"{what}ADD"), combined, ids, top, chosen, left_out)
 
 
 HONOURED = ("WTMASS",)

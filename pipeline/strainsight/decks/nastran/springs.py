@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from typing import TypeVar
 
 import numpy as np
 
 from strainsight.decks.faults import ENFORCED, HELD, Doubt
 from strainsight.decks.nastran.cards import Card, Cards, Deck, unique_ids
-from strainsight.decks.nastran.case_control import expand
+from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, resolved_system
-from strainsight.decks.text import Line, parse_integer
+from strainsight.decks.text import parse_integer
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.coordinates import local_axes
 from strainsight.mesh.joins import PointMass, Springs, matrix_mass, spring_between
@@ -296,9 +295,6 @@ def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int,
     return row, mass * np.outer(along, along)
 
 
-_SELECTION = re.compile(r"\s*(SPC|MPC)\s*=\s*(\w+)", re.IGNORECASE)
-
-
 def components(text: str, card: Card) -> tuple[int, ...]:
     """Digits 1-6 as components 0-5."""
     if not text or any(digit not in "123456" for digit in text) or len(set(text)) < len(text):
@@ -359,85 +355,34 @@ def _supports(card: Card, nodes: NodeTable, ignored: Counter[str], free: bool) -
 
 def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out: bool) -> set[int]:
     """Ids of the SPC and SPC1 sets that count; left_out: some of those cards were, so that none need be there."""
-    combined, there, top = known_sets(deck, ("SPC", "SPC1"), "SPCADD", left_out=left_out)
-    listed = f"select one of {', '.join(map(str, sorted(there)))}" if there else "add the set"
+    sets = card_sets(deck, "SPC", ("SPC", "SPC1"), left_out=left_out)
     if wanted is not None:
-        if wanted not in there:
-            raise DeckError(f"set {wanted} of supports (mesh.spc) is not in the deck", remedy=listed)
-        return combined.get(wanted, {wanted})
-    chosen = selections(deck, "SPC")
-    selected = tuple(sorted({parse_integer(text) or 0 for text in chosen} & there))
-    if len(chosen) > 1 and selected:
+        if wanted not in sets.ids:
+            raise DeckError(f"set {wanted} of supports (mesh.spc) is not in the deck", remedy=sets.listed())
+        return sets.parts(wanted)
+    selected = tuple(sorted({parse_integer(text) or 0 for text in sets.chosen} & sets.ids))
+    if len(sets.chosen) > 1 and selected:
         raise ChoiceError(
-            f"the subcases select different supports ({', '.join(chosen)})",
-            where=[*chosen.values()][1].where,
+            f"the subcases select different supports ({', '.join(sets.chosen)})",
+            where=[*sets.chosen.values()][1].where,
             remedy=f"say which hold: mesh.spc: {selected[0]}",
             sets=selected,
         )
-    for text, line in chosen.items():
-        number = parse_integer(text) or 0
-        if number not in there and not left_out:
-            raise DeckError(
-                f"SPC = {text} selects a set that is not in the deck",
-                where=line.where,
-                remedy=f"{listed}, here or with mesh.spc" if there else listed,
-            )
-        return combined.get(number, {number})
-    if len(top) > 1:
-        card = card_of_set(deck, ("SPC", "SPC1", "SPCADD"), max(top))
+    if sets.chosen:
+        return sets.parts(sets.selected(", here or with mesh.spc"))
+    if len(sets.top) > 1:
         raise ChoiceError(
-            f"{len(top)} sets of supports ({', '.join(map(str, sorted(top)))}) and no selection",
-            where=card.where,
-            remedy=f"say which hold: mesh.spc: {min(top)}",
-            sets=tuple(sorted(top)),
+            f"{len(sets.top)} sets of supports ({', '.join(map(str, sorted(sets.top)))}) and no selection",
+            where=sets.card(max(sets.top)).where,
+            remedy=f"say which hold: mesh.spc: {min(sets.top)}",
+            sets=tuple(sorted(sets.top)),
         )
-    number = next(iter(top), 0)
-    if top and deck.case_control:
+    number = next(iter(sets.top), 0)
+    if sets.top and deck.case_control:
         notes.append(
             Doubt(
                 f"the case control selects no supports, so that Nastran has none: the only set of the deck, {number}, holds "
                 "here; leave it out with mesh.ignore: [SPC, SPC1], or name it with mesh.spc"
             )
         )
-    return combined.get(number, {number})
-
-
-def selections(deck: Deck, what: str) -> dict[str, Line]:
-    """Set ids, as written, that lines "SPC = n" or "MPC = n" of the case control select, and the first line of each."""
-    chosen: dict[str, Line] = {}
-    for line in deck.case_control:
-        if (match := _SELECTION.match(line.text)) and match[1].upper() == what:
-            chosen.setdefault(match[2], line)
-    return chosen
-
-
-def known_sets(
-    deck: Deck, names: Sequence[str], adding: str, *, left_out: bool
-) -> tuple[dict[int, set[int]], set[int], set[int]]:
-    """Sets that cards `adding` combine, all set ids, and those that are part of no other.
-
-    left_out: some cards were, so that none need be there. Raises DeckError for a set that is part of one and has no card.
-    """
-    combined = combined_sets(deck, adding)
-    single = {card.integer(0, "the set id") for name in names for card in deck.cards.of(name)}
-    for card in deck.cards.of(adding):
-        if (lost := combined[int(card.fields[0])] - single) and not left_out:
-            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or take it out")
-    ids = single | set(combined)
-    return combined, ids, ids - {member for members in combined.values() for member in members}
-
-
-def card_of_set(deck: Deck, names: Sequence[str], number: int) -> Card:
-    """The first card of a set."""
-    return next(card for name in names for card in deck.cards.of(name) if int(card.fields[0]) == number)
-
-
-def combined_sets(deck: Deck, name: str) -> dict[int, set[int]]:
-    """Set id → sets that an SPCADD or MPCADD makes it of."""
-    found: dict[int, set[int]] = {}
-    for card in deck.cards.of(name):
-        number = card.integer(0, "the set id")
-        if number in found:
-            raise card.error("the set id stands twice")
-        found[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.fields[1:]) if token}
-    return found
+    return sets.parts(number)

@@ -9,9 +9,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from strainsight.decks.nastran.cards import Card, Cards, Deck
-from strainsight.decks.nastran.case_control import expand
+from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
-from strainsight.decks.nastran.springs import card_of_set, components, known_sets, selections
+from strainsight.decks.nastran.springs import components
 from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
@@ -298,48 +298,28 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
 
     Raises DeckError for subcases that select different sets, several sets without a case control, and a set that is not there.
     """
-    found = deck.cards.of("MPC")
-    added = deck.cards.of("MPCADD")
-    if not found and not added:
+    sets = card_sets(deck, "MPC", ("MPC",), left_out=bool(ignored["MPC"] or ignored["MPCADD"]))
+    if not sets.ids:
         return []
-    left_out = bool(ignored["MPC"] or ignored["MPCADD"])
-    combined, there, top = known_sets(deck, ("MPC",), "MPCADD", left_out=left_out)
-    selected = _selected_sets(deck, there, top, left_out=left_out)
-    members: set[int] = set().union(*(combined.get(number, {number}) for number in selected))
-    for card in (*found, *added):
-        number = card.integer(0, "the set id")
-        if number not in members and number not in selected:
-            ignored[f"{card.name} of a set that is not selected"] += 1
-    return [card for card in found if card.integer(0, "the set id") in members]
-
-
-def _selected_sets(deck: Deck, there: set[int], top: set[int], *, left_out: bool) -> set[int]:
-    """The set that counts, none or one."""
-    if not deck.case_control:
-        if len(top) > 1:
-            card = card_of_set(deck, ("MPC", "MPCADD"), max(top))
-            raise card.error(
-                f"{len(top)} sets of relations ({', '.join(map(str, sorted(top)))}) and no case control that selects one",
-                "put the line MPC = n of the set before BEGIN BULK, or leave the relations out (mesh.ignore: [MPC, MPCADD])",
-            )
-        return top
-    chosen = selections(deck, "MPC")
-    if len(chosen) > 1:
+    if len(sets.chosen) > 1:
         raise DeckError(
-            f"the subcases select different relations ({', '.join(chosen)})",
-            where=[*chosen.values()][1].where,
+            f"the subcases select different relations ({', '.join(sets.chosen)})",
+            where=[*sets.chosen.values()][1].where,
             remedy="keep one line MPC = n in the case control",
         )
-    for text, line in chosen.items():
-        number = parse_integer(text) or 0
-        if number not in there and not left_out:
-            raise DeckError(
-                f"MPC = {text} selects a set that is not in the deck",
-                where=line.where,
-                remedy=f"select one of {', '.join(map(str, sorted(there)))}, or remove the line",
-            )
-        return {number}
-    return set()
+    if not deck.case_control and len(sets.top) > 1:
+        raise sets.card(max(sets.top)).error(
+            f"{len(sets.top)} sets of relations ({', '.join(map(str, sorted(sets.top)))}) and no case control that selects one",
+            "put the line MPC = n of the set before BEGIN BULK, or leave the relations out (mesh.ignore: [MPC, MPCADD])",
+        )
+    selected = set() if deck.case_control else sets.top
+    if sets.chosen:
+        selected = {sets.selected(", or remove the line")}
+    members: set[int] = set().union(*(sets.parts(number) for number in selected))
+    for card in deck.cards.of("MPC", "MPCADD"):
+        if card.integer(0, "the set id") not in members | selected:
+            ignored[f"{card.name} of a set that is not selected"] += 1
+    return [card for card in deck.cards.of("MPC") if card.integer(0, "the set id") in members]
 
 
 def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]:
