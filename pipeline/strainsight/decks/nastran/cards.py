@@ -7,7 +7,7 @@ format, reads past ENDDATA and knows no line numbers. pyyeti is the oracle of th
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -141,6 +141,19 @@ def unique_ids(cards: Sequence[Card], what: str) -> IntArray:
         raise cards[int(np.argmin(ids))].error(f"the {what} id must be positive")
     check_once(ids, what, lambda i: cards[i].where)
     return ids
+
+
+class Elements(NamedTuple):
+    """Elements (n,): their cards, ids and regions."""
+
+    cards: Sequence[Card]
+    ids: IntArray
+    region: IntArray
+
+    def of(self, chosen: Callable[[Card], bool]) -> Elements:
+        """Those whose cards are chosen."""
+        rows = np.flatnonzero([chosen(card) for card in self.cards])
+        return Elements([self.cards[i] for i in rows.tolist()], self.ids[rows], self.region[rows])
 
 
 def origin(ids: IntArray, cards: Sequence[Card]) -> Origin:

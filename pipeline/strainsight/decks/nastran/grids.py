@@ -10,6 +10,7 @@ import numpy as np
 
 from strainsight.decks.nastran.cards import Card, Cards, unique_ids
 from strainsight.decks.nastran.case_control import expand
+from strainsight.decks.text import parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem, local_axes
 from strainsight.mesh.model import FloatArray, IdTable, IntArray
@@ -159,6 +160,16 @@ class Grids:
     systems: dict[int, CoordinateSystem]
     axes: dict[int, FloatArray]
     permanent: list[tuple[Card, int, str]]
+
+    def direction(self, card: Card, A: int, basic: bool = False) -> FloatArray | None:
+        """The vector (3,) of fields 4 to 6 along the system CD of node A or the basic one, or that from A to the node in field 4;
+        None where these are blank."""
+        if not any(card.text(i) for i in (4, 5, 6)):
+            return None
+        if not (card.text(5) or card.text(6)) and parse_integer(card.text(4)) is not None:
+            return np.asarray(self.position[self.nodes.row(card.integer(4, "the node G0"), card)] - self.position[A])
+        axes = np.eye(3) if basic else self.axes.get(A, np.eye(3))
+        return np.asarray(axes @ [card.real(i, "a component of X", 0.0) for i in (4, 5, 6)])
 
 
 def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.decks.faults import folded
-from strainsight.decks.nastran.cards import Card, Cards
+from strainsight.decks.nastran.cards import Card, Cards, Elements
 from strainsight.decks.nastran.grids import Grids, resolved_system
 from strainsight.decks.nastran.materials import isotropic_material, lamina, note_damping
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import general_fault
-from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.model import FloatArray
 from strainsight.mesh.node_order import PARALLEL, plate_normals
 from strainsight.mesh.thin import SHELL_KINDS, BeamSection, GeneralShell, Section, ShellBlock, ShellSection
 
@@ -77,44 +77,41 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
 
 
 def read_shells(
-    cards: Sequence[Card],
-    ids: IntArray,
-    region: IntArray,
-    grids: Grids,
-    sections: Mapping[int, Section],
-    middles: Mapping[int, float],
-    notes: list[str],
+    elements: Elements, grids: Grids, sections: Mapping[int, Section], middles: Mapping[int, float], notes: list[str]
 ) -> tuple[ShellBlock, ...]:
-    """One block a kind of the cards, whose ids and regions are (n,); middles: region → its middle from the plane of its
+    """One block a kind; middles: region → its middle from the plane of its
     elements, where that is not zero.
 
     Raises DeckError for a missing or repeated node, one of the second order without all of its mid-side nodes, a shell of no
     area, folded or warped too much, one whose corners are of another thickness than its property, and a material axis along its
     normal.
     """
-    if read_as := sorted({card.name for card in cards} & {"CQUADR", "CTRIAR"}):
+    if read_as := sorted({card.name for card in elements.cards} & {"CQUADR", "CTRIAR"}):
         notes.append(f"{', '.join(read_as)}: read as CQUAD4 and CTRIA3")
     blocks = []
     for kind in SHELL_KINDS:
-        rows = np.flatnonzero([SHELLS[card.name].kind == kind for card in cards])
-        if not rows.size:
+        own, ids, region = elements.of(lambda card, kind=kind: SHELLS[card.name].kind == kind)
+        if not own:
             continue
-        own = [cards[i] for i in rows.tolist()]
-        given = np.array([_node_ids(card) for card in own], dtype=np.int64)
-        nodes = grids.nodes.rows_of_cards(given, own)
+        nodes = grids.nodes.rows_of_cards(np.array([_node_ids(card) for card in own], dtype=np.int64), own)
         if (at := folded(nodes)) is not None:
             raise own[at].error(
                 "a node stands twice in the element", "write a collapsed quadrangle as a CTRIA3, take others out"
             )
         x = grids.position[nodes[:, : SHELLS[own[0].name].corners]]
-        normal = _normals(own, x, notes)
-        for card, number in zip(own, region[rows].tolist(), strict=True):
-            section = sections[number]
-            _check_corners(card, section)
-        axis = np.array([_axis(card, *of, grids) for card, of in zip(own, zip(x, normal, strict=True), strict=True)])
+        normal = plate_normals(
+            x,
+            lambda i, what, remedy, own=own: own[i].error(what, remedy),
+            lambda i, own=own: f"{own[i].name.replace('QUADR', 'QUAD4')} {own[i].text(0)}",
+            "CTRIA3",
+            notes,
+        )
+        for card, number in zip(own, region.tolist(), strict=True):
+            _check_corners(card, sections[number])
+        axis = np.array([_axis(*each, grids) for each in zip(own, x, normal, strict=True)])
         offset = np.array([card.real(SHELLS[card.name].offset, "the offset ZOFFS", 0.0) for card in own])
-        offset = offset + np.array([middles.get(number, 0.0) for number in region[rows].tolist()])
-        blocks.append(ShellBlock(kind, ids[rows], nodes, region[rows], offset, axis.reshape(-1, 3)))
+        offset = offset + np.array([middles.get(number, 0.0) for number in region.tolist()])
+        blocks.append(ShellBlock(kind, ids, nodes, region, offset, axis.reshape(-1, 3)))
     return tuple(blocks)
 
 
@@ -130,17 +127,6 @@ def _node_ids(card: Card) -> list[int]:
             f"give all mid-side nodes, or make a {linear} of it where it has none",
         )
     return [card.integer(2 + i, "a node id") for i in range(layout.nodes)]
-
-
-def _normals(cards: Sequence[Card], x: FloatArray, notes: list[str]) -> FloatArray:
-    """Unit normals (n, 3) of shells with corners x (n, k, 3)."""
-    return plate_normals(
-        x,
-        lambda i, what, remedy: cards[i].error(what, remedy),
-        lambda i: f"{cards[i].name.replace('QUADR', 'QUAD4')} {cards[i].text(0)}",
-        "CTRIA3",
-        notes,
-    )
 
 
 def _check_corners(card: Card, section: Section) -> None:

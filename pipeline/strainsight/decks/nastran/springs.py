@@ -185,11 +185,7 @@ def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> Flo
     x = along / length
     if not k[[1, 2, 4, 5]].any():  # along and about x alone: y and z do not matter
         first = np.eye(3)[int(np.argmin(np.abs(x)))]
-    elif card.text(5) or card.text(6) or (card.text(4) and parse_integer(card.text(4)) is None):
-        first = grids.axes.get(A, np.eye(3)) @ [card.real(i, "a component of X", 0.0) for i in (4, 5, 6)]
-    elif card.text(4):
-        first = grids.position[grids.nodes.row(card.integer(4, "the node GO"), card)] - grids.position[A]
-    else:
+    elif (first := grids.direction(card, A)) is None:
         raise card.error("neither CID, GO nor X1 to X3 give its axes across", "give one of them")
     z = np.cross(x, first)
     if not np.linalg.norm(z) > APART * np.linalg.norm(first):

@@ -23,7 +23,7 @@ from strainsight.decks.nastran.beams import (
     tube_section,
     with_defaults,
 )
-from strainsight.decks.nastran.cards import Card, Cards, origin, unique_ids
+from strainsight.decks.nastran.cards import Card, Cards, Elements, origin, unique_ids
 from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.materials import COMPOSITES, laminate, middle_of, one_ply
 from strainsight.decks.nastran.shells import (
@@ -158,17 +158,14 @@ def read_thin(
     kept = np.isin(region, list(sections))
     left_out = Counter(card.name for card, there in zip(own, kept, strict=True) if not there)
     left_out.update(_unused(cards, properties))
-    parts = []
-    for names in (tuple(SHELLS), (*BEAMS, *RODS)):
-        rows = np.flatnonzero([there and card.name in names for card, there in zip(own, kept, strict=True)])
-        parts.append(([own[i] for i in rows], ids[rows], region[rows]))
-    shells = read_shells(*parts[0], grids, sections, middles, notes)
-    beams = read_beams(*parts[1], grids)
-    called = {int(card.text(0)): f"{card.name} {card.text(0)}" for card in parts[0][0] + parts[1][0]}
+    elements = Elements([card for card, there in zip(own, kept, strict=True) if there], ids[kept], region[kept])
+    shells = read_shells(elements.of(lambda card: card.name in SHELLS), grids, sections, middles, notes)
+    beams = read_beams(elements.of(lambda card: card.name not in SHELLS), grids)
+    called = {int(card.text(0)): f"{card.name} {card.text(0)}" for card in elements.cards}
     blocks_of: tuple[ShellBlock | BeamBlock, ...] = (*shells, *beams)
     for block in blocks_of:
         note_shared(block.nodes, [called[number] for number in block.ids.tolist()].__getitem__, notes)
-    where = origin(ids[kept], [card for card, there in zip(own, kept, strict=True) if there])
+    where = origin(elements.ids, elements.cards)
     return Thin(shells, beams, properties, materials, sections, general, where, left_out)
 
 
