@@ -167,11 +167,6 @@ class PointMass:
         return any(bool(np.any(part)) for part in own)
 
 
-def matrix_mass(number: int, node: int, M: FloatArray) -> PointMass:
-    """A point mass of a matrix (6, 6)."""
-    return PointMass(number, node, float(np.trace(M[:3, :3])) / 3, matrix=M)
-
-
 @dataclass(frozen=True)
 class Springs:
     """Springs of one element or support: spring i resists its elongation s = Σ r z with the force k s, or the moment.

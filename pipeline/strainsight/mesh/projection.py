@@ -135,7 +135,7 @@ class Patches:
         found = []
         for code in np.unique(self.code[p]):
             which = np.flatnonzero(self.code[p] == code)
-            nodes = self.position[self.nodes[p[which], : node_count(code)]]
+            nodes = self.position[self.nodes[p[which], : len(at_centre(code)[0])]]
             found.append((which, nodes, nearest(int(code), nodes, point[which])))
         return found
 
@@ -189,11 +189,6 @@ def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
     mean = np.where((around >= 0)[..., None], x, 0.0).sum(axis=1) / count[:, None]
     radius = np.linalg.norm(x - mean[:, None], axis=2).max(axis=1, initial=0.0)
     return Patches(*columns, mesh.position, x, mean, radius)
-
-
-def node_count(code: int) -> int:
-    """How many nodes a patch of this code has."""
-    return len(FACETS[code].nodes) if code < len(FACETS) else code - LINE + 2
 
 
 def area_vector(x: FloatArray) -> FloatArray:

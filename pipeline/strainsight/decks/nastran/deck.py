@@ -51,12 +51,6 @@ SYSTEM_FIELDS: Mapping[str, Sequence[int]] = {
 """Card → fields that name a coordinate system; of a shell a whole number is one, a real number an angle."""
 
 
-def structural_lines(deck: Deck) -> list[str]:
-    """Names of lines of the case control that make the structure another one: "STATSUB of the case control"."""
-    found = (_LINE.match(line.text) for line in deck.case_control)
-    return [f"{match[1].upper()} of the case control" for match in found if match]
-
-
 def unused_systems(cards: Cards) -> dict[str, int]:
     """CORD1 and CORD2 that no card refers to, "CORD2R that no card refers to" → how many."""
     used = {
@@ -247,7 +241,8 @@ def _count_ignored(deck: Deck, ignored: Counter[str], notes: list[str]) -> dict[
             ignored[name] += len(found)
     if deck.after_end:
         ignored["lines after ENDDATA"] += deck.after_end
-    lines = structural_lines(deck)
+    matches = (_LINE.match(line.text) for line in deck.case_control)
+    lines = [f"{match[1].upper()} of the case control" for match in matches if match]
     ignored.update(lines)
     systems = unused_systems(deck.cards)
     ignored.update(systems)

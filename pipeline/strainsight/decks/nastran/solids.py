@@ -252,9 +252,6 @@ def straight_sides(middles: Middles, nodes: int, axes: dict[int, FloatArray], nu
                 node += [end] * len(there)
                 component += there.tolist()
                 value += (-0.5 * along[there]).tolist()
-            found.append(_relation(number + len(found) + 1, node, component, value))
+            terms = np.array(node), np.array(component), np.array(value)
+            found.append(Relation(number + len(found) + 1, *terms, STRAIGHT))
     return tuple(found)
-
-
-def _relation(number: int, node: Sequence[int], component: Sequence[int], value: Sequence[float]) -> Relation:
-    return Relation(number, np.array(node), np.array(component), np.array(value, dtype=float), STRAIGHT)

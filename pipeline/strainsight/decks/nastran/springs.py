@@ -15,7 +15,7 @@ from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, resolved_
 from strainsight.decks.text import parse_integer
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.coordinates import local_axes
-from strainsight.mesh.joins import PointMass, Springs, matrix_mass, spring_between
+from strainsight.mesh.joins import PointMass, Springs, spring_between
 from strainsight.mesh.model import FloatArray, IntArray
 
 T = TypeVar("T")
@@ -260,7 +260,8 @@ def _of_matrix(
             f"{card.name} {card.text(0)}: node {grids.nodes.ids[row]} has no rotations (no RBE2 or RBE3 gives it any), so that "
             "its entries of rotations have no effect"
         )
-    return matrix_mass(card.integer(0, "the element id"), row, scale * M)
+    mean = float(np.trace(M[:3, :3])) / 3
+    return PointMass(card.integer(0, "the element id"), row, scale * mean, matrix=scale * M)
 
 
 def _conm1(card: Card, grids: Grids) -> tuple[int, FloatArray]:

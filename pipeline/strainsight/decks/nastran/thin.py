@@ -25,7 +25,7 @@ from strainsight.decks.nastran.beams import (
 )
 from strainsight.decks.nastran.cards import Card, Cards, Elements, origin, unique_ids
 from strainsight.decks.nastran.grids import Grids
-from strainsight.decks.nastran.materials import COMPOSITES, laminate, middle_of, one_ply
+from strainsight.decks.nastran.materials import COMPOSITES, laminate
 from strainsight.decks.nastran.shells import (
     SHELLS,
     general_shell,
@@ -37,7 +37,7 @@ from strainsight.decks.nastran.shells import (
 )
 from strainsight.errors import DeckError
 from strainsight.mesh.model import CellBlock, IntArray, Origin
-from strainsight.mesh.thin import BeamBlock, BeamSection, Laminate, Section, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamBlock, BeamSection, Laminate, Ply, Section, ShellBlock, ShellSection
 
 SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
     "PSHELL": lambda card, _: shell_section(card),
@@ -146,9 +146,11 @@ def read_thin(
             else:
                 materials[number], section = SECTIONS[card.name](card, notes)
             if isinstance(section, ShellSection) and str(materials[number]) in orthotropic:
-                materials[number], section = 0, one_ply(materials[number], section)
+                section = Laminate((Ply(materials[number], section.thickness),), section.nonstructural)
+                materials[number] = 0
             elif isinstance(section, Laminate):
-                middles[number] = middle_of(card, section)
+                half = 0.5 * section.thickness
+                middles[number] = card.real(1, "the place Z0 of the lower face", -half) + half
         except DeckError:
             if required:
                 raise

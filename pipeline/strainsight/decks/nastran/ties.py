@@ -24,7 +24,8 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
     One that ties rotations only, of nodes of solids that are no reference nodes and so have none, becomes a note.
     """
     elements = []
-    references = _references(cards) | turned
+    led = ((card, i) for name, i in (("RBE2", 1), ("RBE3", 2)) for card in cards.of(name))
+    references = {card.integer(i, "the reference node") for card, i in led} | turned
     for card in cards.of("RBE2"):
         reference = nodes.row(card.integer(1, "the reference node GN"), card)
         wanted = components(card.text(2), card)
@@ -47,12 +48,6 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
         number = card.integer(0, "the element id")
         elements.append(RigidElement(number, reference, rows, wanted, f"RBE2 {number}"))
     return tuple(elements)
-
-
-def _references(cards: Cards) -> set[int]:
-    """Ids of the nodes that an element gives rotations."""
-    fields = (("RBE2", 1), ("RBE3", 2))
-    return {card.integer(i, "the reference node") for name, i in fields for card in cards.of(name)}
 
 
 def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tuple[AveragingElement, ...]:
