@@ -6,6 +6,7 @@ import gzip
 import math
 import re
 import zlib
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -273,7 +274,7 @@ def entry(entries: Sequence[str], i: int) -> str:
     return entries[i] if i < len(entries) else ""
 
 
-class Entries:
+class Entries(ABC):
     """Words and numbers of a card or a data line by the places of their entries, from 0."""
 
     __slots__ = ()
@@ -281,13 +282,13 @@ class Entries:
     """What an entry is called, and the number of the first, in messages."""
 
     @property
+    @abstractmethod
     def tokens(self) -> Sequence[str]:
         """The entries as they stand."""
-        raise NotImplementedError
 
-    def error(self, what: str, remedy: str = "") -> DeckError:
+    @abstractmethod
+    def error(self, what: str, remedy: str = ...) -> DeckError:
         """A DeckError at this card or line."""
-        raise NotImplementedError
 
     def text(self, i: int) -> str:
         """Entry i; "" where there are fewer."""

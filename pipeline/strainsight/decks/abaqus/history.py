@@ -244,7 +244,7 @@ class _Reader:
         if kind != "ELEMENT":
             raise keyword.error(f"TYPE={kind} is neither ELEMENT nor CONTACT PAIR", "correct the type")
         named = [
-            self.assembly.element_rows(entry, scope, row).tolist() for row in rows for entry in row.entries if entry
+            self.assembly.element_rows(entry, scope, row).tolist() for row in rows for entry in row.tokens if entry
         ]
         elements = frozenset(number for own in named for number in own)
         return replace(state, elements=state.elements - elements if "ADD" in ways else state.elements | elements)

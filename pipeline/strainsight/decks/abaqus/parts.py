@@ -148,12 +148,12 @@ def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
     for row in keyword.rows():
         previous = keyword.texts[row.i - 1] if row.i else ""
         if tokens and previous[-1:] == "," and previous.count(",") > 7:
-            tokens[-1] += row.entries
+            tokens[-1] += row.tokens
             continue
         lines.append(row.i)
-        tokens.append(row.entries)
+        tokens.append(row.tokens)
         if row.integer(0, "the element id") < 1:
-            raise row.error(f"the element id {row.entries[0]} is not positive")
+            raise row.error(f"the element id {row.tokens[0]} is not positive")
     ids = np.array([int(entries[0]) for entries in tokens], dtype=np.int64)
     own = [[entry for entry in entries[1:] if entry] for entries in tokens]
     first = np.cumsum([0, *map(len, own)])
@@ -272,7 +272,7 @@ def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     if not rows:
         return np.zeros(3), np.eye(3)
     origin, b = rows[0].reals(6, "a coordinate").reshape(2, 3)
-    if not any(rows[0].entries[3:]):
+    if not any(rows[0].tokens[3:]):
         return origin, np.eye(3)
     x = b - origin
     if len(rows) > 1:

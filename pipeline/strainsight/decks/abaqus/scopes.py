@@ -93,8 +93,8 @@ def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     """Rotation (3, 3) and translation (3,) of an *INSTANCE: first the translation, then the rotation about an axis of the
     assembly. Rodrigues: R = I + sin φ [n×] + (1 − cos φ) [n×]²."""
     rows = keyword.rows(needed=False)
-    turns = [row for row in rows if any(row.entries[3:])]
-    shifts = [row for row in rows if not any(row.entries[3:])]
+    turns = [row for row in rows if any(row.tokens[3:])]
+    shifts = [row for row in rows if not any(row.tokens[3:])]
     if len(turns) > 1 or len(shifts) > 1:
         raise rows[-1].error("more lines than a translation and a rotation", "give x, y, z and then the axis and angle")
     shift = shifts[0].reals(3, "a translation") if shifts else np.zeros(3)
@@ -304,7 +304,7 @@ class Assembly:
             return self.element_nodes(self.element_set(parameters["ELSET"], scope, keyword))
         if "GENERATE" in parameters:
             return self._generated(kind, keyword, scope)
-        entries: list[tuple[str, Row]] = [(e, row) for row in keyword.rows(needed=False) for e in row.entries if e]
+        entries: list[tuple[str, Row]] = [(e, row) for row in keyword.rows(needed=False) for e in row.tokens if e]
         numbers = [parse_integer(entry) for entry, _ in entries]
         ids = np.array([number or 0 for number in numbers], dtype=np.int64)
         rows, missing = self._numbered(kind, ids, scope)

@@ -201,7 +201,7 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
 def _n1(keyword: Keyword, rows: list[Row]) -> FloatArray:
     """The line of n1. Blank lines are passed over: the second of two lines is that of the moduli where they have to follow."""
     moduli = keyword.name == GENERAL and "MATERIAL" not in keyword.parameters
-    if len(rows) < (3 if moduli else 2) or not any(rows[1].entries[:3]):
+    if len(rows) < (3 if moduli else 2) or not any(rows[1].tokens[:3]):
         return np.array(DEFAULT_N1)
     n1 = np.array([rows[1].real(i, "a component of n1", 0.0) for i in range(3)])
     if not np.linalg.norm(n1) > 0:

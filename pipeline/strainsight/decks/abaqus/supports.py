@@ -250,7 +250,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
     rows = iter(keyword.rows())
     for start in rows:
         count = start.integer(0, "the number of terms")
-        if count < 1 or any(start.entries[1:]):
+        if count < 1 or any(start.tokens[1:]):
             raise start.error(
                 "is no number of terms", "begin an equation with it, alone on a line, then give the terms"
             )
@@ -261,7 +261,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
                 raise start.error(
                     f"{count} terms are stated, {len(terms)} follow", "give them all, or correct the number"
                 )
-            used = 1 + max(i for i, entry in enumerate(row.entries) if entry) if any(row.entries) else 0
+            used = 1 + max(i for i, entry in enumerate(row.tokens) if entry) if any(row.tokens) else 0
             if used % 3:
                 raise row.error(
                     "not three entries a term", "give node, degree of freedom and coefficient of every term"

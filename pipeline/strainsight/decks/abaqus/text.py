@@ -90,14 +90,10 @@ class Keyword:
         return ",".join(texts).split(","), np.array([text.count(",") + 1 for text in texts], dtype=np.int64)
 
 
-class Row(Entries, NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("entries", list[str])])):
+class Row(NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("tokens", list[str])]), Entries):
     """A data line: its keyword, its number among the data lines from 0, and its entries."""
 
     __slots__ = ()
-
-    @property
-    def tokens(self) -> list[str]:
-        return self.entries
 
     @property
     def where(self) -> str:
@@ -106,8 +102,8 @@ class Row(Entries, NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("entri
 
     def reals(self, count: int, meaning: str) -> FloatArray:
         """The first `count` entries, blank ones zero; DeckError for more than that."""
-        if any(self.entries[count:]):
-            raise self.error(f"{len(self.entries)} entries where {count} belong")
+        if any(self.tokens[count:]):
+            raise self.error(f"{len(self.tokens)} entries where {count} belong")
         return np.array([self.real(i, meaning, 0.0) for i in range(count)])
 
     def error(self, what: str, remedy: str = _CORRECT) -> DeckError:

@@ -145,7 +145,7 @@ class Ties:
         """BEAM: the first entry, a node or a set, follows the second, one node; TIE and PIN likewise, PIN in translations only,
         where all are at the same place. What has other entries or is of another type is counted."""
         assembly, kind = self.surfaces.assembly, row.text(0).upper()
-        members = [entry for entry in row.entries[1:] if entry]
+        members = [entry for entry in row.tokens[1:] if entry]
         nodes = reference = NOTHING
         if kind in ("BEAM", "TIE", "PIN") and len(members) == 2:
             nodes, reference = (assembly.node_rows(entry, scope, row) for entry in members)

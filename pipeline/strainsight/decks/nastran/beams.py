@@ -35,12 +35,12 @@ def with_defaults(cards: Cards) -> dict[str, list[Card]]:
 
 
 def _filled(card: Card, default: Card) -> Card:
-    fields = [*card.fields, *[""] * (8 - len(card.fields))]
+    fields = [*card.tokens, *[""] * (8 - len(card.tokens))]
     for group in ((1,), (4, 5, 6), (7,)):
         if not any(fields[i] for i in group):
             for i in group:
                 fields[i] = "" if i == 1 and default.text(1) == "0" else default.text(i)
-    return card._replace(fields=fields)
+    return card._replace(tokens=fields)
 
 
 def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:

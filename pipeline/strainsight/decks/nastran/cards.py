@@ -91,15 +91,11 @@ _LONGEST_NAME = 8
 """Lines over which the name of an included file may go."""
 
 
-class Card(Entries, NamedTuple("_Card", [("name", str), ("fields", list[str]), ("file", str), ("line", int)])):
-    """One bulk-data entry: NAME (upper case, no asterisk), data fields (stripped), where its first line stands."""
+class Card(NamedTuple("_Card", [("name", str), ("tokens", list[str]), ("file", str), ("line", int)]), Entries):
+    """One bulk-data entry: NAME (upper case, no asterisk), tokens of the data fields (stripped), where its first line stands."""
 
     __slots__ = ()
     WORD, FIRST = "field", 2
-
-    @property
-    def tokens(self) -> list[str]:
-        return self.fields
 
     @property
     def where(self) -> str:

@@ -101,14 +101,14 @@ def sets(
         if not taken:
             ignored["SET of the case control"] += 1
     for card in deck.cards.of("SET1"):
-        tokens = [token for token in card.fields[1:] if token.upper() != "SKIN"]
+        tokens = [token for token in card.tokens[1:] if token.upper() != "SKIN"]
         nodes[_name(card, nodes)] = _members(card, tokens, node_ids, "node")
     for card in deck.cards.of("SET3"):
         match card.text(1).upper():
             case "GRID" | "POINT":
-                nodes[_name(card, nodes)] = _members(card, card.fields[2:], node_ids, "node")
+                nodes[_name(card, nodes)] = _members(card, card.tokens[2:], node_ids, "node")
             case "ELEM" | "ELEMENT":
-                own = card.fields[2:]
+                own = card.tokens[2:]
                 if other := _others({**left_out, **deck.cards}, own, element_ids, card.where):
                     ignored["SET3 with elements that are not imported"] += 1
                     own = [token for token in own if token not in other]
@@ -176,7 +176,7 @@ class CardSets:
 
     def card(self, number: int) -> Card:
         """The first card of a set."""
-        return next(card for card in self.cards if int(card.fields[0]) == number)
+        return next(card for card in self.cards if int(card.tokens[0]) == number)
 
     def listed(self, more: str = "") -> str:
         """What to do about a set that is not there; more: beside selecting another one."""
@@ -203,7 +203,7 @@ def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) ->
         number = card.integer(0, "the set id")
         if number in combined:
             raise card.error("the set id stands twice")
-        combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.fields[1:]) if token}
+        combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
         if (lost := combined[number] - single) and not left_out:
             raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or take it out")
     ids = single | set(combined)

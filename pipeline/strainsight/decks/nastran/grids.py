@@ -80,7 +80,7 @@ def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
         add(card.integer(0, "the system id"), _Definition(card, points, (reference,) * 3))
     for card in cards.of(*BY_NODES):
         for at in (0, 4):
-            if at and not any(card.fields[at : at + 4]):
+            if at and not any(card.tokens[at : at + 4]):
                 continue
             a, b, c = (point_of(card.integer(at + i, "a node id"), card) for i in (1, 2, 3))
             points = np.array([a[0], b[0], c[0]])
@@ -143,7 +143,7 @@ class NodeTable(IdTable):
 
     def _fault(self, node_id: int) -> tuple[str, str]:
         own = np.array([node_id])
-        if any((expand(card.fields, own, card.where)[0] == node_id).any() for card in self._scalar):
+        if any((expand(card.tokens, own, card.where)[0] == node_id).any() for card in self._scalar):
             return (
                 f"node {node_id} is a scalar point: scalar points are not supported",
                 "take it out, or give it as a GRID card with a place in space",
@@ -182,7 +182,7 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
         raise DeckError(
             "the deck holds no GRID card", where=str(path), remedy="check that this is the deck of the model"
         )
-    if long := [card for card in grids if len(card.fields) > 8 and any(card.fields[8:])]:
+    if long := [card for card in grids if len(card.tokens) > 8 and any(card.tokens[8:])]:
         raise long[0].error(
             "more than 8 data fields", "remove what is behind field 9; a line of its own begins every card"
         )

@@ -87,7 +87,7 @@ def _pressed(cards: Cards, grids: Grids, blocks: Sequence[CellBlock], shells: Se
         outlines.append((card, tuple(grids.nodes.row(i, card) for i in ids), (p,) * len(ids)))
     for card in cards.of("PLOAD2"):
         p = card.real(1, "the pressure")
-        for corners in _named_plates(card, card.fields[2:], plates):
+        for corners in _named_plates(card, card.tokens[2:], plates):
             outlines.append((card, corners, (p,) * len(corners)))
     for card in cards.of("PLOAD4"):
         number = card.integer(1, "the element id")
@@ -102,7 +102,7 @@ def _pressed(cards: Cards, grids: Grids, blocks: Sequence[CellBlock], shells: Se
                 )
             )
         else:
-            last = [card.text(1), *card.fields[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
+            last = [card.text(1), *card.tokens[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
             for corners in _named_plates(card, last, plates):
                 outlines.append((card, corners, p4[: len(corners)]))
     return found + _outlined(outlines, grids, blocks, shells)
@@ -328,7 +328,7 @@ def _combined(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, Noda
         if number in sets or number in found:
             raise card.error("other loads have its set id", "give the combination an id of its own")
         own = found[number] = LoadSet()
-        for i in range(2, len(card.fields), 2):
+        for i in range(2, len(card.tokens), 2):
             if not (card.text(i) or card.text(i + 1)):
                 continue
             part = card.integer(i + 1, "a set id")

@@ -137,7 +137,7 @@ def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
     """Material, thickness and angle of each ply, which begin in field `at` of `step` fields; blank material and thickness are
     those before. Raises DeckError for a ply that has no material or no thickness, and where there are none."""
     plies: list[Ply] = []
-    for start in range(_FIRST, len(card.fields), step):
+    for start in range(_FIRST, len(card.tokens), step):
         if not any(card.text(i) for i in range(start, start + step)):
             continue
         i, number = start + at, len(plies) + 1

@@ -96,7 +96,7 @@ def properties(
             regions |= {int(pid): Region(int(pid), f"PSOLID {pid}", 0) for pid in np.unique(block.region[missing])}
         elif missing.any():
             i = int(np.argmax(missing))
-            card = next(card for card in cards.of(*SOLIDS) if int(card.fields[0]) == block.ids[i])
+            card = next(card for card in cards.of(*SOLIDS) if int(card.tokens[0]) == block.ids[i])
             raise card.error(
                 f"property {block.region[i]} is no PSOLID of the deck ({int(missing.sum())} {block.kind} elements)",
                 f"add a PSOLID card with id {block.region[i]}{OR_CONFIG}",

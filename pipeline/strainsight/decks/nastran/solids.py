@@ -78,7 +78,7 @@ def read_solids(
 
 def _connectivity(card: Card) -> tuple[ElementKind, list[int]]:
     """Element kind and node ids, in the order of the card."""
-    tokens = card.fields[2:]
+    tokens = card.tokens[2:]
     while tokens and tokens[-1] in ("", "0"):
         tokens = tokens[:-1]
     counts = SOLIDS[card.name]
@@ -202,7 +202,7 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
         kind = kinds[many]
         order = list(kind.nastran_order) or list(range(many))
         for i, card in enumerate(cards.of(name)):
-            given = card.fields[2 : 2 + many] + [""] * (2 + many - len(card.fields))
+            given = card.tokens[2 : 2 + many] + [""] * (2 + many - len(card.tokens))
             lacking = [place for place in range(few, many) if given[place] in BLANK]
             if few == many or not 0 < len(lacking) < many - few:
                 continue
@@ -216,7 +216,7 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
                     side[key] = last + 1 + len(side)
                     first.append(card)
                 given[place] = str(side[key])
-            cards[name][i] = card._replace(fields=[*card.fields[:2], *given, *card.fields[2 + many :]])
+            cards[name][i] = card._replace(tokens=[*card.tokens[:2], *given, *card.tokens[2 + many :]])
     if not side:
         return grids, Middles(np.zeros((0, 2), dtype=np.int64), ())
     ends_of = np.array([*side], dtype=np.int64)
@@ -234,7 +234,7 @@ def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, M
 def _highest(cards: Cards, grids: Grids) -> int:
     """The highest number of any card, of as many digits as an id may have: a node that one names and the deck lacks stays
     missing, and no range has a new one in it."""
-    texts = (text for found in cards.values() for card in found for text in card.fields)
+    texts = (text for found in cards.values() for card in found for text in card.tokens)
     named = (int(text) for text in texts if text.isdecimal() and len(text) <= DIGITS)
     return max(int(grids.nodes.ids.max()), *named)
 

@@ -116,7 +116,7 @@ def _bush_properties(cards: Cards, notes: list[str]) -> dict[int, FloatArray]:
     damped = 0
     for card, number in zip(cards.of("PBUSH"), unique_ids(cards.of("PBUSH"), "property"), strict=True):
         k = np.zeros(6)
-        for at in range(0, len(card.fields), 8):
+        for at in range(0, len(card.tokens), 8):
             part = card.text(at + 1).upper()
             values = [card.text(at + 2 + i) for i in range(6)]
             if part and part not in PARTS:
@@ -331,7 +331,7 @@ def fixed_components(
 
 def _supports(card: Card, nodes: NodeTable, ignored: Counter[str], free: bool) -> list[tuple[int, tuple[int, ...]]]:
     if card.name == "SPC1":
-        ids, _ = expand(card.fields[2:], nodes.sorted, card.where)
+        ids, _ = expand(card.tokens[2:], nodes.sorted, card.where)
         if not ids.size:
             raise card.error("holds no node of the deck", "correct the ids, or remove the card")
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]

@@ -29,7 +29,7 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
     for card in cards.of("RBE2"):
         reference = nodes.row(card.integer(1, "the reference node GN"), card)
         wanted = components(card.text(2), card)
-        tokens = [token for token in card.fields[3:] if token]
+        tokens = [token for token in card.tokens[3:] if token]
         if tokens and not is_whole(tokens[-1]) and parse_real(tokens[-1]) is not None:
             tokens = tokens[:-1]  # thermal expansion, of no effect here
         ids = np.unique(expand(tokens, nodes.sorted, card.where)[0])
@@ -38,11 +38,11 @@ def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
         if reference in rows:
             raise card.error(
-                f"the reference node {card.fields[1]} is also dependent", "take it out of the dependent nodes"
+                f"the reference node {card.tokens[1]} is also dependent", "take it out of the dependent nodes"
             )
         if min(wanted) > 2 and not references.intersection(ids.tolist()):
             notes.append(
-                f"RBE2 {card.fields[0]} ties rotations only (components {card.text(2)}), which nodes of solids do not have: "
+                f"RBE2 {card.tokens[0]} ties rotations only (components {card.text(2)}), which nodes of solids do not have: "
                 "without effect"
             )
         number = card.integer(0, "the element id")
@@ -60,7 +60,7 @@ def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tup
     for card in cards.of("RBE3"):
         reference = nodes.row(card.integer(2, "the reference node"), card)
         wanted = components(card.text(3), card)
-        tokens = [token.upper() for token in card.fields[4:] if token]
+        tokens = [token.upper() for token in card.tokens[4:] if token]
         if "ALPHA" in tokens:
             tokens = tokens[: tokens.index("ALPHA")]
         split = tokens.index("UM") if "UM" in tokens else len(tokens)
@@ -182,7 +182,7 @@ def rigid_bars(cards: Cards, grids: Grids) -> Bars:
         a, b = _ends(card, grids)
         _rigid(card, grids, _motions(a, "123456", card), _motions(b, card.text(3) or "123456", card), found)
     for card in cards.of("RBE1"):
-        tokens = [token.upper() for token in card.fields]
+        tokens = [token.upper() for token in card.tokens]
         if "UM" not in tokens:
             raise card.error("has no UM, behind which its dependent motions stand")
         at = tokens.index("UM")
@@ -322,11 +322,11 @@ def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]
     node: list[int] = []
     component: list[int] = []
     value: list[float] = []
-    if stray := [i for i in range(7, len(card.fields)) if i % 8 in (7, 0) and card.text(i)]:
+    if stray := [i for i in range(7, len(card.tokens)) if i % 8 in (7, 0) and card.text(i)]:
         raise card.error(
             f"{card.text(stray[0])!r} stands in field {stray[0] + 2}, which is blank", "two terms stand on a line"
         )
-    for k in range((len(card.fields) + 2) // 3):
+    for k in range((len(card.tokens) + 2) // 3):
         i = 8 * (k // 2) + 1 + 3 * (k % 2)
         if not any(card.text(i + j) for j in range(3)):
             continue
