@@ -105,7 +105,7 @@ def read_abaqus(
     assembly, out = _without(assembly, named, state.elements)
     dropped += out
     _check_elements(assembly, path, required)
-    loaded = preloads(keywords)
+    loaded = preloads(assembly.steps)
     ignored = _ignored(keywords, assembly) + dropped + Counter({BEFORE: before} if before else {})
     ignored += of_supports
     ignored.update({card: len(steps) for card, steps in loaded.items()})

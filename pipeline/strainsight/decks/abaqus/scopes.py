@@ -21,6 +21,10 @@ MESH = ("NODE", "ELEMENT")
 SECTIONS = ("SOLIDSECTION", "SHELLSECTION", "SHELLGENERALSECTION", "BEAMSECTION", "BEAMGENERALSECTION")
 
 
+INSIDE = {"PART": (), "ASSEMBLY": (), "INSTANCE": ("ASSEMBLY",), "STEP": ()}
+"""Keyword that an *END closes → those inside of which it stands."""
+
+
 @dataclass(frozen=True)
 class Step:
     """A *STEP and its keywords; number from 1."""
@@ -35,58 +39,45 @@ def read_structure(
 ) -> tuple[tuple[Keyword, ...], dict[str, tuple[Keyword, ...]], list[tuple[Keyword, tuple[Keyword, ...]]], list[Step]]:
     """Keywords of the model itself, of each part, of each instance with its *INSTANCE, and the steps."""
     model: list[Keyword] = []
-    parts: dict[str, tuple[Keyword, ...]] = {}
-    instances: list[tuple[Keyword, tuple[Keyword, ...]]] = []
-    named: set[str] = set()
-    steps: list[Step] = []
+    closed: dict[str, list[tuple[Keyword, tuple[Keyword, ...]]]] = {name: [] for name in INSIDE}
+    named: set[tuple[str, str]] = set()
     opened: list[tuple[Keyword, list[Keyword]]] = []
-    inside = {"PART": (), "ASSEMBLY": (), "INSTANCE": ("ASSEMBLY",), "STEP": ()}
     for keyword in keywords:
         name = keyword.name
-        if name in inside:
-            above = tuple(k.name for k, _ in opened)
-            if above != inside[name]:
+        around = opened[-1][0] if opened else None
+        if name in INSIDE:
+            if tuple(k.name for k, _ in opened) != INSIDE[name]:
                 raise keyword.error(
-                    f"stands inside {opened[-1][0].title} at {opened[-1][0].where}"
-                    if opened
-                    else "stands outside *ASSEMBLY",
-                    f"close it with *END {opened[-1][0].name} before"
-                    if opened
-                    else "put it between *ASSEMBLY and its end",
+                    f"stands inside {around.title} at {around.where}" if around else "stands outside *ASSEMBLY",
+                    f"close it with *END {around.name} before" if around else "put it between *ASSEMBLY and its end",
                 )
             opened.append((keyword, []))
-        elif name.startswith("END") and name[3:] in inside:
-            if not opened or opened[-1][0].name != name[3:]:
+        elif name.startswith("END") and name[3:] in INSIDE:
+            if around is None or around.name != name[3:]:
                 raise keyword.error(f"there is no *{name[3:]} to end", "remove the line, or add what it ends")
-            start, own = opened.pop()
-            if start.name == "PART":
-                part_name = start.needs("NAME")
-                if part_name.upper() in parts:
-                    raise start.error(f"part {part_name!r} stands twice", "give every part its own name")
-                parts[part_name.upper()] = tuple(own)
-            elif start.name == "INSTANCE":
-                if start.needs("NAME").upper() in named:
-                    raise start.error(f"instance {start.needs('NAME')!r} stands twice", "give it its own name")
-                named.add(start.needs("NAME").upper())
-                instances.append((start, tuple(own)))
-            elif start.name == "STEP":
-                steps.append(Step(len(steps) + 1, start, tuple(own)))
-        elif opened and opened[-1][0].name != "ASSEMBLY":
-            if opened[-1][0].name == "STEP" and name in (*MESH, *SECTIONS, "MATERIAL"):
+            closed[around.name].append((around, tuple(opened.pop()[1])))
+            if around.name in ("PART", "INSTANCE"):
+                key = (around.name, around.needs("NAME").upper())
+                if key in named:
+                    what = f"{around.name.lower()} {around.parameters['NAME']!r} stands twice"
+                    raise around.error(what, "give each its own name")
+                named.add(key)
+        elif around is None or around.name == "ASSEMBLY":
+            model.append(keyword)
+        else:
+            if around.name == "STEP" and name in (*MESH, *SECTIONS, "MATERIAL"):
                 raise keyword.error("stands inside a *STEP", "move it before the first *STEP")
             # Sets of a step are sets of the model.
-            (model if name in ("NSET", "ELSET", "SURFACE") and opened[-1][0].name == "STEP" else opened[-1][1]).append(
-                keyword
-            )
-        else:
-            model.append(keyword)
+            of_model = name in ("NSET", "ELSET", "SURFACE") and around.name == "STEP"
+            (model if of_model else opened[-1][1]).append(keyword)
     if opened:
         start = opened[-1][0]
         raise start.error(f"no *END {start.name} follows", "the deck may be cut off: write it again")
-    if parts and not instances:
-        start = next(k for k in keywords if k.name == "PART")
-        raise start.error("there is no *INSTANCE of any part", "add an *ASSEMBLY with the instances")
-    return tuple(model), parts, instances, steps
+    if closed["PART"] and not closed["INSTANCE"]:
+        raise closed["PART"][0][0].error("there is no *INSTANCE of any part", "add an *ASSEMBLY with the instances")
+    parts = {start.needs("NAME").upper(): own for start, own in closed["PART"]}
+    steps = [Step(number, start, own) for number, (start, own) in enumerate(closed["STEP"], start=1)]
+    return tuple(model), parts, closed["INSTANCE"], steps
 
 
 def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:

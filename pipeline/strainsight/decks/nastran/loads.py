@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -247,8 +248,8 @@ STEPS = {"400", "401", "402"}
 class LoadSet:
     """What a set holds: force and moment by row of the node, body forces, and the names of its cards."""
 
-    force: dict[int, FloatArray] = field(default_factory=dict)
-    moment: dict[int, FloatArray] = field(default_factory=dict)
+    force: defaultdict[int, FloatArray] = field(default_factory=lambda: defaultdict(lambda: np.zeros(3)))
+    moment: defaultdict[int, FloatArray] = field(default_factory=lambda: defaultdict(lambda: np.zeros(3)))
     body: list[BodyForce] = field(default_factory=list)
     cards: set[str] = field(default_factory=set)
 
@@ -256,16 +257,14 @@ class LoadSet:
         """What the other set holds, times a factor."""
         for own, more in ((self.force, other.force), (self.moment, other.moment)):
             for row, value in more.items():
-                own[row] = own.get(row, np.zeros(3)) + factor * value
+                own[row] += factor * value
         self.body += [replace(body, factor=factor * body.factor) for body in other.body]
 
     def made(self) -> NodalForces:
         """As a load of the mesh."""
-        rows = list(dict.fromkeys([*self.force, *self.moment]))
-        nothing = np.zeros(3)
-        force = np.array([self.force.get(row, nothing) for row in rows]).reshape(-1, 3)
-        moment = np.array([self.moment.get(row, nothing) for row in rows]).reshape(-1, 3) if self.moment else None
-        return NodalForces(np.array(rows, dtype=np.int64), force, moment, tuple(self.body))
+        rows, none = list(dict.fromkeys([*self.force, *self.moment])), np.zeros(3)
+        force, moment = (np.array([own.get(i, none) for i in rows]).reshape(-1, 3) for own in (self.force, self.moment))
+        return NodalForces(np.array(rows, dtype=np.int64), force, moment if self.moment else None, tuple(self.body))
 
 
 def static_loads(
@@ -296,14 +295,14 @@ def static_loads(
             for card in cards.of(kind + which):
                 row = grids.nodes.row(card.integer(1, "the node id"), card)
                 values = of(card).force if kind == "FORCE" else of(card).moment
-                values[row] = values.get(row, np.zeros(3)) + _vector(card, row, points, grids)
+                values[row] += _vector(card, row, points, grids)
     for name in ("PLOAD", "PLOAD2", "PLOAD4"):
         for card in cards.of(name):
             of(card)
     for number, rows, force in pressure_forces(cards, grids, blocks, shells):
         own = sets[number].force
         for row, value in zip(rows.tolist(), force, strict=True):
-            own[row] = own.get(row, np.zeros(3)) + value
+            own[row] += value
     for card in cards.of("GRAV"):
         of(card).body.append(BodyForce(acceleration=_along(card, 1, 2, grids)))
     for card in cards.of("RFORCE"):
