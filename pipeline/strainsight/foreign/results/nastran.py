@@ -26,8 +26,6 @@ from strainsight.decks.text import damaged, opened, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.foreign.results.response import (
     Response,
-    check_frequency,
-    check_motion,
     integers,
     natural_frequency,
     padded,
@@ -255,9 +253,7 @@ def _response(
     nodes = rows["type"] == _NODE
     ids = (rows["point"][nodes] // 10).astype(np.int64)
     motion = rows["motion"][nodes].astype(float)
-    check_motion(ids, motion, where)
     frequency = natural_frequency(head.eigenvalue) if is_mode else 0.0
-    check_frequency(frequency, where)
     return Response(
         "mode" if is_mode else "static",
         head.subcase,
@@ -359,7 +355,6 @@ def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response
         counts[subcase] += 1
     number = int(mode[2]) if mode else counts[subcase]
     ids, motion, scalar_points = _rows(block, path)
-    check_motion(ids, motion, where)
     return Response(
         "mode" if mode else "static",
         subcase,

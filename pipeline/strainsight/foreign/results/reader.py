@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -35,8 +34,6 @@ from strainsight.foreign.results.ansys import ansys_responses
 from strainsight.foreign.results.nastran import op2_responses, punch_responses
 from strainsight.foreign.results.response import (
     Response,
-    check_frequency,
-    check_motion,
     integers,
     padded,
     reals,
@@ -73,7 +70,7 @@ def _responses(path: Path) -> Iterator[Response]:
             if raw != known[0]:
                 ids = node_ids(raw, block.format)
                 known = raw, ids, _positions(nodes, ids)
-            yield replace(_response(block, known[1], motion, where), position=known[2])
+            yield _response(block, known[1], motion, where, known[2])
 
 
 def _positions(nodes: list[NodeTable], ids: np.ndarray) -> np.ndarray | None:
@@ -85,7 +82,7 @@ def _positions(nodes: list[NodeTable], ids: np.ndarray) -> np.ndarray | None:
     return np.where(missing[:, None], np.nan, np.concatenate([own.position for own in nodes])[rows])
 
 
-def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str) -> Response:
+def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str, position: np.ndarray | None) -> Response:
     step, rounding = int(block.parameters[b"STEP"][2]), ROUNDING[block.format]
     if motion.shape[1] < 3 or not np.isfinite(motion).all():
         raise DeckError(
@@ -94,8 +91,10 @@ def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str) -> 
             remedy="look at the output of the run, and write the results again (*NODE FILE, U)",
         )
     if block.analysis == STATIC:
-        increment = int(block.parameters[b"STEP"][1])
-        return Response("static", step, increment, ids, motion[:, :3], rounding=rounding, where=f"{where}, step {step}")
+        increment, where = int(block.parameters[b"STEP"][1]), f"{where}, step {step}"
+        return Response(
+            "static", step, increment, ids, motion[:, :3], rounding=rounding, where=where, position=position
+        )
     if block.analysis != FREQUENCY or b"MODE" not in block.parameters:
         raise DeckError(
             f"step {step} is neither static nor a frequency step",
@@ -117,6 +116,7 @@ def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str) -> 
         modal_mass=float(mass[0]) if mass else None,
         rounding=rounding,
         where=f"{where}, step {step}, mode {mode}",
+        position=position,
     )
 
 
@@ -244,8 +244,6 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
     counts[step] += not is_mode
     frequency = reals_[layout.frequency] if is_mode else 0.0
     ids, motion = _rows(dataset, count, path)
-    check_motion(ids, motion, where)
-    check_frequency(frequency, where)
     return Response(
         "mode" if is_mode else "static",
         step,
@@ -326,7 +324,6 @@ def vtu_responses(path: Path) -> Iterator[Response]:
         where = f"{path}, {name}"
         number = int(said["number"] or 1)
         frequency = _frequency(mode, number, raw.field_data, where) if mode else 0.0
-        check_motion(ids, motion, where)
         yield Response(
             "mode" if mode else "static",
             1 if mode else number,
@@ -353,7 +350,6 @@ def _frequency(mode: re.Match[str], number: int, field_data: dict[str, Any], whe
             remedy=f'name the data "mode_{number} 12.5 Hz", or write all frequencies [Hz] as field data "frequencies"',
         )
     frequency = float(known[0][number - 1])
-    check_frequency(frequency, where)
     return frequency
 
 

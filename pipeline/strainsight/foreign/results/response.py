@@ -34,6 +34,7 @@ class Response:
     error of a number of the file, 5e-6 of 1.23457E+00, 6e-8 in single precision, 1e-16 in double; scalar_points: how many
     points that are no nodes (scalar, fluid) stand among these in the file and are left out; where: file and step, or line, for a
     message; position (n, 3) of the nodes along the basic axes, where the file has them and its reader reads them.
+    Raises DeckError for a node that is there twice, and for motions and frequencies that are not finite.
     """
 
     kind: Literal["mode", "static"]
@@ -50,31 +51,24 @@ class Response:
     where: str = ""
     position: FloatArray | None = None
 
+    def __post_init__(self) -> None:
+        if (pair := repeated(self.node_ids)) is not None:
+            raise damaged(f"node {self.node_ids[pair[1]]} stands twice", self.where)
+        finite = np.isfinite(self.motion).all(axis=1)
+        if not finite.all():
+            row = int(np.argmin(finite))
+            raise DeckError(
+                f"node {self.node_ids[row]} moves by {', '.join(f'{value:g}' for value in self.motion[row])}",
+                where=self.where,
+                remedy="look for errors in the output of that program, and write the file again",
+            )
+        if not math.isfinite(self.frequency):
+            raise damaged(f"the frequency of the mode is {self.frequency:g}", self.where)
+
 
 def natural_frequency(eigenvalue: float) -> float:
     """f = √λ/2π [Hz] of an eigenvalue λ = ω² [1/s²]; −√|λ|/2π where it is negative."""
     return math.copysign(math.sqrt(abs(eigenvalue)) / math.tau, eigenvalue)
-
-
-def check_motion(ids: IntArray, motion: FloatArray, where: str) -> None:
-    """Raise DeckError unless ids (n,) are each there once and motion (n, k) is finite."""
-    if (pair := repeated(ids)) is not None:
-        raise damaged(f"node {ids[pair[1]]} stands twice", where)
-    finite = np.isfinite(motion).all(axis=1)
-    if not finite.all():
-        row = int(np.argmin(finite))
-        said = ", ".join(f"{value:g}" for value in motion[row])
-        raise DeckError(
-            f"node {ids[row]} moves by {said}",
-            where=where,
-            remedy="look for errors in the output of that program, and write the file again",
-        )
-
-
-def check_frequency(frequency: float, where: str) -> None:
-    """Raise DeckError unless a mode's frequency is a finite number."""
-    if not math.isfinite(frequency):
-        raise damaged(f"the frequency of the mode is {frequency:g}", where)
 
 
 def unsupported(what: str, where: str) -> DeckError:
@@ -185,7 +179,6 @@ def printed_modes(path: Path) -> Iterator[Response]:
             ids = np.array(list(rows), dtype=np.int64)
             motion = np.array(list(rows.values())).reshape(-1, 6)
             where = f"{path}:{line}, step {step.number}, mode {mode}"
-            check_motion(ids, motion, where)
             frequency = natural_frequency(eigenvalue)
             kept = {"along_node_axes": is_f06, "rounding": ROUNDING, "where": where}
             yield Response("mode", step.number, mode, ids, motion, frequency, **kept)  # type: ignore[arg-type]
