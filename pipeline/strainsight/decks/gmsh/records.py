@@ -224,6 +224,11 @@ class Chunk:
     groups: tuple[int, ...]
     line: IntArray | None
 
+    @property
+    def kind(self) -> ElementType:
+        """What type of elements they are."""
+        return TYPES[self.type]
+
 
 def _joined(parts: list[NodeRows]) -> NodeRows:
     lines = [part.line for part in parts if part.line is not None]

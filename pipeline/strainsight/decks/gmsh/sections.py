@@ -5,7 +5,10 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+
+import numpy as np
 
 from strainsight.decks.gmsh.records import (
     NO_NODES,
@@ -22,6 +25,7 @@ from strainsight.decks.gmsh.records import (
 )
 from strainsight.decks.text import UNPACKING, opened, parse_integer, read_bytes
 from strainsight.errors import DeckError
+from strainsight.mesh.model import IdTable
 
 _HEADER = re.compile(rb"\$(\w+)[ \t]*\r?\n")
 _BLANKS = re.compile(rb"\s*")
@@ -33,11 +37,25 @@ _READ = ("PhysicalNames", "Entities", "Nodes", "ParametricNodes", "Elements")
 class GmshFile:
     """What a file holds: version "2.2"; names (dimension, physical tag) → name; nodes; elements; sections not read."""
 
+    path: str
     version: str = ""
     names: dict[tuple[int, int], str] = field(default_factory=dict)
     nodes: NodeRows = NO_NODES
     elements: list[Chunk] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
+
+    @cached_property
+    def table(self) -> IdTable:
+        """Numbers of the nodes to their rows."""
+        return IdTable(self.nodes.ids)
+
+    def where(self, what: str, number: int) -> str:
+        """The line of the last "node" or "element" with this number, or the file where it has no lines."""
+        for rows in [self.nodes] if what == "node" else reversed(self.elements):
+            hits = np.flatnonzero(rows.ids == number)
+            if hits.size and rows.line is not None:
+                return f"{self.path}:{rows.line[hits[-1]]}"
+        return self.path
 
 
 def is_gmsh(path: Path) -> bool:
@@ -62,7 +80,7 @@ class _Reader:
 
     def __init__(self, content: bytes, path: str):
         self.content, self.path = content, path
-        self.file = GmshFile()
+        self.file = GmshFile(path)
         self.groups: dict[tuple[int, int], tuple[int, ...]] = {}
         self.binary, self.order, self.size = False, "<", 8
 
