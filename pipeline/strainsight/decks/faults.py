@@ -171,10 +171,7 @@ MISSING_END = "MISSING ENDDATA"
 """What a config calls that a deck with BEGIN BULK ends without ENDDATA, so that it may be cut off."""
 PRELOAD = "PRELOAD"
 """What a config calls the stress under which a deck asks for modes; cards are "PRELOAD by STATSUB" and the like."""
-LINEAR = {
-    **dict.fromkeys(("S9R5", "CQUAD"), "eight or four nodes"),
-    **dict.fromkeys(("T3D3", "CBEAM3"), "two nodes"),
-}
+LINEAR = {**dict.fromkeys(("S9R5", "CQUAD"), "eight or four nodes"), **dict.fromkeys(("T3D3", "CBEAM3"), "two nodes")}
 """Shells of nine nodes and quadratic trusses, in the spelling of `short` → what to mesh with instead."""
 _UNUSED = re.compile(r" that no | not selected$")
 

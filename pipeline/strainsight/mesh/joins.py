@@ -237,8 +237,7 @@ class NodalForces:
     nodes: Annotated[IntArray, Column("1", "loaded node", "loaded node indices")]
     force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces")]
     moment: Annotated[
-        FloatArray | None,
-        Column("N m", "loaded node × 3", "moments, 0 where there are none", offset="force_offset"),
+        FloatArray | None, Column("N m", "loaded node × 3", "moments, 0 where there are none", offset="force_offset")
     ] = None
     body: tuple[BodyForce, ...] = ()
     regions: Annotated[

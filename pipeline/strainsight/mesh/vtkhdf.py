@@ -69,7 +69,7 @@ def unstructured_grid(
         "Connectivity": connectivity.astype(np.int64),
     }
     attributes: dict[str, dict[str, Any]] = {
-        "": {"Version": np.array([2, 2], dtype=np.int64), "Type": np.bytes_("UnstructuredGrid")},
+        "": {"Version": np.array([2, 2], dtype=np.int64), "Type": np.bytes_("UnstructuredGrid")}
     }
     values = None if steps is None else np.asarray(steps, dtype=np.float64).ravel()
     if values is not None:

@@ -179,10 +179,7 @@ def _i(
     # y of the figure is n2 and its z −n1: a quarter of a turn, after which y is n1 and z is n2
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     turned = replace(
-        upright,
-        second=turn @ upright.second @ turn.T,
-        shear=upright.shear[::-1],
-        points=upright.points @ turn.T,
+        upright, second=turn @ upright.second @ turn.T, shear=upright.shear[::-1], points=upright.points @ turn.T
     )
     return turned, np.array([0.0, -foot - l])
 

@@ -15,15 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.decks.faults import check_once
-from strainsight.decks.text import (
-    Entries,
-    Includes,
-    Line,
-    entry,
-    parse_integer,
-    parse_real,
-    text_lines,
-)
+from strainsight.decks.text import Entries, Includes, Line, entry, parse_integer, parse_real, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray, Origin
 

@@ -74,11 +74,7 @@ def _id(word: str, where: str) -> int:
 
 
 def sets(
-    deck: Deck,
-    node_ids: IntArray,
-    element_ids: IntArray,
-    left_out: Mapping[str, Sequence[Card]],
-    ignored: Counter[str],
+    deck: Deck, node_ids: IntArray, element_ids: IntArray, left_out: Mapping[str, Sequence[Card]], ignored: Counter[str]
 ) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
     """Node sets and element sets by name.
 

@@ -100,12 +100,7 @@ class Thin:
 
 
 def read_thin(
-    cards: Cards,
-    grids: Grids,
-    blocks: Sequence[CellBlock],
-    solids: Origin,
-    required: bool,
-    notes: list[str],
+    cards: Cards, grids: Grids, blocks: Sequence[CellBlock], solids: Origin, required: bool, notes: list[str]
 ) -> Thin:
     """Shells, beams and rods. Each CONROD of other values is a region.
 
@@ -114,8 +109,7 @@ def read_thin(
     """
     bars = with_defaults(cards)
     own = sorted(
-        (card for name in ELEMENTS for card in bars.get(name, cards.of(name))),
-        key=lambda card: (card.file, card.line),
+        (card for name in ELEMENTS for card in bars.get(name, cards.of(name))), key=lambda card: (card.file, card.line)
     )
     ids = unique_ids(own, "element")
     if (clash := np.isin(ids, solids.ids)).any():

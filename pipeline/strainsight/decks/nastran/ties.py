@@ -251,9 +251,7 @@ def _rigid(card: Card, grids: Grids, independent: list[Motion], dependent: list[
         kept = np.flatnonzero(np.abs(values) > ROUNDING * np.abs(values).max())
         unit = [length if c > 2 else 1.0 for _, c in (motion, *independent)]
         found.relate(
-            card,
-            [motion, *(independent[i] for i in kept)],
-            [1.0, *(-values[i] * unit[i + 1] / unit[0] for i in kept)],
+            card, [motion, *(independent[i] for i in kept)], [1.0, *(-values[i] * unit[i + 1] / unit[0] for i in kept)]
         )
 
 

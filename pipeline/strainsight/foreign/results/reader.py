@@ -32,13 +32,7 @@ from strainsight.decks.text import UNPACKING, check_plain, damaged, opened, pars
 from strainsight.errors import DeckError
 from strainsight.foreign.results.ansys import ansys_responses
 from strainsight.foreign.results.nastran import op2_responses, punch_responses
-from strainsight.foreign.results.response import (
-    Response,
-    integers,
-    padded,
-    reals,
-    unsupported,
-)
+from strainsight.foreign.results.response import Response, integers, padded, reals, unsupported
 from strainsight.measurements.uff58_file import is_mark
 from strainsight.mesh.model import IdTable
 
