@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Annotated
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -228,6 +228,11 @@ class Mesh(Properties):
     source: str = ""
     included: tuple[str, ...] = ()
     origin: Mapping[str, Origin] = field(default_factory=dict)
+
+    @property
+    def properties(self) -> dict[str, Any]:
+        """The fields of `Properties`, for another mesh of the same regions."""
+        return {entry.name: getattr(self, entry.name) for entry in fields(Properties)}
 
     @property
     def connectivity(self) -> tuple[IntArray, ...]:
