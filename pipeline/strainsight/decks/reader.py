@@ -6,7 +6,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-from strainsight.errors import DeckError, UserError
+from strainsight.decks.text import error_at
+from strainsight.errors import UserError
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.model import Mesh
@@ -53,10 +54,10 @@ def read_mesh(
     L, M = length_factor(length_unit), mass_factor(mass_unit)
     path = Path(path)
     if not path.is_file():
-        raise DeckError(
+        raise error_at(
+            path,
             "no such file" if not path.exists() else "not a file",
-            where=str(path),
-            remedy="check the name; a relative path counts from the config file",
+            "check the name; a relative path counts from the config file",
         )
     format = format_of(path) if format == "auto" else format
     for value, key, of, program in ((spc, "spc", "nastran", "Nastran"), (step, "step", "abaqus", "Abaqus")):

@@ -23,7 +23,7 @@ from strainsight.decks.abaqus.surfaces import Surfaces, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords, split
 from strainsight.decks.abaqus.ties import ties, with_tied_surfaces, with_whole_ring
 from strainsight.decks.faults import ENFORCED, HELD, check_elements, effects, notes_and_doubts, spelt, turning_nodes
-from strainsight.errors import DeckError
+from strainsight.decks.text import error_at
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
 from strainsight.mesh.surface_ties import without_held
@@ -209,12 +209,12 @@ def _first(card: str, keywords: Sequence[Keyword], assembly: Assembly) -> str:
 
 def _check_elements(assembly: Assembly, path: Path, required: bool) -> None:
     if not assembly.node_ids.size:
-        raise DeckError("the deck holds no node", where=str(path), remedy="check that this is the deck of the model")
+        raise error_at(path, "the deck holds no node", "check that this is the deck of the model")
     if required and not np.any(assembly.families != ""):
-        raise DeckError(
+        raise error_at(
+            path,
             "the deck holds no solid element, and no shell or beam",
-            where=str(path),
-            remedy=f"the model needs {FAMILIES} ({USUAL}), {', '.join(THIN)}",
+            f"the model needs {FAMILIES} ({USUAL}), {', '.join(THIN)}",
         )
 
 

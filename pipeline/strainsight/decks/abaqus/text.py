@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.text import LARGEST_ID, Entries, Includes, Line, parse_real, text_lines
+from strainsight.decks.text import LARGEST_ID, Entries, Includes, Line, error_at, parse_real, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 
@@ -155,24 +155,22 @@ def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keywor
             for own in _lines(target, includes, (*above, target.resolve())):
                 files.setdefault(own.file)
                 if own.text[0] == "*":
-                    raise DeckError(
+                    raise own.error(
                         f"{own.text[:24]!r} in a file that should hold the data of {keyword.title}",
-                        where=own.where,
-                        remedy="take the file in with *INCLUDE, or remove the keyword",
+                        "take the file in with *INCLUDE, or remove the keyword",
                     )
                 _append(keyword, own)
     if not keywords and before:
         raise _no_keyword(before[0])
     if not keywords:
-        raise DeckError("the deck holds no keyword", where=str(path), remedy="check that this is the right file")
+        raise error_at(path, "the deck holds no keyword", "check that this is the right file")
     return keywords, tuple(name for name in files if name != str(path)), len(before), includes.notes
 
 
 def _no_keyword(line: Line) -> DeckError:
-    return DeckError(
+    return line.error(
         f"{line.text[:24]!r} stands before the first keyword",
-        where=line.where,
-        remedy="an Abaqus or CalculiX deck begins with a line such as *HEADING or *NODE; a Nastran deck of this name is read "
+        "an Abaqus or CalculiX deck begins with a line such as *HEADING or *NODE; a Nastran deck of this name is read "
         "with mesh.format: nastran",
     )
 
@@ -227,7 +225,7 @@ def _keyword(line: Line) -> Keyword:
     head, *entries = split_quoted(line.text.rstrip(", \t"))
     title = "*" + " ".join(head[1:].upper().split())
     if not title[1:2].isalpha():
-        raise DeckError(f"{line.text[:24]!r} is no keyword", where=line.where, remedy="a comment begins with **")
+        raise line.error(f"{line.text[:24]!r} is no keyword", "a comment begins with **")
     keyword = Keyword(title, {}, line.file, line.number)
     for part in entries:
         key, _, value = part.partition("=")

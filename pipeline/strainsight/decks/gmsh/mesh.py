@@ -12,6 +12,7 @@ import numpy as np
 from strainsight.decks.faults import check_elements, check_nodes, entity_error, plural
 from strainsight.decks.gmsh.records import KINDS, TYPES, Chunk, NodeRows, remedy
 from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
+from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import (
     LINE,
@@ -136,8 +137,8 @@ def thin_cells(
     left, doubled = merged(chunks, file.version)
     several = [*_in_several(left), *_written_twice(chunks, doubled)]
     for element, dimension, tags in several:
-        (first, own), *others = (chosen[dimension, tag] for tag in tags)
-        if other := next((region for region, section in others if section is not own), None):
+        (first, section), *others = (chosen[dimension, tag] for tag in tags)
+        if other := next((region for region, another in others if another is not section), None):
             what = f"element {element} is in {first} and in {other}, which have different sections"
             remedy = "give one of the two a section (mesh.sections), or part the physical groups"
             raise entity_error("element", element, what, remedy, file.where)
@@ -200,10 +201,10 @@ def read_gmsh(path: Path, *, required: bool = True, given: Mapping[str, GivenSec
     path = Path(path)
     file = read_file(path)
     if file.skipped["$PartitionedEntities"]:
-        raise DeckError(
+        raise error_at(
+            path,
             "the mesh is partitioned: its physical groups hang on the partitions",
-            where=str(path),
-            remedy="save it unpartitioned (gmsh: Modules, Mesh, Unpartition)",
+            "save it unpartitioned (gmsh: Modules, Mesh, Unpartition)",
         )
     nodes, given = file.nodes, given or {}
     solids = [chunk for chunk in file.elements if chunk.kind.dimension == 3 and len(chunk.ids)]

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
@@ -131,7 +132,7 @@ class Text:
         return self._error(what, int(np.searchsorted(self._ends, begin, side="right")) + self.line, remedy)
 
     def _error(self, what: str, line: int, remedy: str = "correct the line, or write the mesh again") -> DeckError:
-        return DeckError(f"${self.name}: {what}", where=f"{self.path}:{line}", remedy=remedy)
+        return error_at(f"{self.path}:{line}", f"${self.name}: {what}", remedy)
 
     def finish(self) -> None:
         """Raise DeckError where numbers are left over."""
@@ -189,7 +190,7 @@ class Binary:
 
     def error(self, what: str, remedy: str = "write the mesh again: the file is damaged or truncated") -> DeckError:
         """An error in this section."""
-        return DeckError(f"${self.name}: {what}", where=self.path, remedy=remedy)
+        return error_at(self.path, f"${self.name}: {what}", remedy)
 
     def finish(self) -> None:
         """Raise DeckError where the section does not end here."""

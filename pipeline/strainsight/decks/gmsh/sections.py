@@ -23,7 +23,7 @@ from strainsight.decks.gmsh.records import (
     nodes_2,
     nodes_4,
 )
-from strainsight.decks.text import UNPACKING, opened, parse_integer, read_bytes
+from strainsight.decks.text import UNPACKING, error_at, opened, parse_integer, read_bytes
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IdTable
 
@@ -148,10 +148,10 @@ class _Reader:
             match = _NAME.fullmatch(text)
             dimension, tag = (parse_integer(match[i]) for i in (1, 2)) if match else (None, None)
             if not match or dimension not in (0, 1, 2, 3) or tag is None:
-                raise DeckError(
+                raise error_at(
+                    f"{self.path}:{number}",
                     f"$PhysicalNames: {text.strip()[:60]!r} should read like '3 1 \"hub\"'",
-                    where=f"{self.path}:{number}",
-                    remedy="correct the line",
+                    "correct the line",
                 )
             self.file.names[dimension, tag] = match[3]
         claimed = rows[0][1].strip() if rows else b""
@@ -193,7 +193,7 @@ class _Reader:
 
     def _error(self, what: str, at: int, remedy: str = "write the mesh again: the file is damaged") -> DeckError:
         where = self.path if self.binary and at > 200 else f"{self.path}:{self._line(at)}"
-        return DeckError(what, where=where, remedy=remedy)
+        return error_at(where, what, remedy)
 
 
 _SAVE = "save it with Mesh.MshFileVersion = 4.1 (or 2.2)"

@@ -15,7 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.decks.faults import check_once
-from strainsight.decks.text import Entries, Includes, Line, entry, parse_integer, parse_real, text_lines
+from strainsight.decks.text import Entries, Includes, Line, entry, error_at, parse_integer, parse_real, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray, Origin
 
@@ -31,11 +31,7 @@ def times(head: str, made: int, line: Line) -> int:
     match = HEAD.fullmatch(head)
     count = int(match[1] or match[2] or 1) if match else 1
     if made + count > MOST:
-        raise DeckError(
-            f"{head} makes {made + count} cards of the deck repeated ones",
-            where=line.where,
-            remedy=f"at most {MOST} may be",
-        )
+        raise line.error(f"{head} makes {made + count} cards of the deck repeated ones", f"at most {MOST} may be")
     return count
 
 
@@ -65,10 +61,8 @@ def _sum(before: str, step: str, what: str, line: Line) -> str:
         return str(whole + more)
     x, h = parse_real(before), parse_real(step)
     if x is None or h is None:
-        raise DeckError(
-            f"{what} adds {step!r} to {before!r}, and both have to be numbers",
-            where=line.where,
-            remedy="correct the card, or write it out",
+        raise line.error(
+            f"{what} adds {step!r} to {before!r}, and both have to be numbers", "correct the card, or write it out"
         )
     return repr(x + h)
 
@@ -176,25 +170,22 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
     begins = [i for i, line in enumerate(lines) if _BEGIN.match(line.text)]
     if len(begins) > 1 or (begins and not _BEGIN_BULK.match(lines[begins[0]].text)):
         line = lines[begins[-1]]
-        raise DeckError(
+        raise line.error(
             f"{line.text.strip()!r}: superelements are not supported",
-            where=line.where,
-            remedy="give the deck of one structure with one BEGIN BULK",
+            "give the deck of one structure with one BEGIN BULK",
         )
     start = begins[0] + 1 if begins else 0
     if not begins:
         for line in lines:
             if _CASE_CONTROL.match(line.text):
-                raise DeckError(
-                    f"{line.text.strip()!r} without BEGIN BULK", where=line.where, remedy="add the line BEGIN BULK"
-                )
+                raise line.error(f"{line.text.strip()!r} without BEGIN BULK", "add the line BEGIN BULK")
     end = next((i for i in range(start, len(lines)) if _ENDDATA.match(lines[i].text)), len(lines))
     ended = end < len(lines)
     cards = Cards()
     for card in _cards(lines[start:end]):
         cards.setdefault(card.name, []).append(card)
     if not cards:
-        raise DeckError("the deck holds no bulk data", where=str(path), remedy="check that this is the right file")
+        raise error_at(path, "the deck holds no bulk data", "check that this is the right file")
     case_control = tuple(lines[: begins[0]]) if begins else ()
     after = max(len(lines) - end - 1, 0)
     return Deck(cards, case_control, after, included, tuple(includes.notes), bool(begins), ended, lines[-1])
@@ -239,9 +230,7 @@ def _file_name(argument: str, following: Sequence[str], where: str) -> tuple[str
             return (quoted[2] if quoted[1] else quoted[3]), more
         if whole[:1] not in ("'", '"'):
             break
-    raise DeckError(
-        f"INCLUDE {argument.strip()}: no complete file name", where=where, remedy="write INCLUDE 'file' on one line"
-    )
+    raise error_at(where, f"INCLUDE {argument.strip()}: no complete file name", "write INCLUDE 'file' on one line")
 
 
 class _Piece(NamedTuple):
@@ -271,10 +260,9 @@ def _cards(lines: list[Line]) -> Iterator[Card]:
         line = piece.line
         if piece.head[0] == "=":
             if not name or len(fields) != 8 or (pattern is None and piece.head != "="):
-                raise DeckError(
+                raise line.error(
                     f"{line.text.strip()[:24]!r} repeats no card that stands on one line before it",
-                    where=line.where,
-                    remedy="write repeated cards out",
+                    "write repeated cards out",
                 )
             pattern = piece.data if piece.head == "=" else pattern
             count = times(piece.head, made, line)
@@ -332,20 +320,18 @@ def _continuations(pieces: list[_Piece]) -> dict[int, int]:
             before = _other_end(pieces, i, ending.get(key, []), beginning[key])
         if before < 0 or pieces[before].head[:1] == "=":
             what = "a continuation with no card before it"
-            raise DeckError(what, where=piece.line.where, remedy="correct the order of the lines")
+            raise piece.line.error(what, "correct the order of the lines")
         if before in follower:
-            raise DeckError(
+            raise piece.line.error(
                 f"a second continuation of line {pieces[before].line.where} (first at {pieces[follower[before]].line.where})",
-                where=piece.line.where,
-                remedy="give every line and its continuation a mark of their own",
+                "give every line and its continuation a mark of their own",
             )
         follower[before] = i
     for i, piece in enumerate(pieces):
         if piece.mark[:1] in ("+", "*") and _key(piece.mark) and i not in follower:
-            raise DeckError(
+            raise piece.line.error(
                 f"no continuation has the mark {piece.mark!r} of this line",
-                where=piece.line.where,
-                remedy="add the continuation, or remove the mark if the card ends here",
+                "add the continuation, or remove the mark if the card ends here",
             )
     return follower
 
@@ -356,11 +342,10 @@ def _other_end(pieces: list[_Piece], i: int, ending: list[int], beginning: list[
     if len(ending) == 1 == len(beginning) and ending[0] != i:
         return ending[0]
     again = [pieces[j].line.where for j in sorted({*ending, *beginning} - {i})]
-    raise DeckError(
+    raise piece.line.error(
         f"continuation {piece.head!r}: "
         + (f"its mark also stands at {', '.join(again[:3])}" if ending else "no line ends in its mark"),
-        where=piece.line.where,
-        remedy="put the continuation behind the line that it continues, or give both a mark of their own",
+        "put the continuation behind the line that it continues, or give both a mark of their own",
     )
 
 
@@ -394,17 +379,14 @@ def _cut(line: Line) -> _Piece:
         )
         mark = text[72:80].strip().upper()
         if head and text[0] == " " and head[0] not in "+*":
-            raise DeckError(
+            raise line.error(
                 f"{head!r} does not begin in column 1",
-                where=line.where,
-                remedy="a card begins in column 1, a continuation with eight blanks, + or *",
+                "a card begins in column 1, a continuation with eight blanks, + or *",
             )
     if head and head[0] not in "+*":
         head = head.rstrip("*").rstrip()
         if not head[:1].isalpha() and not HEAD.fullmatch(head):
-            raise DeckError(
-                f"{text.strip()[:24]!r} is no bulk-data card", where=line.where, remedy="a card begins with its name"
-            )
+            raise line.error(f"{text.strip()[:24]!r} is no bulk-data card", "a card begins with its name")
     return _Piece(line, head, data, mark, large)
 
 
@@ -422,10 +404,9 @@ def _free_fields(tokens: list[str], width: int, line: Line) -> tuple[list[str], 
             if tokens[1][:1] in ("+", "*") and _key(tokens[0]) == _key(tokens[1]):
                 tokens = tokens[2:]
             elif parse_real(tokens[0]) is None:
-                raise DeckError(
+                raise line.error(
                     f"the mark {tokens[0]!r} in field {width + 2} is followed by {tokens[1]!r} on the same line",
-                    where=line.where,
-                    remedy="begin a new line behind the mark, or remove it",
+                    "begin a new line behind the mark, or remove it",
                 )
         if not tokens:
             return data, ""

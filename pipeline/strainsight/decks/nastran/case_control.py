@@ -12,8 +12,7 @@ import numpy as np
 
 from strainsight.decks.faults import Doubt
 from strainsight.decks.nastran.cards import Card, Deck
-from strainsight.decks.text import Line, is_whole, no_integer, parse_integer, parse_real
-from strainsight.errors import DeckError
+from strainsight.decks.text import Line, error_at, is_whole, no_integer, parse_integer, parse_real
 from strainsight.mesh.model import IntArray
 
 _SELECTION = re.compile(r"\s*(SPC|MPC)\s*=\s*(\w+)", re.IGNORECASE)
@@ -37,9 +36,7 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
                 excluded.add(value)
                 i += 1
             if not excluded or not parts:
-                raise DeckError(
-                    "EXCEPT without ids of the range before it", where=where, remedy="write first THRU last EXCEPT ids"
-                )
+                raise error_at(where, "EXCEPT without ids of the range before it", "write first THRU last EXCEPT ids")
             parts[-1] = parts[-1][~np.isin(parts[-1], list(excluded))]
             continue
         first = _id(words[i], where)
@@ -49,9 +46,7 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
             if i < len(words) and words[i] == "BY":
                 step, i = _id(words[i + 1] if i + 1 < len(words) else "", where), i + 2
             if high < low:
-                raise DeckError(
-                    f"the range {low} THRU {high} runs backwards", where=where, remedy="write the lower id first"
-                )
+                raise error_at(where, f"the range {low} THRU {high} runs backwards", "write the lower id first")
             within = existing[np.searchsorted(existing, low) : np.searchsorted(existing, high, side="right")]
             parts.append(within[(within - low) % step == 0])
             continue
@@ -69,7 +64,7 @@ def _id(word: str, where: str) -> int:
     value = parse_integer(word)
     if value is None or value < 1:
         what = f"an id {no_integer(word)}" if value is None and is_whole(word) else f"{word!r} is no id"
-        raise DeckError(what, where=where, remedy="ids are positive integers, ranges first THRU last")
+        raise error_at(where, what, "ids are positive integers, ranges first THRU last")
     return value
 
 
@@ -183,11 +178,7 @@ class CardSets:
         text, line = next(iter(self.chosen.items()))
         number = parse_integer(text) or 0
         if number not in self.ids and not self.left_out:
-            raise DeckError(
-                f"{self.what} = {text} selects a set that is not in the deck",
-                where=line.where,
-                remedy=self.listed(more),
-            )
+            raise line.error(f"{self.what} = {text} selects a set that is not in the deck", self.listed(more))
         return number
 
 

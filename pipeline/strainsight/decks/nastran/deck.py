@@ -23,7 +23,7 @@ from strainsight.decks.nastran.thin import TAKEN as THIN
 from strainsight.decks.nastran.thin import read_thin
 from strainsight.decks.nastran.ties import NAMES as RIGID_BARS
 from strainsight.decks.nastran.ties import averaging_elements, rigid_bars, rigid_elements, selected_cards, terms
-from strainsight.decks.text import parse_integer
+from strainsight.decks.text import error_at, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import Relation
 from strainsight.mesh.kinds import FAMILIES
@@ -122,10 +122,10 @@ def read_nastran(
     scale = mass_scale(deck)
     thin = read_thin(cards, grids, blocks, elements, required, notes)
     if required and not (blocks or thin.shells or thin.beams):
-        raise DeckError(
+        raise error_at(
+            path,
             "the deck holds no solid element, and no shell or beam",
-            where=str(path),
-            remedy=f"the model needs {FAMILIES} ({', '.join(SOLIDS)}), CQUAD4, CTRIA3, CBAR or CBEAM",
+            f"the model needs {FAMILIES} ({', '.join(SOLIDS)}), CQUAD4, CTRIA3, CBAR or CBEAM",
         )
     ignored += thin.left_out
     elements = together(elements, thin.elements)

@@ -10,8 +10,7 @@ import numpy as np
 
 from strainsight.decks.nastran.cards import Card, Cards, unique_ids
 from strainsight.decks.nastran.case_control import expand
-from strainsight.decks.text import parse_integer
-from strainsight.errors import DeckError
+from strainsight.decks.text import error_at, parse_integer
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem, local_axes
 from strainsight.mesh.model import FloatArray, IdTable, IntArray
 
@@ -179,9 +178,7 @@ def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
     """
     grids = cards.of("GRID")
     if not grids:
-        raise DeckError(
-            "the deck holds no GRID card", where=str(path), remedy="check that this is the deck of the model"
-        )
+        raise error_at(path, "the deck holds no GRID card", "check that this is the deck of the model")
     if long := [card for card in grids if len(card.tokens) > 8 and any(card.tokens[8:])]:
         raise long[0].error(
             "more than 8 data fields", "remove what is behind field 9; a line of its own begins every card"

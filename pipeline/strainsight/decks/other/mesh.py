@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
 from strainsight.decks.other.load import load, load_sandboxed
-from strainsight.errors import DeckError
+from strainsight.decks.text import error_at
 from strainsight.mesh.given_sections import (
     LINE,
     LINE3,
@@ -89,10 +89,10 @@ def labels(data: Mapping[str, Any], name: str | None, count: int, path: str, not
     if name is not None:
         if name not in there:
             known = ", ".join(there) or "none"
-            raise DeckError(
+            raise error_at(
+                path,
                 f"cell data {name!r} are not whole numbers" if name in data else f"there are no cell data {name!r}",
-                where=path,
-                remedy=f"cell data that can be regions: {known}",
+                f"cell data that can be regions: {known}",
             )
         return Labels(name, there[name])
     for usual in REGIONS:
@@ -174,16 +174,16 @@ class Cells:
             inside = np.zeros(len(block.data), dtype=bool)
             for (dimension, tag), (own, _) in chosen.items():
                 if dimension == block.dim:
-                    whole = tag is None or self.tags is None
-                    here = np.ones(len(region), dtype=bool) if whole else self.tags.values[rows] == tag
+                    tags = None if tag is None else self.tags
+                    here = np.ones(len(region), dtype=bool) if tags is None else tags.values[rows] == tag
                     region[here], inside = own.id, inside | here
             if not inside.any():
                 continue
             if block.type not in THIN:
-                raise DeckError(
+                raise error_at(
+                    self.path,
                     f"{plural(int(inside.sum()), block.type + ' cell')} in regions with a section are not supported",
-                    where=self.path,
-                    remedy=f"mesh with {', '.join(THIN)}",
+                    f"mesh with {', '.join(THIN)}",
                 )
             nodes = np.asarray(block.data, np.int64)[inside]
             yield CellBlock(THIN[block.type], self.ids[rows][inside], nodes, region[inside].astype(np.int64))
@@ -294,10 +294,10 @@ def read_meshio(
 def _position(raw: Any, path: str, notes: list[str]) -> FloatArray:
     points = np.asarray(raw.points)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        raise DeckError(
+        raise error_at(
+            path,
             f"the points have {points.shape[-1] if points.ndim else 0} coordinates, not 3",
-            where=path,
-            remedy="solids need a mesh in three dimensions",
+            "solids need a mesh in three dimensions",
         )
     if points.dtype == np.float32:
         notes.append("coordinates are in single precision, good to 7 digits")
@@ -309,17 +309,17 @@ def _solids(raw: Any, path: str, required: bool) -> list[int]:
     found = []
     for i, block in enumerate(raw.cells):
         if block.dim == 3 and block.type not in KINDS and len(block.data):
-            raise DeckError(
+            raise error_at(
+                path,
                 f"{plural(len(block.data), block.type + ' cell')}: not supported",
-                where=path,
-                remedy=f"mesh with {FAMILIES} ({', '.join(KINDS)})",
+                f"mesh with {FAMILIES} ({', '.join(KINDS)})",
             )
         if block.type in KINDS and len(block.data):
             found.append(i)
     if not found and required:
         shown = ", ".join(plural(len(block.data), block.type + " cell") for block in raw.cells) or "no cells"
         what = f"the mesh holds no solid element ({shown})"
-        raise DeckError(what, where=path, remedy=f"mesh in three dimensions; {SHELLS}")
+        raise error_at(path, what, f"mesh in three dimensions; {SHELLS}")
     return found
 
 
@@ -329,11 +329,11 @@ def _check_cells(raw: Any, blocks: list[int], points: int, path: str) -> None:
         kind, nodes = raw.cells[b].type, np.asarray(raw.cells[b].data)
         width = len(KINDS[kind].nodes) if kind in KINDS else WIDTH[kind]
         if nodes.ndim != 2 or nodes.shape[1] != width or nodes.dtype.kind not in "iu":
-            raise DeckError(f"the {kind} cells do not have {width} nodes each", where=path, remedy=remedy)
+            raise error_at(path, f"the {kind} cells do not have {width} nodes each", remedy)
         wrong = nodes[(nodes < 0) | (nodes >= points)]
         if wrong.size:
             what = f"a {kind} refers to point {wrong[0]} (counted from 0), but there are {points} points"
-            raise DeckError(what, where=path, remedy=remedy)
+            raise error_at(path, what, remedy)
 
 
 def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatArray, notes: list[str]) -> IntArray:

@@ -18,7 +18,17 @@ from typing import Any, TextIO
 import numpy as np
 from scipy import sparse
 
-from strainsight.decks.text import PACKING, SMALL, check_plain, damaged, opened, parse_integer, parse_real, text_lines
+from strainsight.decks.text import (
+    PACKING,
+    SMALL,
+    check_plain,
+    damaged,
+    error_at,
+    opened,
+    parse_integer,
+    parse_real,
+    text_lines,
+)
 from strainsight.errors import DeckError
 
 LARGEST = 50_000_000
@@ -44,12 +54,10 @@ Column = tuple[int, list[int], list[int], Any]
 def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where: str) -> Header:
     said = name.replace(b"\0", b" ").decode("ascii", "replace").strip()
     if kind in (3, 4):
-        raise DeckError(f"the matrix {said} is complex", where=where, remedy="give real stiffness and mass matrices")
+        raise error_at(where, f"the matrix {said} is complex", "give real stiffness and mass matrices")
     if kind not in (1, 2) or not (0 < columns <= LARGEST and 0 < abs(rows) <= LARGEST):
-        raise DeckError(
-            f"no header of a matrix: {abs(rows)} × {columns}, type {kind}",
-            where=where,
-            remedy="the file is no OP4 file, or damaged",
+        raise error_at(
+            where, f"no header of a matrix: {abs(rows)} × {columns}, type {kind}", "the file is no OP4 file, or damaged"
         )
     return Header(said, (abs(rows), columns), rows < 0 or rows >= BIGMAT, 1 if kind == 1 else words)
 
@@ -273,19 +281,17 @@ def read_market(path: Path) -> sparse.coo_array | np.ndarray:
             raise damaged("no Matrix Market file by its first line", f"{path}:1")
         layout, field, kind = words[2:]
         if field not in REAL or kind not in ("general", "symmetric"):
-            raise DeckError(
-                f"a {kind} {field} matrix", where=f"{path}:1", remedy="write it real, and general or symmetric"
-            )
+            raise error_at(f"{path}:1", f"a {kind} {field} matrix", "write it real, and general or symmetric")
         rows, columns, entries, line = _sizes(file, path, layout, kind)
         size = path.stat().st_size
         # a line of one entry has two bytes at least, of its place and its value six
         if (2 if layout == "array" else 6) * entries > (
             max(SMALL, PACKING * size) if path.suffix.lower() == ".gz" else size
         ):
-            raise DeckError(
+            raise error_at(
+                path,
                 f"it claims {rows} × {columns} with {entries} entries, more than it can hold",
-                where=str(path),
-                remedy="write the matrix again",
+                "write the matrix again",
             )
         table = _table(file, path, entries, 1 if layout == "array" else 3, line)
     return (
@@ -401,7 +407,7 @@ def _entries(path: Path) -> np.ndarray:
         values = [parse_real(word) for word in line.split()]
         if len(values) not in (0, 3) or None in values:
             said = f"{line.strip()[:60]!r} is not row, column and value"
-            raise DeckError(said, where=f"{path}:{number}", remedy=WRITE_AGAIN)
+            raise error_at(f"{path}:{number}", said, WRITE_AGAIN)
         rows += [values] if values else []
     return np.array(rows, dtype=float)
 
@@ -412,7 +418,5 @@ def read_dofs(path: Path) -> Iterator[tuple[int, list[str]]]:
         if text := line.strip():
             node, dot, component = text.partition(".")
             if not dot:
-                raise DeckError(
-                    f"{text[:40]!r} is no node.component", where=f"{path}:{number}", remedy="write it again"
-                )
+                raise error_at(f"{path}:{number}", f"{text[:40]!r} is no node.component", "write it again")
             yield number, [node, component]

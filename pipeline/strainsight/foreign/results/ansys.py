@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from strainsight.child_reader import Message, answer, child_reader, reason
-from strainsight.decks.text import damaged
+from strainsight.decks.text import damaged, error_at
 from strainsight.errors import DeckError
 from strainsight.foreign.results.response import Response, unsupported
 from strainsight.processes import python
@@ -39,9 +39,7 @@ def responses_apart(path: Path) -> Iterator[Response]:
             copy = copyfile(path, Path(folder) / path.name)
         except OSError as error:
             what = f"cannot be copied to the temporary folder {folder}: {error.strerror or error}"
-            raise DeckError(
-                what, where=str(path), remedy="free some space there, or set TMPDIR to another folder"
-            ) from None
+            raise error_at(path, what, "free some space there, or set TMPDIR to another folder") from None
         with child_reader(COMMAND, [str(path), str(copy)], failure) as receive:
             while (message := receive(limit))[0]:
                 plain, (ids, motion) = message
@@ -83,10 +81,10 @@ def ansys_responses(path: Path) -> Iterator[Response]:
     with path.open("rb"):
         pass
     if not _installed():
-        raise DeckError(
+        raise error_at(
+            path,
             f"an Ansys result file is read by {PACKAGE}, which is not installed",
-            where=str(path),
-            remedy=f'install it: pip install "strainsight[{EXTRA}]"',
+            f'install it: pip install "strainsight[{EXTRA}]"',
         )
     yield from responses_apart(path)
 
@@ -118,10 +116,8 @@ def _response(result: Any, row: int, is_mode: bool, step: int, substep: int, pat
     where = f"{path}, load step {step}, substep {substep}"
     names = list(result.result_dof(row))
     if missing := [name for name in _TRANSLATIONS if name not in names]:
-        raise DeckError(
-            f"a result without {', '.join(missing)}",
-            where=where,
-            remedy="give results of a structure in three dimensions",
+        raise error_at(
+            where, f"a result without {', '.join(missing)}", "give results of a structure in three dimensions"
         )
     rotations = _ROTATIONS if all(name in names for name in _ROTATIONS) else []
     ids, values = result.nodal_solution(row)

@@ -22,8 +22,7 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from strainsight.decks.text import damaged, opened, parse_integer, parse_real
-from strainsight.errors import DeckError
+from strainsight.decks.text import damaged, error_at, opened, parse_integer, parse_real
 from strainsight.foreign.results.response import (
     Response,
     integers,
@@ -60,10 +59,10 @@ class Op2File:
         self._length = file.read(4)
         """Of the next record, as it stands there; b"" at the end of the file."""
         if self._length not in _WIDTHS:
-            raise DeckError(
+            raise error_at(
+                path,
                 "no binary OUTPUT2 file" if self._length else "the file is empty",
-                where=str(path),
-                remedy="have Nastran write it by PARAM,POST,-1, unformatted",
+                "have Nastran write it by PARAM,POST,-1, unformatted",
             )
         order, self.width = _WIDTHS[self._length]
         self.integer = np.dtype(f"{order}i{self.width}")
@@ -241,9 +240,7 @@ def _response(
     if head.analysis in _OTHERS or head.sort & _COMPLEX:
         raise unsupported(_OTHERS.get(head.analysis, "complex displacements"), where)
     if head.sort & _BY_NODE:
-        raise DeckError(
-            "the displacements are written node by node (SORT2)", where=where, remedy="ask for DISPLACEMENT(SORT1)"
-        )
+        raise error_at(where, "the displacements are written node by node (SORT2)", "ask for DISPLACEMENT(SORT1)")
     if head.row != _ROW or (not is_mode and head.analysis not in _STATIC) or len(record.content) % (_ROW * op2.width):
         raise damaged(
             f"{len(record.content)} bytes of rows of {head.row} words, of an analysis of code {head.analysis}", where
@@ -342,10 +339,8 @@ def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response
     if "REAL OUTPUT" not in says:
         raise unsupported("complex displacements", where)
     if "POINT ID" in says:
-        raise DeckError(
-            "the displacements are written point by point (SORT2)",
-            where=where,
-            remedy="ask for DISPLACEMENT(SORT1,PUNCH)",
+        raise error_at(
+            where, "the displacements are written point by point (SORT2)", "ask for DISPLACEMENT(SORT1,PUNCH)"
         )
     mode = _EIGENVALUE.fullmatch(says.get("EIGENVALUE", "")) if "EIGENVECTOR" in says else None
     eigenvalue = parse_real(mode[1]) if mode else 0.0

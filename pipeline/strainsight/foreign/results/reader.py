@@ -28,8 +28,7 @@ from strainsight.decks.frd import (
 )
 from strainsight.decks.other.load import load_sandboxed
 from strainsight.decks.other.mesh import NODE_IDS, numbers_of
-from strainsight.decks.text import UNPACKING, check_plain, damaged, opened, parse_integer, parse_real
-from strainsight.errors import DeckError
+from strainsight.decks.text import UNPACKING, check_plain, damaged, error_at, opened, parse_integer, parse_real
 from strainsight.foreign.results.ansys import ansys_responses
 from strainsight.foreign.results.nastran import op2_responses, punch_responses
 from strainsight.foreign.results.response import Response, integers, padded, reals, unsupported
@@ -79,10 +78,10 @@ def _positions(nodes: list[NodeTable], ids: np.ndarray) -> np.ndarray | None:
 def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str, position: np.ndarray | None) -> Response:
     step, rounding = int(block.parameters[b"STEP"][2]), ROUNDING[block.format]
     if motion.shape[1] < 3 or not np.isfinite(motion).all():
-        raise DeckError(
+        raise error_at(
+            where,
             f"the displacements of step {step} are no three finite numbers at every node",
-            where=where,
-            remedy="look at the output of the run, and write the results again (*NODE FILE, U)",
+            "look at the output of the run, and write the results again (*NODE FILE, U)",
         )
     if block.analysis == STATIC:
         increment, where = int(block.parameters[b"STEP"][1]), f"{where}, step {step}"
@@ -90,10 +89,10 @@ def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str, pos
             "static", step, increment, ids, motion[:, :3], rounding=rounding, where=where, position=position
         )
     if block.analysis != FREQUENCY or b"MODE" not in block.parameters:
-        raise DeckError(
+        raise error_at(
+            where,
             f"step {step} is neither static nor a frequency step",
-            where=where,
-            remedy="write results of *STATIC and *FREQUENCY steps alone",
+            "write results of *STATIC and *FREQUENCY steps alone",
         )
     mode = int(block.parameters[b"MODE"][0])
     mass = block.parameters.get(b"GM")
@@ -196,10 +195,10 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
             if not line.strip():
                 continue
             if not is_mark(line):
-                raise DeckError(
+                raise error_at(
+                    f"{path}:{number}",
                     "no start of a dataset",
-                    where=f"{path}:{number}",
-                    remedy="a universal file has lines of -1 around every dataset: give such a file, or export it again",
+                    "a universal file has lines of -1 around every dataset: give such a file, or export it again",
                 )
             kind = file.readline(_LONGEST)[:6].strip().decode("latin-1")
             number += 1
@@ -338,10 +337,10 @@ def _frequency(mode: re.Match[str], number: int, field_data: dict[str, Any], whe
         return float(mode["hertz"])
     known = [np.ravel(values) for key, values in field_data.items() if key.lower() in _FREQUENCIES]
     if not known or not 0 < number <= len(known[0]) or known[0].dtype.kind not in "fiu":
-        raise DeckError(
+        raise error_at(
+            where,
             f"mode {number} has no frequency",
-            where=where,
-            remedy=f'name the data "mode_{number} 12.5 Hz", or write all frequencies [Hz] as field data "frequencies"',
+            f'name the data "mode_{number} 12.5 Hz", or write all frequencies [Hz] as field data "frequencies"',
         )
     frequency = float(known[0][number - 1])
     return frequency
@@ -370,20 +369,16 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     path = Path(path)
     reader = readers.get(ending_of(path))
     if reader is None:
-        raise DeckError(
-            f"no file of results by its name: {path.name}", where=str(path), remedy=f"known: {', '.join(readers)}"
-        )
+        raise error_at(path, f"no file of results by its name: {path.name}", f"known: {', '.join(readers)}")
     try:
         check_plain(path)
         yield from reader(path)
     except FileNotFoundError:
-        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
+        raise error_at(path, "no such file", "check the name and the folder") from None
     except UNPACKING as error:
-        raise DeckError(f"cannot be unpacked: {error}", where=str(path), remedy="pack the file again") from None
+        raise error_at(path, f"cannot be unpacked: {error}", "pack the file again") from None
     except OSError as error:
-        raise DeckError(
-            f"cannot be read: {error.strerror}", where=str(path), remedy="check that it is a readable file"
-        ) from None
+        raise error_at(path, f"cannot be read: {error.strerror}", "check that it is a readable file") from None
 
 
 def ending_of(path: Path) -> str:

@@ -16,7 +16,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from strainsight.decks.faults import repeated
-from strainsight.decks.text import damaged, opened, parse_integer, parse_real
+from strainsight.decks.text import damaged, error_at, opened, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.thin import FloatArray, IntArray
 
@@ -73,10 +73,10 @@ def natural_frequency(eigenvalue: float) -> float:
 
 def unsupported(what: str, where: str) -> DeckError:
     """A kind of result that is none of the two that are read."""
-    return DeckError(
+    return error_at(
+        where,
         f"{what}, no real mode or static response",
-        where=where,
-        remedy="write real normal modes or static displacements, in a file of their own",
+        "write real normal modes or static displacements, in a file of their own",
     )
 
 
@@ -94,7 +94,7 @@ def result_lines(path: Path, what: str, remedy: str) -> Iterator[tuple[int, byte
         while line := file.readline(LONGEST):
             number += 1
             if b"\0" in line or len(line) == LONGEST:
-                raise DeckError(f"no line of {what}", where=f"{path}:{number}", remedy=remedy)
+                raise error_at(f"{path}:{number}", f"no line of {what}", remedy)
             yield number, line
 
 
@@ -168,10 +168,10 @@ def printed_modes(path: Path) -> Iterator[Response]:
     found = [step for step in steps if step.eigenvalue]
     if not found:
         what = "R E A L   E I G E N V A L U E S" if is_f06 else "E I G E N V A L U E   O U T P U T"
-        raise DeckError(
+        raise error_at(
+            path,
             f"the file has no table {what}",
-            where=str(path),
-            remedy="give the .f06 of a SOL 103 run, or the .dat of a *FREQUENCY step of CalculiX",
+            "give the .f06 of a SOL 103 run, or the .dat of a *FREQUENCY step of CalculiX",
         )
     for step in found:
         for mode, (eigenvalue, line) in sorted(step.eigenvalue.items()):
