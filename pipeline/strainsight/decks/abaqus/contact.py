@@ -90,7 +90,7 @@ def _pairs(surfaces: Surfaces, keywords: Sequence[Keyword]) -> Iterator[Pair]:
     tying = _tying(keywords)
     for scope, keyword in surfaces.assembly.keywords("CONTACTPAIR", of_steps=True):
         given = keyword.parameters.get("ADJUST", "")
-        tied = "TIED" in keyword.parameters or keyword.parameters.get("INTERACTION", "").upper() in tying
+        tied = "TIED" in keyword.parameters or keyword.word("INTERACTION") in tying
         for row in keyword.rows():
             yield Pair(row, *surfaces.pair(scope, row), parse_real(given) if given else None, tied)
 
@@ -100,8 +100,8 @@ def _tying(keywords: Sequence[Keyword]) -> set[str]:
     names, current = set(), ""
     for keyword in keywords:
         if keyword.name == "SURFACEINTERACTION":
-            current = keyword.parameters.get("NAME", "").upper()
-        elif keyword.name == "SURFACEBEHAVIOR" and keyword.parameters.get("PRESSURE-OVERCLOSURE", "").upper() == "TIED":
+            current = keyword.word("NAME")
+        elif keyword.name == "SURFACEBEHAVIOR" and keyword.word("PRESSURE-OVERCLOSURE") == "TIED":
             names.add(current)
     return names
 

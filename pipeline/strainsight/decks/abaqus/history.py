@@ -52,11 +52,7 @@ def preloads(steps: Sequence[Step]) -> dict[str, list[Keyword]]:
 
 def stressed(keywords: Sequence[Keyword]) -> list[Keyword]:
     """*INITIAL CONDITIONS that state stress."""
-    return [
-        own
-        for own in keywords
-        if own.name == "INITIALCONDITIONS" and own.parameters.get("TYPE", "").upper() == "STRESS"
-    ]
+    return [own for own in keywords if own.name == "INITIALCONDITIONS" and own.word("TYPE") == "STRESS"]
 
 
 TYPES = {
@@ -199,7 +195,7 @@ class _Reader:
         """The state in a step, from that before it."""
         scope = self.assembly.scopes[""]
         own = [keyword for keyword in step.keywords if keyword.name == "BOUNDARY"]
-        new = any(keyword.parameters.get("OP", "").upper() == "NEW" for keyword in own)
+        new = any(keyword.word("OP") == "NEW" for keyword in own)
         state = before
         if own:
             supports = Supports() if new else before.supports
@@ -212,7 +208,7 @@ class _Reader:
     def changed(self, keyword: Keyword, scope: Scope, state: State) -> State:
         """The state after a *MODEL CHANGE."""
         ways = {"ADD", "REMOVE"} & keyword.parameters.keys()
-        kind = keyword.parameters.get("TYPE", "ELEMENT").upper().replace(" ", "")
+        kind = keyword.word("TYPE", "ELEMENT").replace(" ", "")
         if "ACTIVATE" in keyword.parameters:  # it prepares a change of a later analysis
             return state
         if len(ways) != 1:

@@ -71,12 +71,12 @@ class Materials:
 
     def orthotropic(self, keyword: Keyword) -> bool:
         """Whether the material that a section names is TYPE=LAMINA."""
-        own = self.definitions.get(keyword.parameters.get("MATERIAL", "").upper())
+        own = self.definitions.get(keyword.word("MATERIAL"))
         return own is not None and _type(own) == "LAMINA"
 
     def anisotropic(self, keyword: Keyword) -> bool:
         """Whether the material that a section of solids names is one of `elastic.LINES`."""
-        own = self.definitions.get(keyword.parameters.get("MATERIAL", "").upper())
+        own = self.definitions.get(keyword.word("MATERIAL"))
         solid = keyword.name == "SOLIDSECTION"
         return own is not None and solid and bool(anisotropic_type(own.options.get("ELASTIC")))
 
@@ -147,13 +147,13 @@ def by_temperature(keywords: Sequence[Keyword]) -> bool:
 def _varies(elastic: Keyword) -> bool:
     if kind := anisotropic_type(elastic):
         return len(elastic.texts) > LINES[kind]
-    constants = 6 if elastic.parameters.get("TYPE", "").upper() == "LAMINA" else 2
+    constants = 6 if elastic.word("TYPE") == "LAMINA" else 2
     return len({tuple(parse_real(entry) for entry in split(text)[:constants]) for text in elastic.texts}) > 1
 
 
 def _type(definition: Definition) -> str:
     elastic = definition.options.get("ELASTIC")
-    return "" if elastic is None else elastic.parameters.get("TYPE", "ISO").upper()
+    return "" if elastic is None else elastic.word("TYPE", "ISO")
 
 
 def _material(definition: Definition, number: int, notes: list[str]) -> Material:
@@ -220,7 +220,7 @@ def anisotropic_type(elastic: Keyword | None) -> str:
     """TYPE of an *ELASTIC of anisotropic solids, one of `LINES`; "" of another. CalculiX shortens the names."""
     if elastic is None:
         return ""
-    own = elastic.parameters.get("TYPE", "").upper().replace(" ", "")
+    own = elastic.word("TYPE").replace(" ", "")
     return next((name for name in LINES if own == name or (own in ("ORTHO", "ANISO") and name.startswith(own))), "")
 
 
@@ -282,7 +282,7 @@ def named_orientation(assembly: Assembly, scope: Scope, by: Keyword | Row, name:
         return None
     for within in (scope, assembly.scopes[""]):
         for own in within.part.keywords:
-            if own.name == "ORIENTATION" and own.parameters.get("NAME", "").upper() == name.upper():
+            if own.name == "ORIENTATION" and own.word("NAME") == name.upper():
                 return own
     raise by.error(f"orientation {name.upper()!r} is not in the deck", "add the *ORIENTATION, or correct the name")
 
@@ -316,8 +316,8 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     own = named_orientation(assembly, scope, by, name)
     if own is None:
         return None
-    system = own.parameters.get("SYSTEM", "RECTANGULAR").upper().replace(" ", "")
-    definition = own.parameters.get("DEFINITION", "COORDINATES").upper()
+    system = own.word("SYSTEM", "RECTANGULAR").replace(" ", "")
+    definition = own.word("DEFINITION", "COORDINATES")
     if system not in SYSTEMS or definition not in ("COORDINATES", ""):
         raise own.error(
             f"SYSTEM={system}, DEFINITION={definition} is not supported for anisotropic solids",

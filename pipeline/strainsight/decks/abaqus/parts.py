@@ -228,7 +228,7 @@ def _nodes(
         if keyword.name != "NODE":
             continue
         own, local = _node_lines(keyword)
-        system = keyword.parameters.get("SYSTEM", "R").upper()
+        system = keyword.word("SYSTEM", "R")
         if system == "C":
             r, angle = local[:, 0].copy(), np.radians(local[:, 1])
             local[:, 0], local[:, 1] = r * np.cos(angle), r * np.sin(angle)

@@ -267,7 +267,7 @@ def shell_section(
     beside = keyword.number("DENSITY", 0.0, CONSTANT)
     if beside < 0:
         raise keyword.error(f"DENSITY, the mass per area beside the material, is {beside:g}", "give a positive one")
-    given = keyword.parameters.get("OFFSET", "0").upper()
+    given = keyword.word("OFFSET", "0")
     off = SIDES[given] if given in SIDES else keyword.number("OFFSET", 0.0, CONSTANT)
     section: ShellSection | Laminate
     if "COMPOSITE" in keyword.parameters:

@@ -28,7 +28,7 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
     for scope, keyword in assembly.keywords("TRANSFORM"):
         row = keyword.rows()[0]
         a, b = row.reals(6, "a coordinate").reshape(2, 3)
-        kind = keyword.parameters.get("TYPE", "R").upper() or "R"
+        kind = keyword.word("TYPE", "R") or "R"
         nodes = assembly.node_set(keyword.needs("NSET"), scope, keyword)
         if kind not in ("R", "C", "S"):
             raise keyword.error(f"TYPE={kind} is not R, C or S", "give the type of the system")
@@ -104,7 +104,7 @@ def _stated(assembly: Assembly, types: Sequence[str], name: str) -> Iterator[tup
         for parameter in parameters:
             if keyword.parameters.get(parameter) is not None:
                 raise keyword.error(f"{parameter} is not supported", remedy)
-        if keyword.parameters.get("TYPE", "ISOTROPIC").upper() not in ("ISOTROPIC", ""):
+        if keyword.word("TYPE", "ISOTROPIC") not in ("ISOTROPIC", ""):
             raise keyword.error("masses that differ by direction are not supported", "give one mass")
         rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
         for row in rows[wanted[rows]].tolist():
@@ -286,9 +286,7 @@ def _term(assembly: Assembly, scope: Scope, row: Row, at: int) -> Term:
 
 def _unsorted(assembly: Assembly, entry: str, scope: Scope) -> bool:
     within, name = assembly.split_name(entry, scope)
-    named = [
-        k for k in within.part.keywords if k.name == "NSET" and k.parameters.get("NSET", "").upper() == name.upper()
-    ]
+    named = [k for k in within.part.keywords if k.name == "NSET" and k.word("NSET") == name.upper()]
     return parse_integer(name) is None and any("UNSORTED" in keyword.parameters for keyword in named)
 
 

@@ -85,7 +85,7 @@ def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
     outside: Facets | None = None
     family = assembly.families
     for scope, keyword in assembly.keywords("SURFACE"):
-        kind = keyword.parameters.get("TYPE", "ELEMENT").upper()
+        kind = keyword.word("TYPE", "ELEMENT")
         if kind not in ("ELEMENT", "NODE") or "COMBINE" in keyword.parameters or "CROP" in keyword.parameters:
             ignored[f"*SURFACE, {'TYPE=' + kind if kind not in ('ELEMENT', 'NODE') else 'COMBINE'}"] += 1
             continue

@@ -70,6 +70,10 @@ class Keyword:
             raise self.error(f"has no {parameter}", f"give {parameter}=…")
         return value
 
+    def word(self, parameter: str, default: str = "") -> str:
+        """The value of a parameter in capitals, `default` where it is missing."""
+        return self.parameters.get(parameter, default).upper()
+
     def number(self, parameter: str, default: float, remedy: str) -> float:
         """The value of a parameter as a finite real, `default` where it is missing or empty; DeckError for no number."""
         text = self.parameters.get(parameter.replace(" ", ""), "")

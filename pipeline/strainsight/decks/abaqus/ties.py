@@ -128,10 +128,10 @@ class Ties:
             self.check_axes(keyword, nodes, components)
             self.add_rigid(keyword, reference, nodes, components)
             return
-        method = kind.parameters.get("WEIGHTINGMETHOD", "UNIFORM").upper()
+        method = kind.word("WEIGHTINGMETHOD", "UNIFORM")
         if method != "UNIFORM":
             assembly.notes.append(f"{kind.where}: *DISTRIBUTING with WEIGHTING METHOD={method} taken as UNIFORM")
-        if kind.parameters.get("COUPLING", "CONTINUUM").upper() != "CONTINUUM":
+        if kind.word("COUPLING", "CONTINUUM") != "CONTINUUM":
             assembly.notes.append(f"{kind.where}: *DISTRIBUTING averages displacements only (COUPLING=CONTINUUM)")
         components = tuple(sorted({*components, *TRANSLATIONS}))
         self.check_axes(keyword, np.array([reference]), components)
@@ -177,7 +177,7 @@ def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[st
                     made.kinematic_coupling(scope, keyword)
                 case "MPC" if "USER" in keyword.parameters:
                     ignored["*MPC, USER"] += len(keyword.rows())
-                case "MPC" if keyword.parameters.get("MODE", "").upper() == "DOF":
+                case "MPC" if keyword.word("MODE") == "DOF":
                     ignored["*MPC, MODE=DOF"] += len(keyword.rows())
                 case "MPC":
                     for row in keyword.rows():
@@ -305,8 +305,8 @@ def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
                 f"sectors of another number or axis than those of {first.where}",
                 "a structure of several stages is not made whole: mesh all of it",
             )
-    touching = {k.parameters.get("TIE", "").upper() for _, k in models if "CONTACT" in k.parameters}
-    ties = [(s, tie) for s, tie in cyclic_ties(assembly) if tie.parameters.get("NAME", "").upper() not in touching]
+    touching = {k.word("TIE") for _, k in models if "CONTACT" in k.parameters}
+    ties = [(s, tie) for s, tie in cyclic_ties(assembly) if tie.word("NAME") not in touching]
     cuts = [(row, *_cut(row, scope, surfaces)) for scope, tie in ties for row in tie.rows()]
     if not cuts:
         raise first.error("no *TIE, CYCLIC SYMMETRY has its cut faces", "add it, with the two surfaces")

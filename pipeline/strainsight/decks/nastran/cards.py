@@ -88,6 +88,10 @@ class Card(NamedTuple("_Card", [("name", str), ("tokens", list[str]), ("file", s
         """file:line."""
         return f"{self.file}:{self.line}"
 
+    def is_blank(self, i: int) -> bool:
+        """Whether a field is blank, or 0, which says the same where an id belongs."""
+        return self.text(i) in ("", "0")
+
     def error(self, what: str, remedy: str = "correct the card and run again") -> DeckError:
         """A DeckError at this card."""
         return DeckError(f"{self.name} {self.text(0)}: {what}", where=self.where, remedy=remedy)

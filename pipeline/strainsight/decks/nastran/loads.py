@@ -84,7 +84,7 @@ def _pressed(cards: Cards, grids: Grids, blocks: Sequence[CellBlock], shells: Se
     plates = _plates(cards, grids)
     for card in cards.of("PLOAD"):
         p = card.real(1, "the pressure")
-        ids = [card.integer(2 + i, "a node id") for i in range(4) if i < 3 or card.text(5) not in ("", "0")]
+        ids = [card.integer(2 + i, "a node id") for i in range(4) if i < 3 or not card.is_blank(5)]
         outlines.append((card, tuple(grids.nodes.row(i, card) for i in ids), (p,) * len(ids)))
     for card in cards.of("PLOAD2"):
         p = card.real(1, "the pressure")
@@ -127,7 +127,7 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
     own = nodes.tolist()
 
     def corner(i: int) -> int | None:
-        if card.text(i) in ("", "0"):
+        if card.is_blank(i):
             return None
         row = grids.nodes.row(card.integer(i, "a node id"), card)
         if row not in own[: kind.corners]:

@@ -57,7 +57,7 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
     Raises DeckError for plane strain (MID2 = −1), and a thickness that is not positive.
     """
     t = card.positive(2, "the thickness")
-    if card.text(1) in ("", "0"):
+    if card.is_blank(1):
         raise card.error("MID1 is blank: it does not stretch", "give the material of MID2 as MID1 too")
     mid = card.integer(1, "the material MID1")
     if card.text(3) == "-1":
@@ -69,9 +69,9 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
     bending, shear = card.real(4, "12 I/T³", 1.0), card.real(6, "TS/T", 5 / 6)
     if bending < 0 or shear <= 0:
         raise card.error(f"12 I/T³ is {bending:g} and TS/T is {shear:g}", "neither may be negative, nor TS/T zero")
-    if card.text(3) in ("", "0"):
+    if card.is_blank(3):
         bending, shear = 0.0, 0.0
-    elif card.text(5) in ("", "0"):
+    elif card.is_blank(5):
         shear = np.inf
     return mid, ShellSection(t, bending, shear, card.not_negative(7, "the mass NSM", 0.0))
 
@@ -118,7 +118,7 @@ def read_shells(
 def _node_ids(card: Card) -> list[int]:
     """Corners, then those on the sides, the first between the first two corners."""
     layout = SHELLS[card.name]
-    missing = [i for i in range(layout.corners, layout.nodes) if card.text(2 + i) in ("", "0")]
+    missing = [i for i in range(layout.corners, layout.nodes) if card.is_blank(2 + i)]
     if missing:
         sides = layout.nodes - layout.corners
         linear = "CQUAD4" if layout.corners == 4 else "CTRIA3"
@@ -186,7 +186,7 @@ def shell_materials(cards: Cards) -> dict[int, list[Card]]:
 
 def materials_of(card: Card) -> dict[int, int]:
     """Field → id of the materials that a PSHELL names, without those that are blank or 0."""
-    return {i: card.integer(i, f"the material {what}") for i, what in _PLACES.items() if card.text(i) not in ("", "0")}
+    return {i: card.integer(i, f"the material {what}") for i, what in _PLACES.items() if not card.is_blank(i)}
 
 
 def is_general(card: Card, known: Mapping[int, Sequence[Card]]) -> bool:

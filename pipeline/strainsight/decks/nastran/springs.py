@@ -97,7 +97,7 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
         raise card.error(f"the stiffness is {k:g}, negative", "give a positive stiffness")
     ends = []
     for at, sign in ((2, 1.0), (4, -1.0)):
-        if card.text(at) in ("", "0") or card.integer(at + 1, "the component", 0) == 0:
+        if card.is_blank(at) or card.integer(at + 1, "the component", 0) == 0:
             continue
         component = _component(card, at + 1)
         row = grids.nodes.row(card.integer(at, "the node id"), card)
@@ -144,7 +144,7 @@ def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Spring
     if not 0 <= (S := card.real(8, "the place S", 0.5)) <= 1:
         raise card.error(f"S is {card.text(8)}, beyond its nodes", "give 0 (at GA) to 1 (at GB)")
     A = grids.nodes.row(card.integer(2, "the node GA"), card)
-    B = grids.nodes.row(card.integer(3, "the node GB"), card) if card.text(3) not in ("", "0") else None
+    B = grids.nodes.row(card.integer(3, "the node GB"), card) if not card.is_blank(3) else None
     axes = _axes(card, grids, A, B, k)
     x = grids.position[A] if B is None else (1 - S) * grids.position[A] + S * grids.position[B]
     spring, node, component, value = [], [], [], []
@@ -278,7 +278,7 @@ def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int,
         mass = card.real(1, "the mass")
     else:
         mass = _property_of(card, properties, "PMASS")
-    ends = [i for i in (2, 4) if card.text(i) not in ("", "0") and card.text(i + 1) not in ("", "0")]
+    ends = [i for i in (2, 4) if not card.is_blank(i) and not card.is_blank(i + 1)]
     if len(ends) != 1:
         raise card.error(
             f"{len(ends)} ends on nodes: only a mass between a motion and the ground is supported",
