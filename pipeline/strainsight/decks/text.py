@@ -307,6 +307,15 @@ class Entries(ABC):
             raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {no_integer(token)}")
         return value
 
+    def component(self, i: int, default: int | None = None) -> int:
+        """Entry i, which names one of the components 1 to 6 of a node, as 0 to 5."""
+        value = self.integer(i, "the component", default)
+        if not 1 <= value <= 6:
+            raise self.error(
+                f"component {value} ({self.WORD} {i + self.FIRST}) is not one of 1 to 6", "give one of 1 to 6"
+            )
+        return value - 1
+
     def real(self, i: int, meaning: str, default: float | None = None) -> float:
         """Entry i as a finite real, also in Nastran's short form 1.7-4; a blank one is `default`, or a DeckError."""
         token = entry(self.tokens, i)

@@ -61,14 +61,10 @@ class LoadReader:
         moment: dict[int, FloatArray] = {}
         for row in keyword.rows(needed=False):
             nodes = self.surfaces.assembly.node_rows(row.text(0), scope, row)
-            component, value = row.integer(1, "the degree of freedom"), row.real(2, "the force")
-            if not 1 <= component <= 6:
-                raise row.error(
-                    f"degree of freedom {component} takes no force", "forces act on 1 to 3, moments on 4 to 6"
-                )
+            component, value = row.component(1), row.real(2, "the force")
             for node in nodes.tolist():
-                direction = self.axes.get(node, np.eye(3))[:, (component - 1) % 3]
-                values = moment if component > 3 or node in self.rotations else force
+                direction = self.axes.get(node, np.eye(3))[:, component % 3]
+                values = moment if component > 2 or node in self.rotations else force
                 at = node if values is force else self.rotations.get(node, node)
                 values[at] = values.get(at, np.zeros(3)) + value * direction
         if not (force or moment):

@@ -175,11 +175,9 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
         else:
             ends = []
             for i, (node, sign) in enumerate(zip(nodes, (1.0, -1.0), strict=False)):
-                component = lines[0].integer(i, "the degree of freedom")
-                if not 1 <= component <= 6:
-                    raise lines[0].error(f"degree of freedom {component}", "give one of 1 to 6")
-                axis = axes.get(node, np.eye(3))[:, (component - 1) % 3]
-                turns = component > 3 or node in rotations
+                component = lines[0].component(i)
+                axis = axes.get(node, np.eye(3))[:, component % 3]
+                turns = component > 2 or node in rotations
                 ends.append((rotations.get(node, node), 3 if turns else 0, sign * axis))
             if len({first for _, first, _ in ends}) > 1:
                 raise lines[0].error("one end is a translation, the other a rotation", "let both be of one kind")
@@ -204,7 +202,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class Term:
-    """What an entry names: nodes (k,), one or as many as equations, ascending by id; degree of freedom 1-6, coefficient."""
+    """What an entry names: nodes (k,), one or as many as equations, ascending by id; component 0-5, coefficient."""
 
     nodes: IntArray
     component: int
@@ -273,9 +271,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
 
 
 def _term(assembly: Assembly, scope: Scope, row: Row, at: int) -> Term:
-    component = row.integer(at + 1, "the degree of freedom")
-    if not 1 <= component <= 6:
-        raise row.error(f"degree of freedom {component}", "give one of 1 to 6")
+    component = row.component(at + 1)
     nodes = assembly.node_rows(row.text(at), scope, row)
     if not nodes.size:
         raise row.error(f"node set {row.text(at)!r} is empty", "name another set")
@@ -308,11 +304,11 @@ def _motions(
     for i in range(count):
         named = [int(term.nodes[i if len(term.nodes) > 1 else 0]) for term in terms]
         node = [rotations.get(own, own) for own in named]
-        component = [term.component - 1 + 3 * (own in rotations) for term, own in zip(terms, named, strict=True)]
+        component = [term.component + 3 * (own in rotations) for term, own in zip(terms, named, strict=True)]
         for term, own, row, c in zip(terms, named, node, component, strict=True):
             if (c > 2 and term.value != 0 and row in still) or c > 5:
                 raise term.row.error(
-                    f"degree of freedom {term.component} of node {assembly.node_ids[own]}, which has no such rotation",
+                    f"degree of freedom {term.component + 1} of node {assembly.node_ids[own]}, which has no such rotation",
                     "nodes of solids have translations only (1 to 3)",
                 )
         yield node, component

@@ -83,14 +83,6 @@ def _property_of(card: Card, properties: Mapping[int, T], name: str) -> T:
     return properties[number]
 
 
-def _component(card: Card, at: int) -> int:
-    """Component 1-6 in a field."""
-    component = card.integer(at, "the component")
-    if not 1 <= component <= 6:
-        raise card.error(f"component {component} is not one of 1 to 6", "name one component of each node")
-    return component
-
-
 def _elastic(card: Card, grids: Grids, k: float) -> Springs:
     """A CELAS; its two ends begin at field 2."""
     if k < 0:
@@ -99,10 +91,10 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
     for at, sign in ((2, 1.0), (4, -1.0)):
         if card.is_blank(at) or card.integer(at + 1, "the component", 0) == 0:
             continue
-        component = _component(card, at + 1)
+        component = card.component(at + 1)
         row = grids.nodes.row(card.integer(at, "the node id"), card)
-        axis = grids.axes.get(row, np.eye(3))[:, (component - 1) % 3]
-        ends.append((row, 3 * ((component - 1) // 3), sign * axis))
+        axis = grids.axes.get(row, np.eye(3))[:, component % 3]
+        ends.append((row, 3 * (component // 3), sign * axis))
     if not ends:
         raise card.error("has no end on a node", "give a node and its component")
     if len({first for _, first, _ in ends}) > 1:
@@ -284,11 +276,11 @@ def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int,
             f"{len(ends)} ends on nodes: only a mass between a motion and the ground is supported",
             "leave it out (mesh.ignore), or give the mass as CONM2",
         )
-    component = _component(card, ends[0] + 1)
+    component = card.component(ends[0] + 1)
     row = grids.nodes.row(card.integer(ends[0], "the node id"), card)
     along = np.zeros(6)
-    start = 3 * ((component - 1) // 3)
-    along[start : start + 3] = grids.axes.get(row, np.eye(3))[:, (component - 1) % 3]
+    start = 3 * (component // 3)
+    along[start : start + 3] = grids.axes.get(row, np.eye(3))[:, component % 3]
     return row, mass * np.outer(along, along)
 
 

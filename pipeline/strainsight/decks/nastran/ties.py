@@ -328,14 +328,8 @@ def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]
         i = 8 * (k // 2) + 1 + 3 * (k % 2)
         if not any(card.text(i + j) for j in range(3)):
             continue
-        digit = card.integer(i + 1, "the component", 0)
-        row = nodes.row(card.integer(i, "the node id"), card)
-        if not 1 <= digit <= 6:
-            raise card.error(
-                f"component {digit} (field {i + 3}) is not one of 1 to 6", "give one component of the node"
-            )
-        node.append(row)
-        component.append(digit - 1)
+        node.append(nodes.row(card.integer(i, "the node id"), card))
+        component.append(card.component(i + 1, 0))
         value.append(card.real(i + 2, "the coefficient", 0.0))
     if not node:
         raise card.error("has no terms", "give nodes, components and coefficients")
