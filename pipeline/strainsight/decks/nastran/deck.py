@@ -155,14 +155,9 @@ def read_nastran(
     turning |= {int(row) for own in sprung for row in own.turned}
     masses = point_masses(cards, grids, scale, turning, notes)
     # a plate that is left out still says where a pressure acts
-    loads = static_loads(
-        Cards({**{n: left_out[n] for n in PLATES if n in left_out}, **cards}),
-        grids,
-        blocks,
-        thin.shells,
-        turning,
-        notes,
-    )
+    loaded_cards = Cards({**{name: left_out[name] for name in PLATES if name in left_out}, **cards})
+    bare = Mesh(nodes.ids, grids.position, blocks, shells=thin.shells)
+    loads = static_loads(loaded_cards, grids, bare, turning, notes)
     of_parameters = _count_ignored(deck, ignored, notes)
     loaded = preloads(deck)
     ignored.update({card: len(lines) for card, lines in loaded.items()})

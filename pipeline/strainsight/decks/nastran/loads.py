@@ -19,8 +19,7 @@ from strainsight.mesh.facets import consistent_forces
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.kinds import FACETS, facet_of, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, Kind
-from strainsight.mesh.model import CellBlock, FloatArray, IntArray
-from strainsight.mesh.thin import ShellBlock
+from strainsight.mesh.model import FloatArray, IntArray, Mesh
 
 PLATES = {"CQUAD4": 4, "CQUADR": 4, "CQUAD8": 4, "CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 3}
 """Card → number of corners; where one that is not imported coats a solid, a pressure on it is one on the solid."""
@@ -38,9 +37,7 @@ class Pressed:
     along: tuple[CoordinateSystem, tuple[float, float, float]] | None = None
 
 
-def pressure_forces(
-    cards: Cards, grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]
-) -> Iterator[tuple[int, IntArray, FloatArray]]:
+def pressure_forces(cards: Cards, grids: Grids, bare: Mesh) -> Iterator[tuple[int, IntArray, FloatArray]]:
     """(set, rows (m,), force (m, 3)) of the pressures, the consistent forces of
 
         t = −p n       or       t = p N/|N| along the vector N of a PLOAD4,     p linear or bilinear between the corners.
@@ -49,9 +46,8 @@ def pressure_forces(
     of a PLOAD and on plates (PLOAD2, PLOAD4), which are shells of the model or coat a solid.
     Raises DeckError for an element, node or face that is not there, and for loads on edges (SORL = LINE).
     """
-    pressed = _pressed(cards, grids, blocks, shells)
     groups: dict[tuple[int, str, int, object], list[Pressed]] = {}
-    for own in pressed:
+    for own in _pressed(cards, grids, bare):
         along = None if own.along is None else (id(own.along[0]), own.along[1])
         groups.setdefault((own.set, own.kind.name, len(own.p), along), []).append(own)
     for group in groups.values():
@@ -75,12 +71,14 @@ def _forces(position: FloatArray, like: Pressed, linear: Kind, nodes: IntArray, 
     return consistent_forces(position, like.kind, nodes, traction)
 
 
-def _pressed(cards: Cards, grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]) -> list[Pressed]:
+def _pressed(cards: Cards, grids: Grids, bare: Mesh) -> list[Pressed]:
     found: list[Pressed] = []
     outlines: list[
         tuple[Card, tuple[int, ...], tuple[float, ...]]
     ] = []  # of PLOAD and plates: corners in their sequence
-    place = {int(i): (block, row) for block in blocks for row, i in enumerate(block.ids)} if "PLOAD4" in cards else {}
+    place = (
+        {int(i): (block, row) for block in bare.blocks for row, i in enumerate(block.ids)} if "PLOAD4" in cards else {}
+    )
     plates = _plates(cards, grids)
     for card in cards.of("PLOAD"):
         p = card.real(1, "the pressure")
@@ -106,7 +104,7 @@ def _pressed(cards: Cards, grids: Grids, blocks: Sequence[CellBlock], shells: Se
             last = [card.text(1), *card.tokens[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
             for corners in _named_plates(card, last, plates):
                 outlines.append((card, corners, p4[: len(corners)]))
-    return found + _outlined(outlines, grids, blocks, shells)
+    return found + _outlined(outlines, grids, bare)
 
 
 def _set(card: Card) -> int:
@@ -187,10 +185,7 @@ def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int
 
 
 def _outlined(
-    outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]],
-    grids: Grids,
-    blocks: Sequence[CellBlock],
-    shells: Sequence[ShellBlock],
+    outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]], grids: Grids, bare: Mesh
 ) -> list[Pressed]:
     """The facets of solids with these corners, or else shells; a pressure along the sequence of the corners becomes one inward,
     which of a shell is against the normal by its nodes."""
@@ -199,12 +194,12 @@ def _outlined(
     wanted = np.zeros(len(grids.position), dtype=bool)
     wanted[[row for _, corners, _ in outlines for row in corners]] = True
     facets: dict[frozenset[int], tuple[Kind, IntArray]] = {}
-    for block in blocks:
+    for block in bare.blocks:
         for kind, local in kind_of(block.kind).facets:
             nodes = block.nodes[:, list(local)]
             for own in nodes[wanted[nodes[:, : kind.corners]].all(axis=1)]:
                 facets.setdefault(frozenset(own[: kind.corners].tolist()), (kind, own))
-    for shell in shells:
+    for shell in bare.shells:
         plane = facet_of(shell.kind)
         for own in shell.nodes[wanted[shell.corners].all(axis=1)]:
             facets.setdefault(frozenset(own[: plane.corners].tolist()), (plane, own))
@@ -268,19 +263,15 @@ class LoadSet:
 
 
 def static_loads(
-    cards: Cards,
-    grids: Grids,
-    blocks: Sequence[CellBlock],
-    shells: Sequence[ShellBlock],
-    turning: Collection[int],
-    notes: list[str],
+    cards: Cards, grids: Grids, bare: Mesh, turning: Collection[int], notes: list[str]
 ) -> dict[str, NodalForces]:
     """The loads of set s: "FORCE-s" where it holds FORCE cards alone, else "LOAD-s"; of a LOAD card "LOAD-s" too.
 
         FORCE   F N along the directions of its CID at the node,   FORCE1  along G1G2,   FORCE2  along G1G2 × G3G4
         GRAV    g = A N,     RFORCE  ω = 2π A R through the node G,     LOAD  S Σ S_i L_i
 
-    MOMENTs likewise; turning: rows of nodes with rotations, a MOMENT on any other becomes a note. Loads on one node add up.
+    MOMENTs likewise; bare: solids and shells on their nodes; turning: rows of nodes with rotations, a MOMENT on any other
+    becomes a note. Loads on one node add up.
     Raises DeckError for a node, element, system or set that is not there, and for an angular acceleration.
     """
     sets: dict[int, LoadSet] = {}
@@ -299,7 +290,7 @@ def static_loads(
     for name in ("PLOAD", "PLOAD2", "PLOAD4"):
         for card in cards.of(name):
             of(card)
-    for number, rows, force in pressure_forces(cards, grids, blocks, shells):
+    for number, rows, force in pressure_forces(cards, grids, bare):
         own = sets[number].force
         for row, value in zip(rows.tolist(), force, strict=True):
             own[row] += value
