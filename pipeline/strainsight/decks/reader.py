@@ -12,7 +12,7 @@ from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.node_order import check_node_order
-from strainsight.mesh.units import length_factor, mass_factor, to_si
+from strainsight.mesh.units import length_factor, mass_factor, rescaled, to_si
 
 FORMATS = {
     "nastran": (".bdf", ".nas", ".dat", ".blk", ".bulk", ".fem"),
@@ -73,7 +73,7 @@ def read_mesh(
         raise UserError(
             f"of {path.name} solids are read, which have no section", key=next(iter(given)), remedy="remove the key"
         )
-    sections = {key: section.resized(1 / L, 1 / M) for key, section in (given or {}).items()}
+    sections = rescaled(given or {}, 1 / L, 1 / M)
     if format == "nastran":
         from strainsight.decks.nastran.deck import read_nastran
 

@@ -9,7 +9,6 @@ import numpy as np
 from scipy import sparse
 from scipy.linalg import eigh
 
-from strainsight.decks.text import error_at
 from strainsight.errors import DeckError, UserError
 from strainsight.fem.affine import AffineOperator
 from strainsight.fem.constraints import Constraint, constraint_transform, describe_row
@@ -129,10 +128,10 @@ def _nodes_of(mesh: Mesh, ready: ReadyMatrices) -> np.ndarray:
     nodes, missing = IdTable(mesh.node_ids).rows(ready.node_ids)
     if missing.any():
         row = int(np.argmax(missing))
-        raise error_at(
-            f"{ready.source}:{row + 2}" if ready.source else None,
+        raise DeckError(
             f"row {row + 1} of the matrices is of node {ready.node_ids[row]}, which the mesh lacks ({missing.sum()} such rows)",
-            "give a mesh with all nodes of the matrices; nodes without elements are welcome",
+            where=f"{ready.source}:{row + 2}" if ready.source else None,
+            remedy="give a mesh with all nodes of the matrices; nodes without elements are welcome",
         )
     return nodes
 

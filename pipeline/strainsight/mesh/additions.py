@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
-from strainsight.mesh.anisotropic import Anisotropic, Orientation
+from strainsight.mesh.anisotropic import Anisotropic, Layer, Orientation
 from strainsight.mesh.facets import Facets, all_facets, facet_key
 from strainsight.mesh.joins import AveragingElement, RigidElement, Springs
 from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, IntArray, Material, Mesh
-from strainsight.mesh.thin import Lamina
+from strainsight.mesh.thin import Lamina, Ply
 from strainsight.mesh.units import rescaled
 
 
@@ -107,7 +107,9 @@ def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> M
                 remedy=f"name the regions that are none, and state {where}",
             )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
-    stacks = [laminate.plies for region in mesh.regions if (laminate := mesh.laminate(region))]
+    stacks: list[tuple[Ply | Layer, ...]] = [
+        laminate.plies for region in mesh.regions if (laminate := mesh.laminate(region))
+    ]
     stacks += [composite.layers for composite in mesh.composites.values()]
     used = {region.material for region in altered.values()} | {part.material for parts in stacks for part in parts}
     return replace(

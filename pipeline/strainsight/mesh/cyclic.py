@@ -44,25 +44,22 @@ class Copies:
         blocks = tuple(
             replace(
                 block,
-                ids=np.concatenate([block.ids + j * shift for j in range(count)]),
+                ids=self._copied(block.ids),
                 nodes=np.concatenate([self.at[j][block.nodes] for j in range(count)]),
                 region=np.concatenate([block.region + j * shift * np.isin(block.region, turned) for j in range(count)]),
             )
             for block in mesh.blocks
         )
         node_sets = {name: self._node_set(own, ids) for name, own in mesh.node_sets.items()}
-        element_sets = {
-            name: np.sort(np.concatenate([own + j * shift for j in range(count)]))
-            for name, own in mesh.element_sets.items()
-        }
+        element_sets = {name: np.sort(self._copied(own)) for name, own in mesh.element_sets.items()}
         named = [name for j in range(count) if (name := f"SECTOR-{j + 1}") in {*node_sets, *element_sets}]
         if named:
             raise UserError(
                 f"the set {named[0]} is called as a copy of the sector will be", remedy="give it another name"
             )
+        sector = np.sort(np.concatenate([block.ids for block in mesh.blocks]))
         for j in range(count):
-            elements = np.concatenate([block.ids + j * shift for block in mesh.blocks])
-            element_sets[f"SECTOR-{j + 1}"] = np.sort(elements)
+            element_sets[f"SECTOR-{j + 1}"] = sector + j * shift
             node_sets[f"SECTOR-{j + 1}"] = np.unique(ids[self.at[j][mesh.nodes_of_elements]])
         fixed, held_axes = self._fixed(axes)
         axes |= held_axes
@@ -96,6 +93,10 @@ class Copies:
             },
         )
         return self._with_regions(made, turned)
+
+    def _copied(self, ids: IntArray) -> IntArray:
+        """Ids in all copies."""
+        return np.concatenate([ids + j * self.shift for j in range(len(self.turns))])
 
     def _node_set(self, own: IntArray, ids: IntArray) -> IntArray:
         rows = np.flatnonzero(np.isin(self.mesh.node_ids, own))
@@ -292,10 +293,7 @@ class Copies:
         return replace(load, nodes=nodes, force=np.concatenate(force), moment=moment, body=body)
 
     def _body(self, own: BodyForce) -> BodyForce:
-        if own.elements is None:
-            return own
-        elements = np.concatenate([own.elements + j * self.shift for j in range(len(self.turns))])
-        return replace(own, elements=elements)
+        return own if own.elements is None else replace(own, elements=self._copied(own.elements))
 
 
 def _along(held: FloatArray, rank: int, systems: Sequence[FloatArray]) -> tuple[FloatArray, list[int]] | None:

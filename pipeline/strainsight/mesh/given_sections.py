@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from strainsight.columns import Column
 from strainsight.errors import DeckError, UserError, did_you_mean
 from strainsight.mesh.model import CellBlock, Mesh, Region
 from strainsight.mesh.node_order import plate_normals
@@ -20,7 +22,6 @@ from strainsight.mesh.thin import (
     ShellBlock,
     ShellSection,
 )
-from strainsight.mesh.units import rescaled
 
 LINE, LINE3 = "line2", "line3"
 """Kinds of the lines that become beams or rods; triangles and quadrangles have the names of shells."""
@@ -41,17 +42,13 @@ class GivenSection:
 
     regions: tuple[int | str, ...] | None
     section: ShellSection | BeamSection
-    offset: float = 0.0
+    offset: Annotated[float, Column("m", "", "of the middle of shells from their nodes")] = 0.0
     direction: tuple[float, float, float] | None = None
 
     @property
     def dimension(self) -> int:
         """Of the elements that it is of: 2 or 1."""
         return 2 if isinstance(self.section, ShellSection) else 1
-
-    def resized(self, length: float, mass: float) -> GivenSection:
-        """With lengths and masses multiplied."""
-        return replace(self, section=rescaled(self.section, length, mass), offset=self.offset * length)
 
 
 def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, GivenSection]) -> Mesh:

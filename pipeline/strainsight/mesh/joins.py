@@ -222,9 +222,9 @@ class BodyForce:
     masses that it acts on, None for all.
     """
 
-    acceleration: FloatArray = field(default_factory=lambda: np.zeros(3))
+    acceleration: Annotated[FloatArray, Column("m/s^2", "3", "g")] = field(default_factory=lambda: np.zeros(3))
     rotation: FloatArray = field(default_factory=lambda: np.zeros(3))
-    centre: FloatArray = field(default_factory=lambda: np.zeros(3))
+    centre: Annotated[FloatArray, Column("m", "3", "a point of the axis")] = field(default_factory=lambda: np.zeros(3))
     elements: IntArray | None = None
     factor: float = 1.0
 

@@ -188,7 +188,7 @@ def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
     x = mesh.position[np.where(around >= 0, around, around[np.arange(len(count)), count - 1, None])]
     mean = np.where((around >= 0)[..., None], x, 0.0).sum(axis=1) / count[:, None]
     radius = np.linalg.norm(x - mean[:, None], axis=2).max(axis=1, initial=0.0)
-    return Patches(*columns, mesh.position, x, mean, radius)
+    return Patches(*columns, position=mesh.position, x=x, mean=mean, radius=radius)
 
 
 def area_vector(x: FloatArray) -> FloatArray:

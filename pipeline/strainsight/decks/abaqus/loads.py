@@ -114,11 +114,7 @@ class LoadReader:
             section = self.sections.made_of.sections.get(number)
             if isinstance(section, ShellSection | Laminate):
                 t = b * section.thickness * np.eye(3)[axis]
-                found += _loaded(
-                    assembly,
-                    shell_facets(assembly, rows[region[rows] == number]),
-                    lambda x, n, _, t=t: np.broadcast_to(t, x.shape),
-                )
+                found += _loaded(assembly, shell_facets(assembly, rows[region[rows] == number]), _even(t))
         return found
 
     def _on_surfaces(self, scope: Scope, keyword: Keyword) -> NodalForces | None:
@@ -163,6 +159,11 @@ def _pressed(
     assembly: Assembly, facets: Sequence[tuple[Kind, IntArray]], p: float
 ) -> list[tuple[IntArray, FloatArray]]:
     return _loaded(assembly, facets, lambda x, n, _: -p * n)
+
+
+def _even(t: FloatArray) -> Traction:
+    """The same traction everywhere."""
+    return lambda x, n, _: np.broadcast_to(t, x.shape)
 
 
 def _loaded(

@@ -54,7 +54,7 @@ def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
     extent = float(np.ptp(grids.position, axis=0).max())
     blocks = []
     for kind, names in (("beam", BEAMS), ("rod", RODS)):
-        own, ids, region = elements.of(lambda card, names=names: card.name in names)
+        own, ids, region = elements.of(names)
         if not own:
             continue
         given = np.array(

@@ -7,7 +7,7 @@ format, reads past ENDDATA and knows no line numbers. pyyeti is the oracle of th
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -136,9 +136,9 @@ class Elements(NamedTuple):
     ids: IntArray
     region: IntArray
 
-    def of(self, chosen: Callable[[Card], bool]) -> Elements:
-        """Those whose cards are chosen."""
-        rows = np.flatnonzero([chosen(card) for card in self.cards])
+    def of(self, names: Collection[str]) -> Elements:
+        """Those on cards of these names."""
+        rows = np.flatnonzero([card.name in names for card in self.cards])
         return Elements([self.cards[i] for i in rows.tolist()], self.ids[rows], self.region[rows])
 
 

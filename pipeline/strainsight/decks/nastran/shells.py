@@ -90,7 +90,7 @@ def read_shells(
         notes.append(f"{', '.join(read_as)}: read as CQUAD4 and CTRIA3")
     blocks = []
     for kind in SHELL_KINDS:
-        own, ids, region = elements.of(lambda card, kind=kind: SHELLS[card.name].kind == kind)
+        own, ids, region = elements.of([name for name, layout in SHELLS.items() if layout.kind == kind])
         if not own:
             continue
         nodes = grids.nodes.rows_of_cards(np.array([_node_ids(card) for card in own], dtype=np.int64), own)
@@ -99,13 +99,7 @@ def read_shells(
                 "a node stands twice in the element", "write a collapsed quadrangle as a CTRIA3, take others out"
             )
         x = grids.position[nodes[:, : SHELLS[own[0].name].corners]]
-        normal = plate_normals(
-            x,
-            lambda i, what, remedy, own=own: own[i].error(what, remedy),
-            lambda i, own=own: f"{own[i].name.replace('QUADR', 'QUAD4')} {own[i].text(0)}",
-            "CTRIA3",
-            notes,
-        )
+        normal = _normals(own, x, notes)
         for card, number in zip(own, region.tolist(), strict=True):
             _check_corners(card, sections[number])
         axis = np.array([_axis(*each, grids) for each in zip(own, x, normal, strict=True)])
@@ -127,6 +121,17 @@ def _node_ids(card: Card) -> list[int]:
             f"give all mid-side nodes, or make a {linear} of it where it has none",
         )
     return [card.integer(2 + i, "a node id") for i in range(layout.nodes)]
+
+
+def _normals(cards: Sequence[Card], x: FloatArray, notes: list[str]) -> FloatArray:
+    """Unit normals (n, 3) of shells with corners x (n, k, 3)."""
+    return plate_normals(
+        x,
+        lambda i, what, remedy: cards[i].error(what, remedy),
+        lambda i: f"{cards[i].name.replace('QUADR', 'QUAD4')} {cards[i].text(0)}",
+        "CTRIA3",
+        notes,
+    )
 
 
 def _check_corners(card: Card, section: Section) -> None:

@@ -155,8 +155,8 @@ def read_thin(
     left_out = Counter(card.name for card, there in zip(own, kept, strict=True) if not there)
     left_out.update(_unused(cards, properties))
     elements = Elements([card for card, there in zip(own, kept, strict=True) if there], ids[kept], region[kept])
-    shells = read_shells(elements.of(lambda card: card.name in SHELLS), grids, sections, middles, notes)
-    beams = read_beams(elements.of(lambda card: card.name not in SHELLS), grids)
+    shells = read_shells(elements.of(SHELLS), grids, sections, middles, notes)
+    beams = read_beams(elements.of((*BEAMS, *RODS)), grids)
     called = {int(card.text(0)): f"{card.name} {card.text(0)}" for card in elements.cards}
     blocks_of: tuple[ShellBlock | BeamBlock, ...] = (*shells, *beams)
     for block in blocks_of:
