@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from strainsight.errors import UserError
 from strainsight.mesh.anisotropic import Orientation
-from strainsight.mesh.coordinates import BASIC
+from strainsight.mesh.coordinates import BASIC, rotation
 from strainsight.mesh.joins import AveragingElement, BodyForce, NodalForces, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Mesh, Origin
 from strainsight.mesh.unjoined import component_labels
@@ -351,8 +351,8 @@ def whole_ring(
             "a sector with shells or beams is not made a whole ring",
             remedy="mesh the whole structure, or its solids alone",
         )
-    e = axis / np.linalg.norm(axis)
-    turns = np.array([_turn(e, 2 * np.pi * j / count) for j in range(count)])
+    e = -axis / np.linalg.norm(axis)  # copy 1 lies clockwise of the sector, seen against the axis
+    turns = np.array([rotation(e, 2 * np.pi * j / count) for j in range(count)])
     n = len(mesh.position)
     met: list[IntArray] = []  # pairs (k, 2) of nodes that are one; copy j of node i is j n + i
     follows = np.zeros(n, dtype=bool)
@@ -378,12 +378,6 @@ def whole_ring(
     return Ring(made, at, shift, tuple((np.unique(new[into[a]]), np.unique(new[into[b]])) for a, b in loose))
 
 
-def _turn(e: FloatArray, angle: float) -> FloatArray:
-    """R (3, 3) = cos φ I + sin φ [e]× + (1 − cos φ) e eᵀ."""
-    across = np.cross(np.eye(3), -e)
-    return np.asarray(np.cos(angle) * np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * np.outer(e, e))
-
-
 def _meeting(
     position: FloatArray, first: IntArray, second: IntArray, c: FloatArray, e: FloatArray, count: int
 ) -> tuple[IntArray, int, IntArray]:
@@ -393,7 +387,7 @@ def _meeting(
     spacing = beside.reshape(len(second), -1)[:, -1]
     best: tuple[float, int, FloatArray, IntArray] | None = None
     for step in (1, -1):
-        there = c + (position[second] - c) @ _turn(e, 2 * np.pi * step / count).T
+        there = c + (position[second] - c) @ rotation(e, 2 * np.pi * step / count).T
         off, which = map(np.asarray, cKDTree(there).query(position[first]))
         if best is None or off.mean() < best[0]:
             best = (float(off.mean()), step, off, which)

@@ -13,7 +13,7 @@ from strainsight.decks.abaqus.text import Keyword, Row, split
 from strainsight.decks.faults import OR_CONFIG, elastic_fault, lamina_fault
 from strainsight.decks.text import parse_real
 from strainsight.mesh.anisotropic import Anisotropic, Orientation, constants_fault, orthotropic, stiffness_fault
-from strainsight.mesh.coordinates import BASIC, CoordinateSystem
+from strainsight.mesh.coordinates import BASIC, CoordinateSystem, rotation
 from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, Material, Properties
 from strainsight.mesh.thin import Lamina
 
@@ -354,8 +354,4 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
 
 def turned_about(about: int, degrees: float) -> FloatArray:
     """Axes (3, 3), one in a column, that are turned by an angle [deg] about one of them, 1, 2 or 3."""
-    angle = np.radians(degrees)
-    one, two = about % 3, (about + 1) % 3
-    turn = np.eye(3)
-    turn[[one, one, two, two], [one, two, one, two]] = (np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle))
-    return turn
+    return rotation(np.eye(3)[about - 1], np.radians(degrees))

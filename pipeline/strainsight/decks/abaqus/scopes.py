@@ -13,6 +13,7 @@ from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, read_part
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.text import is_whole, no_integer, parse_integer
 from strainsight.errors import DeckError
+from strainsight.mesh.coordinates import rotation
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
 from strainsight.mesh.thin import concatenated
@@ -82,7 +83,7 @@ def read_structure(
 
 def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     """Rotation (3, 3) and translation (3,) of an *INSTANCE: first the translation, then the rotation about an axis of the
-    assembly. Rodrigues: R = I + sin φ [n×] + (1 − cos φ) [n×]²."""
+    assembly."""
     rows = keyword.rows(needed=False)
     turns = [row for row in rows if any(row.tokens[3:])]
     shifts = [row for row in rows if not any(row.tokens[3:])]
@@ -95,9 +96,7 @@ def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     a, axis = values[:3], values[3:6] - values[:3]
     if not np.linalg.norm(axis) > 0:
         raise turns[0].error("the two points of the axis coincide", "give two points, and the angle in degrees")
-    n, angle = axis / np.linalg.norm(axis), np.radians(values[6])
-    cross = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
-    R = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    R = rotation(axis / np.linalg.norm(axis), np.radians(values[6]))
     return R, a + R @ (shift - a)
 
 
@@ -361,8 +360,8 @@ def assemble(keywords: list[Keyword]) -> Assembly:
         placed.append((keyword.needs("NAME"), part, *placement(keyword)))
     placed.append(("", read_part(model), np.eye(3), np.zeros(3)))
     node = element = 0
-    for name, part, rotation, translation in placed:
-        scopes[name.upper()] = Scope(name, part, rotation, translation, node, element)
+    for name, part, turn, shift in placed:
+        scopes[name.upper()] = Scope(name, part, turn, shift, node, element)
         node, element = node + len(part.nodes.ids), element + len(part.elements.ids)
     return _joined(scopes, model, tuple(steps))
 

@@ -12,7 +12,7 @@ from strainsight.decks.nastran.cards import Card, Cards, origin, unique_ids
 from strainsight.decks.nastran.grids import Grids, NodeTable, resolved_system
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import STACKED, CompositeSolid, Layer, Orientation
-from strainsight.mesh.coordinates import BASIC
+from strainsight.mesh.coordinates import BASIC, rotation
 from strainsight.mesh.joins import STRAIGHT, Relation
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, in_order
@@ -154,7 +154,12 @@ def composite_solid(
                 f"({ids[worst]}); axes of plies are those of CORDM, not projected on the element"
             )
     return CompositeSolid(
-        tuple(Layer(p.material, p.thickness, replace(orientation, turn=axes @ _turned(p.angle))) for p in plies)
+        tuple(
+            Layer(
+                p.material, p.thickness, replace(orientation, turn=axes @ rotation(np.eye(3)[2], np.radians(p.angle)))
+            )
+            for p in plies
+        )
     )
 
 
@@ -166,12 +171,6 @@ def _off_normal(kind: ElementKind, x: FloatArray, orientation: Orientation, alik
     centre = np.einsum("k,ekc->ec", kind.shape(kind.centre)[0], x)
     cosine = np.einsum("ec,ec->e", normal, orientation.axes_at(centre)[:, :, 2]) / np.linalg.norm(normal, axis=1)
     return np.asarray(np.degrees(np.arccos(np.clip(abs(cosine) if alike else cosine, -1.0, 1.0))))
-
-
-def _turned(degrees: float) -> FloatArray:
-    """Axes (3, 3), one in a column, turned about the third."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
 
 
 BLANK = ("", "0")
