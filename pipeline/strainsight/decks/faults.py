@@ -10,7 +10,7 @@ import numpy as np
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
-from strainsight.mesh.thin import concatenated
+from strainsight.mesh.thin import concatenate
 
 Where = Callable[[str, int], str]
 """("node" or "element", id) → its place in the file."""
@@ -129,7 +129,7 @@ def check_elements(
 
     name: a block and a row of it → the element in the words of its format; "element 10 (tet4)" by default.
     """
-    _check_ids(concatenated(block.ids for block in blocks), "element", where)
+    _check_ids(concatenate(block.ids for block in blocks), "element", where)
     called = name or (lambda block, row: f"element {block.ids[row]} ({block.kind})")
     for block in blocks:
         if (row := folded(block.nodes)) is not None:

@@ -213,7 +213,7 @@ def mass_normalised(stated: np.ndarray | None, own: np.ndarray | None) -> tuple[
     return stated, []
 
 
-def check_responses(modes: Normalised, f: np.ndarray, results: Results, names: tuple[str, ...]) -> list[str]:
+def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, names: tuple[str, ...]) -> list[str]:
     """Whether each response z_j is K⁻¹f_j of its load, of what is known without K:
 
         z_iᵀf_j = z_jᵀf_i,   z_jᵀf_j ≥ Σ (φᵢᵀf_j)²/ωᵢ²,   φᵢᵀM z_j = φᵢᵀf_j/ωᵢ²
@@ -319,7 +319,7 @@ def results_model(
     Raises UserError for modes that are rigid or have no known mass, for rows that the surface or a load needs and the results
     lack, and for a response that is not that of its load.
     """
-    modes, m = normalised(mesh, given, results), len(results.frequency)
+    modes, m = normalise_results(mesh, given, results), len(results.frequency)
     found, notes = Residuals(modes.shape[:, :0], np.zeros(0), np.zeros((0, 0))), list(modes.notes)
     if forces is not None:
         found, more = _residuals(modes, results, forces_on_rows(mesh, given, forces), names)
@@ -343,7 +343,7 @@ class Residuals:
 
 
 @dataclass(frozen=True)
-class Normalised:
+class NormalisedResults:
     """shape Φ (3n + 3r, m) of unit mass, λ (m,) [rad²/s²], response z (3n + 3r, s); weighed: M Φ and M z, None where the mass of
     the mesh is not known; sentences on the mass."""
 
@@ -354,7 +354,7 @@ class Normalised:
     notes: list[str]
 
 
-def normalised(mesh: Mesh, given: GivenMotion, results: Results, by_mesh: bool = False) -> Normalised:
+def normalise_results(mesh: Mesh, given: GivenMotion, results: Results, by_mesh: bool = False) -> NormalisedResults:
     """Modes by the modal mass of their file, else, or `by_mesh`, by that of the mesh, which is known where it has densities and
     every node of its elements a motion. Raises UserError for modes that are rigid or of no known mass, and missing rows."""
     m = len(results.frequency)
@@ -368,11 +368,11 @@ def normalised(mesh: Mesh, given: GivenMotion, results: Results, by_mesh: bool =
     root = np.sqrt(own if by_mesh and own is not None else norm)
     products = None if weighed is None else (weighed[:, :m] / root, weighed[:, m:])
     lam = (2 * np.pi * results.frequency) ** 2
-    return Normalised(given.field[:, :m] / root, lam, given.field[:, m:], products, notes)
+    return NormalisedResults(given.field[:, :m] / root, lam, given.field[:, m:], products, notes)
 
 
 def _residuals(
-    modes: Normalised, results: Results, e: np.ndarray, names: tuple[str, ...]
+    modes: NormalisedResults, results: Results, e: np.ndarray, names: tuple[str, ...]
 ) -> tuple[Residuals, list[str]]:
     """r Y of r = z − Φ Λ⁻¹Φᵀf, YᵀR Y diagonal, of responses of unit energy; e (3n + 3r, n_u) unit loads of these names. And
     sentences on them."""

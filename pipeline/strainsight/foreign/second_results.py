@@ -39,7 +39,7 @@ from strainsight.foreign.of_results import (
     check_responses,
     forces_on_rows,
     independent,
-    normalised,
+    normalise_results,
     said,
     unresolved_rows,
 )
@@ -115,7 +115,7 @@ def observed(
             key=key,
             remedy="give mesh.materials with densities, and results of all nodes",
         )
-    modes = normalised(mesh, given, results, by_mesh=True)
+    modes = normalise_results(mesh, given, results, by_mesh=True)
     assert modes.weighed is not None
     notes, z, f = [*modes.notes], modes.response[:, :0], modes.response[:, :0]
     if forces is not None:

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError, UserError
 from strainsight.mesh.joins import NodalForces, RigidElement
-from strainsight.mesh.model import FloatArray, IdTable, IntArray, Mesh
+from strainsight.mesh.model import FloatArray, IdTable, IntArray, Mesh, element_error
 from strainsight.mesh.projection import hanging, inside, patches
 from strainsight.mesh.unjoined import Coincident, Joints, component_labels, doubled
 
@@ -23,11 +23,11 @@ def check_doubled(mesh: Mesh) -> None:
         if own.joined:
             continue
         more = f", and so do {own.count - 1} others" if own.count > 1 else ""
-        raise DeckError(
+        raise element_error(
+            own.second,
             f"elements {own.first} and {own.second} ({own.kind}) lie in one place, with nodes of their own{more}: stiffness and "
             "mass would count twice",
-            remedy="the mesh is there twice: remove one; two layers that are meant share their nodes, or are tied",
-            entity=("element", own.second),
+            "the mesh is there twice: remove one; two layers that are meant share their nodes, or are tied",
         )
 
 
@@ -166,7 +166,7 @@ def _renamed(mesh: Mesh, index: IntArray, gone: NDArray[np.bool_]) -> Mesh:
         beams=tuple(replace(block, nodes=index[block.nodes]) for block in mesh.beams),
         fixed=np.unique(np.column_stack([index[mesh.fixed[:, 0]], mesh.fixed[:, 1]]), axis=0),
         rigid=tuple(own for tie in mesh.rigid if len((own := _rigid(tie, index)).nodes)),
-        averaging=tuple(tie.moved(int(index[tie.reference]), index[tie.nodes], index) for tie in mesh.averaging),
+        averaging=tuple(tie.with_nodes(int(index[tie.reference]), index[tie.nodes], index) for tie in mesh.averaging),
         relations=tuple(replace(own, node=index[own.node]) for own in mesh.relations),
         point_masses=tuple(replace(own, node=int(index[own.node])) for own in mesh.point_masses),
         springs=tuple(replace(own, node=index[own.node]) for own in mesh.springs),

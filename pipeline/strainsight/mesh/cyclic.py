@@ -213,7 +213,7 @@ class Copies:
                 )
             for reference, group in groups:
                 number.append(own.id)
-                moved = own.moved(reference, self.at[group][:, own.nodes].ravel(), self.at[group[0]])
+                moved = own.with_nodes(reference, self.at[group][:, own.nodes].ravel(), self.at[group[0]])
                 averaging.append(replace(moved, id=len(number)))
         return tuple(rigid), tuple(averaging), np.array(number, dtype=np.int64)
 

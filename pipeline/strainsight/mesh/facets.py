@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import Kind
-from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
-from strainsight.mesh.thin import BeamBlock, ShellBlock, concatenated
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, element_error
+from strainsight.mesh.thin import BeamBlock, ShellBlock, concatenate
 from strainsight.mesh.unjoined import component_labels
 
 CODE = {kind.name: code for code, kind in enumerate(FACETS)}
@@ -71,7 +70,7 @@ class Facets:
 
     def of(self, blocks: Sequence[CellBlock | ShellBlock | BeamBlock]) -> NDArray[np.bool_]:
         """Which facets (f,) are those of some elements."""
-        return np.isin(self.element_id, concatenated(block.ids for block in blocks))
+        return np.isin(self.element_id, concatenate(block.ids for block in blocks))
 
 
 def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:
@@ -157,10 +156,8 @@ def exterior_facets(mesh: Mesh) -> Facets:
     times = np.bincount(group)
     if times.max(initial=0) > 2:
         shared = facets.element_id[group == np.argmax(times)]
-        raise DeckError(
-            f"elements {', '.join(map(str, shared[:4]))} share one facet",
-            remedy="remove elements that overlap",
-            entity=("element", int(shared[-1])),
+        raise element_error(
+            shared[-1], f"elements {', '.join(map(str, shared[:4]))} share one facet", "remove elements that overlap"
         )
     _check_conforming(mesh, facets, order, new)
     outside = times[group] == 1
@@ -244,10 +241,8 @@ def _check_conforming(mesh: Mesh, facets: Facets, order: np.ndarray, new: np.nda
             other = "mesh both with elements of the same order"
         elif _coincide(mesh.position, nodes[a[i]], nodes[b[i]]):
             other = "merge the coincident nodes"
-        raise DeckError(
-            f"elements {first} and {second} share a facet's corners but not its mid-side nodes",
-            remedy=other,
-            entity=("element", int(second)),
+        raise element_error(
+            second, f"elements {first} and {second} share a facet's corners but not its mid-side nodes", other
         )
 
 

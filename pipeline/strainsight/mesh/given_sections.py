@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.columns import Column
 from strainsight.errors import DeckError, UserError, did_you_mean
-from strainsight.mesh.model import CellBlock, Mesh, Region
+from strainsight.mesh.model import CellBlock, Mesh, Region, element_error
 from strainsight.mesh.node_order import plate_normals
 from strainsight.mesh.thin import (
     CORNERS,
@@ -76,7 +76,7 @@ def _shells(mesh: Mesh, block: CellBlock, given: Mapping[int, GivenSection], not
         return f"{block.kind} {block.ids[row]}"
 
     def fault(row: int, what: str, remedy: str) -> DeckError:
-        return DeckError(f"{called(row)} {what}", remedy=remedy, entity=("element", int(block.ids[row])))
+        return element_error(block.ids[row], f"{called(row)} {what}", remedy)
 
     plate_normals(mesh.position[block.nodes[:, : CORNERS[block.nodes.shape[1]]]], fault, called, "tri3", notes)
     offset = np.array([given[region].offset for region in block.region.tolist()])
@@ -92,21 +92,17 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, given: Mapping[int, GivenSec
     size = np.linalg.norm(along, axis=1)
     if not size.all():
         element = int(ids[np.argmin(size)])
-        raise DeckError(
-            f"element {element} is a line without length",
-            remedy="merge or move one of its nodes",
-            entity=("element", element),
-        )
+        raise element_error(element, f"element {element} is a line without length", "merge or move one of its nodes")
     towards = [given[number].direction for number in region.tolist()]
     across = np.eye(3)[np.argmin(np.abs(along), axis=1)]
     v = np.array([across[i] if own is None else own for i, own in enumerate(towards)]).reshape(-1, 3)
     axes, lost = beam_axes(along, v)
     if lost.any():
         element = int(ids[np.argmax(lost)])
-        raise DeckError(
+        raise element_error(
+            element,
             f"element {element} runs along the direction {list(towards[int(np.argmax(lost))] or ())} of its section",
-            remedy="give lines that run another way a region and a direction of their own (mesh.sections)",
-            entity=("element", element),
+            "give lines that run another way a region and a direction of their own (mesh.sections)",
         )
     e = len(ids)
     return BeamBlock(kind, ids, nodes, region, axes, np.zeros((e, nodes.shape[1], 3)), np.zeros((e, 2, 6), dtype=bool))
@@ -115,10 +111,10 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, given: Mapping[int, GivenSec
 def _refuse_curved_rods(block: CellBlock, given: Mapping[int, GivenSection]) -> None:
     for element, region in zip(block.ids.tolist(), block.region.tolist(), strict=True):
         if not _bends(given[region]):
-            raise DeckError(
+            raise element_error(
+                element,
                 f"element {element} is a line of three nodes, and its section does not bend: nothing holds its middle",
-                remedy="give its section moments of area (mesh.sections), or mesh rods with lines of two nodes",
-                entity=("element", element),
+                "give its section moments of area (mesh.sections), or mesh rods with lines of two nodes",
             )
 
 

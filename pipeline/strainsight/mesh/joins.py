@@ -71,7 +71,7 @@ class AveragingElement:
         """Nodes whose rotations count."""
         return self.nodes[:0] if self.rotations is None else self.nodes[self.rotations.any(axis=1)]
 
-    def moved(self, reference: int, nodes: IntArray, at: IntArray) -> AveragingElement:
+    def with_nodes(self, reference: int, nodes: IntArray, at: IntArray) -> AveragingElement:
         """The element on other nodes (c k,), those of c copies one after the other; weights of nodes that became one add up;
         at: index of every node before → that after.
 

@@ -21,7 +21,7 @@ from strainsight.mesh.thin import (
     Laminate,
     Section,
     ShellBlock,
-    concatenated,
+    concatenate,
     nodes_that_turn,
 )
 from strainsight.mesh.thin import FloatArray as FloatArray
@@ -71,6 +71,11 @@ class Region:
 
     def __str__(self) -> str:
         return f"region {self.id} ({self.name})"
+
+
+def element_error(element: int, what: str, remedy: str) -> DeckError:
+    """A DeckError at an element (id), for whoever knows the lines of the file."""
+    return DeckError(what, remedy=remedy, entity=("element", int(element)))
 
 
 class IdTable:
@@ -258,12 +263,12 @@ class Mesh(Properties):
     @property
     def thin_nodes(self) -> IntArray:
         """Indices of the nodes of shells and beams, ascending."""
-        return np.unique(concatenated(block.nodes.ravel() for block in self.thin))
+        return np.unique(concatenate(block.nodes.ravel() for block in self.thin))
 
     @property
     def nodes_of_elements(self) -> IntArray:
         """Indices of the nodes that an element has, ascending."""
-        return np.unique(concatenated(nodes.ravel() for nodes in self.connectivity))
+        return np.unique(concatenate(nodes.ravel() for nodes in self.connectivity))
 
     @property
     def ties(self) -> tuple[RigidElement | AveragingElement, ...]:
@@ -294,7 +299,7 @@ class Mesh(Properties):
     @property
     def turned_by_springs(self) -> IntArray:
         """Indices of the nodes whose rotations springs resist, but for those of solids and rods with no rotation held."""
-        nodes = np.unique(concatenated(own.turned for own in self.springs))
+        nodes = np.unique(concatenate(own.turned for own in self.springs))
         still = np.setdiff1d(self.nodes_of_elements, self.fixed[self.fixed[:, 1] > 2, 0])
         return np.setdiff1d(nodes, np.setdiff1d(still, self.turning))
 

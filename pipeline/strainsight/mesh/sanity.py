@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.joins import Relation, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
-from strainsight.mesh.thin import BeamSection, GeneralShell, Laminate, ShellBlock, ShellSection, concatenated
+from strainsight.mesh.thin import BeamSection, GeneralShell, Laminate, ShellBlock, ShellSection, concatenate
 from strainsight.mesh.units import LIKELY_DENSITY, likely_units, mixed_units
 
 FOIL = 5e-5
@@ -39,7 +39,7 @@ def _of_section(mesh: Mesh, number: int) -> Iterator[str]:
         yield from _of_beam(mesh, number, section)
         return
     shells = [(block, block.region == number) for block in mesh.shells]
-    nodes = concatenated(block.corners[own].ravel() for block, own in shells)
+    nodes = concatenate(block.corners[own].ravel() for block, own in shells)
     if not len(nodes):
         return
     t, long = section.thickness, _length(mesh, nodes)
@@ -74,7 +74,7 @@ def _of_beam(mesh: Mesh, number: int, section: BeamSection) -> Iterator[str]:
     the structure: a stub may be shorter."""
     name = str(mesh.regions[number])
     own = [block.nodes[block.region == number].ravel() for block in mesh.beams if block.kind != "rod"]
-    nodes = concatenated(own)
+    nodes = concatenate(own)
     if not len(nodes):
         return
     long = _length(mesh, mesh.nodes_of_elements)

@@ -59,7 +59,7 @@ Pair = tuple[float, float]
 ZERO: Pair = (0.0, 0.0)
 
 
-def concatenated(parts: Iterable[IntArray]) -> IntArray:
+def concatenate(parts: Iterable[IntArray]) -> IntArray:
     """All of them one after the other, along their first axis; empty (0,) where there are none."""
     found = list(parts)
     return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
@@ -195,7 +195,7 @@ class BeamBlock:
 def nodes_that_turn(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:
     """Indices, ascending, of the nodes whose rotations shells and beams resist; rods and solids resist none."""
     own = [*(block.nodes for block in shells), *(block.nodes for block in beams if block.kind != "rod")]
-    return np.unique(concatenated(nodes.ravel() for nodes in own))
+    return np.unique(concatenate(nodes.ravel() for nodes in own))
 
 
 def nodes_along_beams(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
-from strainsight.mesh.thin import concatenated
+from strainsight.mesh.thin import concatenate
 
 VTK_TYPE = {"vertex": 1, "line": 3, "beam": 3, "rod": 3, "beam3": 21} | {
     kind.name: kind.vtk for kind in (*FACETS, *ELEMENTS)
@@ -56,8 +56,8 @@ def unstructured_grid(
     """
     points = np.asarray(position, dtype=np.float64).reshape(-1, 3)
     n, m = len(points), sum(len(block.nodes) for block in blocks)
-    sizes = concatenated(np.full(len(b.nodes), b.nodes.shape[1]) for b in blocks)
-    connectivity = concatenated(np.asarray(b.nodes).ravel() for b in blocks)
+    sizes = concatenate(np.full(len(b.nodes), b.nodes.shape[1]) for b in blocks)
+    connectivity = concatenate(np.asarray(b.nodes).ravel() for b in blocks)
     types = np.concatenate([np.zeros(0, np.uint8), *(np.full(len(b.nodes), VTK_TYPE[b.kind]) for b in blocks)])
     datasets: dict[str, NDArray[Any]] = {
         "NumberOfPoints": np.array([n], dtype=np.int64),

@@ -14,7 +14,7 @@ from strainsight.decks.abaqus.ties import TOLERANCE, facet_size, following
 from strainsight.decks.text import parse_real
 from strainsight.errors import ContactError, UserError
 from strainsight.mesh.model import IntArray, Mesh
-from strainsight.mesh.thin import concatenated
+from strainsight.mesh.thin import concatenate
 
 Contact = Literal["bonded", "open"]
 COARSER = 1.5
@@ -92,7 +92,7 @@ def _pairs(surfaces: Surfaces, keywords: Sequence[Keyword]) -> Iterator[Pair]:
         given = keyword.parameters.get("ADJUST", "")
         tied = "TIED" in keyword.parameters or keyword.word("INTERACTION") in tying
         for row in keyword.rows():
-            yield Pair(row, *surfaces.pair(scope, row), parse_real(given) if given else None, tied)
+            yield Pair(row, *surfaces.find_pair(scope, row), parse_real(given) if given else None, tied)
 
 
 def _tying(keywords: Sequence[Keyword]) -> set[str]:
@@ -147,10 +147,10 @@ def following_already(mesh: Mesh) -> IntArray:
     """Nodes whose motions, or some of them, follow others by ties and relations."""
     led = [own.nodes for own in mesh.rigid] + [np.array([own.reference]) for own in mesh.averaging]
     led += [own.node[:1] for own in mesh.relations]
-    return np.unique(concatenated(led))
+    return np.unique(concatenate(led))
 
 
 def _followed_by(mesh: Mesh, nodes: IntArray) -> IntArray:
     """Nodes that some of `nodes` (m,) follow by relations: to follow these in turn would be a circle."""
     ahead = [own.node[1:] for own in mesh.relations if np.isin(own.node[0], nodes)]
-    return np.unique(concatenated(ahead))
+    return np.unique(concatenate(ahead))

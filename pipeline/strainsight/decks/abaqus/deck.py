@@ -135,10 +135,10 @@ def read_abaqus(
     related = equations(assembly, made.rotations, still)
     origin["relation"] = Origin.at(np.arange(1, len(related.where) + 1), related.where)
     turning = turning_nodes(made.rigid, made.averaging, related.relations) | turned
-    loads = LoadReader(found, axes, made.rotations, sections, ignored).loads(turning)
+    loads = LoadReader(found, axes, made.rotations, sections, ignored).read(turning)
     masses = point_masses(assembly, made.rotations)
     mesh = Mesh(
-        **vars(sections.made_of),
+        **vars(sections.properties),
         node_ids=assembly.node_ids,
         position=assembly.position,
         blocks=blocks,

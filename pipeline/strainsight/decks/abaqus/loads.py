@@ -18,7 +18,7 @@ from strainsight.mesh.facets import Traction, consistent_forces
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import FloatArray, IntArray
-from strainsight.mesh.thin import Laminate, ShellSection, concatenated
+from strainsight.mesh.thin import Laminate, ShellSection, concatenate
 
 AXES = {"BX": 0, "BY": 1, "BZ": 2}
 """Label of a force per volume → its direction."""
@@ -34,7 +34,7 @@ class LoadReader:
     sections: Sections
     ignored: Counter[str]
 
-    def loads(self, turning: Collection[int]) -> dict[str, NodalForces]:
+    def read(self, turning: Collection[int]) -> dict[str, NodalForces]:
         """Each *CLOAD, *DLOAD and *DSLOAD as CLOAD-1, CLOAD-2, …, DLOAD-1, …, in the order of the file.
 
         turning: rows of nodes with rotations, a moment on any other becomes a note. Raises DeckError for nodes, elements and
@@ -111,7 +111,7 @@ class LoadReader:
         found = []
         assembly, region = self.surfaces.assembly, self.sections.region
         for number in np.unique(region[rows]).tolist():
-            section = self.sections.made_of.sections.get(number)
+            section = self.sections.properties.sections.get(number)
             if isinstance(section, ShellSection | Laminate):
                 t = b * section.thickness * np.eye(3)[axis]
                 found += _loaded(assembly, shell_facets(assembly, rows[region[rows] == number]), _even(t))
@@ -124,7 +124,7 @@ class LoadReader:
             if (label := row.text(1).upper()) != "P":
                 self.ignored[f"*DSLOAD {label}"] += 1
                 continue
-            surface = self.surfaces.named(row.text(0), scope, row)
+            surface = self.surfaces.find(row.text(0), scope, row)
             if not surface.facets:
                 raise row.error(f"surface {row.text(0)!r} has no facets", "name a surface of TYPE=ELEMENT with sides")
             if surface.sideless:
@@ -178,7 +178,7 @@ def _loaded(
 def _summed(parts: list[tuple[IntArray, FloatArray]], body: list[BodyForce]) -> NodalForces | None:
     if not (parts or body):
         return None
-    rows = concatenated(nodes for nodes, _ in parts)
+    rows = concatenate(nodes for nodes, _ in parts)
     nodes, place = np.unique(rows, return_inverse=True)
     force = np.zeros((len(nodes), 3))
     if parts:

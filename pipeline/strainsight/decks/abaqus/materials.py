@@ -34,20 +34,20 @@ class Definition:
 
 @dataclass
 class Materials:
-    """definitions: NAME → material of the deck; stated: each that a section names has to be there and elastic; made_of: where the
-    materials are put, numbered in the order in which sections name them."""
+    """definitions: NAME → material of the deck; stated: each that a section names has to be there and elastic; properties: where
+    the materials are put, numbered in the order in which sections name them."""
 
     definitions: dict[str, Definition]
     stated: bool
     notes: list[str]
-    made_of: Properties
+    properties: Properties
     _numbers: dict[str, int] = field(default_factory=dict)
 
     def _add(self, name: str, make: Callable[[Definition, int, list[str]], Material | Lamina | Anisotropic]) -> int:
         """The number of one more."""
-        number = self.made_of.free_material()
+        number = self.properties.free_material()
         made = make(self.definitions[name], number, self.notes)
-        getattr(self.made_of, MATERIAL_FIELDS[type(made)])[number] = made
+        getattr(self.properties, MATERIAL_FIELDS[type(made)])[number] = made
         self._numbers[name] = number
         return number
 
@@ -65,7 +65,7 @@ class Materials:
         if name not in self.definitions or not (self.stated or "ELASTIC" in self.definitions[name].options):
             return 0
         solid = self.anisotropic(keyword)
-        if name in self._numbers and (solid or self._numbers[name] in self.made_of.materials):
+        if name in self._numbers and (solid or self._numbers[name] in self.properties.materials):
             return self._numbers[name]
         return self._add(name, _anisotropic if solid else _material)
 
@@ -104,8 +104,8 @@ class Materials:
 
     def of_section(self, name: str, E: float, nu: float, rho: float) -> int:
         """Number of a material that a section states itself."""
-        number = self.made_of.free_material()
-        self.made_of.materials[number] = Material(number, E, nu, rho, name)
+        number = self.properties.free_material()
+        self.properties.materials[number] = Material(number, E, nu, rho, name)
         return number
 
     @property

@@ -14,7 +14,7 @@ from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind
 from strainsight.mesh.model import FloatArray, IdTable, IntArray
-from strainsight.mesh.thin import concatenated
+from strainsight.mesh.thin import concatenate
 
 SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.items()}
 """Type → kind of element, and how it is reinterpreted. The order of the nodes is that of VTK in all of them."""
@@ -203,7 +203,7 @@ def read_part(keywords: tuple[Keyword, ...]) -> Part:
     ids, position, where, rows = _nodes(keywords)
     table = IdTable(ids)
     cells = tuple(read_cells(keyword, table) for keyword in keywords if keyword.name == "ELEMENT")
-    elements = concatenated(c.ids for c in cells)
+    elements = concatenate(c.ids for c in cells)
     lines = [(c.keyword.files[i], c.keyword.numbers[i]) for c in cells for i in c.line.tolist()]
     check_once(elements, "element", lambda i: "{}:{}".format(*lines[i]))
     start = 0

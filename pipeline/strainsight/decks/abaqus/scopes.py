@@ -16,7 +16,7 @@ from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import rotation
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
-from strainsight.mesh.thin import concatenated
+from strainsight.mesh.thin import concatenate
 
 MESH = ("NODE", "ELEMENT")
 SECTIONS = ("SOLIDSECTION", "SHELLSECTION", "SHELLGENERALSECTION", "BEAMSECTION", "BEAMGENERALSECTION")
@@ -282,7 +282,7 @@ class Assembly:
                 parts.append(scope.part.rows[id(keyword)] + first)
             else:
                 parts.append(self._listed(kind, keyword, scope, (*above, f"{scope.name}.{name}")))
-        self._known[key] = np.unique(concatenated(parts))
+        self._known[key] = np.unique(concatenate(parts))
         return self._known[key]
 
     def _listed(self, kind: str, keyword: Keyword, scope: Scope, above: tuple[str, ...]) -> IntArray:
@@ -384,14 +384,14 @@ def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[S
             notes.append(f"{owner}: {', '.join(shifts)}, as several instances have the same ids")
     assembly = Assembly(
         scopes=scopes,
-        node_ids=concatenated(scope.part.nodes.ids + by for scope, by in zip(every, offsets[0], strict=True)),
+        node_ids=concatenate(scope.part.nodes.ids + by for scope, by in zip(every, offsets[0], strict=True)),
         position=np.concatenate([scope.part.position @ scope.rotation.T + scope.translation for scope in every]),
         node_where=[at for scope in every for at in scope.part.node_where],
-        element_ids=concatenated(scope.part.elements.ids + by for scope, by in zip(every, offsets[1], strict=True)),
-        kind=concatenated(np.full(len(own.ids), ELEMENTS.index(own.kind) if own.kind else -1) for _, own in cells),
+        element_ids=concatenate(scope.part.elements.ids + by for scope, by in zip(every, offsets[1], strict=True)),
+        kind=concatenate(np.full(len(own.ids), ELEMENTS.index(own.kind) if own.kind else -1) for _, own in cells),
         type=[own.type for _, own in cells for _ in own.ids],
-        nodes=concatenated(np.where(own.nodes < 0, -1, own.nodes + scope.first_node) for scope, own in cells),
-        first=np.cumsum(concatenated([np.zeros(1, dtype=np.int64), *(np.diff(own.first) for _, own in cells)])),
+        nodes=concatenate(np.where(own.nodes < 0, -1, own.nodes + scope.first_node) for scope, own in cells),
+        first=np.cumsum(concatenate([np.zeros(1, dtype=np.int64), *(np.diff(own.first) for _, own in cells)])),
         element_where=[at for scope in every for at in scope.part.element_where],
         model=model,
         steps=steps,

@@ -343,7 +343,7 @@ def _layer(assembly: Assembly, scope: Scope, row: Row, number: int, axes: SolidA
     if not row.text(2):
         raise row.error(f"layer {number} has no material", "give it as the third entry of the line")
     material = made.of_layer(row.text(2), row)
-    if material not in made.made_of.anisotropic:
+    if material not in made.properties.anisotropic:
         return Layer(material, t, Orientation(BASIC, np.eye(3)))
     angle = parse_real(row.text(3)) if row.text(3) else 0.0
     own = axes if angle is not None else solid_axes(assembly, scope, row, row.text(3))

@@ -48,7 +48,8 @@ WANTED = {"solid": "*SOLID SECTION", "shell": "*SHELL SECTION", "beam": "*BEAM S
 
 @dataclass(frozen=True)
 class Sections:
-    """region (m,) of each element, 0 of those that are not imported; made_of: the regions, one a section, and what they refer to.
+    """region (m,) of each element, 0 of those that are not imported; properties: the regions, one a section, and what they
+    refer to.
 
     offset: region → where the middle of its elements lies from their nodes, along the normal of a shell, along n1 and n2 of a
     beam; direction (3,): n1 of a beam, x of the material of a shell; left (k,): rows of the shells, beams and rods without a
@@ -56,7 +57,7 @@ class Sections:
     """
 
     region: IntArray
-    made_of: Properties
+    properties: Properties
     offset: dict[int, FloatArray] = field(default_factory=dict)
     direction: dict[int, FloatArray] = field(default_factory=dict)
     left: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -78,9 +79,9 @@ def read_sections(
     section, with two or with one of another kind, for a section without material or set, one that is not supported, and a
     material that is not linear and elastic, or of shells and beams not isotropic.
     """
-    made_of = Properties()
-    materials = Materials(definitions(keywords), stated, assembly.notes, made_of)
-    found = Sections(np.zeros(len(assembly.families), dtype=np.int64), made_of)
+    properties = Properties()
+    materials = Materials(definitions(keywords), stated, assembly.notes, properties)
+    found = Sections(np.zeros(len(assembly.families), dtype=np.int64), properties)
     left = [found.left]
     for scope in assembly.scopes.values():
         for keyword in scope.part.keywords:
@@ -94,7 +95,7 @@ def read_sections(
             if (taken := known[found.region[known] > 0]).size:
                 raise keyword.error(
                     f"element {assembly.element_ids[taken[0]]} is in the section of "
-                    f"{made_of.regions[int(found.region[taken[0]])].name} already",
+                    f"{properties.regions[int(found.region[taken[0]])].name} already",
                     "let every element belong to one section",
                 )
             within, written = assembly.split_name(keyword.parameters["ELSET"], scope)
@@ -129,13 +130,13 @@ def _add(
     assembly: Assembly, scope: Scope, keyword: Keyword, rows: IntArray, made: Materials, found: Sections, name: str
 ) -> None:
     """A region of the elements in rows (k,), of that name."""
-    number, offset, direction = len(found.made_of.regions) + 1, np.zeros(2), np.full(3, np.nan)
+    number, offset, direction = len(found.properties.regions) + 1, np.zeros(2), np.full(3, np.nan)
     section: ShellSection | BeamSection | Laminate | None = None
     material = None
     if keyword.name == "SOLIDSECTION":
         rods = assembly.families[rows] == "rod"
         if "COMPOSITE" in keyword.parameters:
-            found.made_of.composites[number] = composite_solid(assembly, scope, keyword, rows, made)
+            found.properties.composites[number] = composite_solid(assembly, scope, keyword, rows, made)
             material = 0  # those of its layers
         if made.anisotropic(keyword):
             if rods.any():
@@ -143,7 +144,7 @@ def _add(
                     f"{assembly.element(int(rows[np.argmax(rods)]))} is a truss, and its material is anisotropic",
                     "give trusses an isotropic material",
                 )
-            found.made_of.orientations[number] = solid_orientation(assembly, scope, keyword)
+            found.properties.orientations[number] = solid_orientation(assembly, scope, keyword)
         if rods.any():
             section = _truss(keyword, assembly.notes)
     elif keyword.name.startswith("SHELL"):
@@ -163,10 +164,10 @@ def _add(
         material = 0  # those of its plies
     elif material is None:
         material = made.number(keyword)
-    found.made_of.regions[number] = Region(number, name, material)
+    found.properties.regions[number] = Region(number, name, material)
     found.region[rows] = number
     if section is not None:
-        found.made_of.sections[number], found.offset[number], found.direction[number] = section, offset, direction
+        found.properties.sections[number], found.offset[number], found.direction[number] = section, offset, direction
 
 
 def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
@@ -180,7 +181,7 @@ def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
 
 def _without(assembly: Assembly, found: Sections, left: IntArray, required: bool, stated: bool) -> IntArray:
     """Solids without section are a region, unless it has to be stated; rows of other elements without one, unless required."""
-    family, regions = assembly.families, found.made_of.regions
+    family, regions = assembly.families, found.properties.regions
     without = np.setdiff1d(np.flatnonzero((family != "") & (found.region == 0)), left)
     solid = without[family[without] == "solid"]
     if solid.size and stated:
@@ -238,7 +239,7 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
         region = sections.region[rows]
         offset = np.array([sections.offset[number][0] for number in region.tolist()])
         axis = np.array([sections.direction[number] for number in region.tolist()])
-        plies = [isinstance(sections.made_of.sections[number], Laminate) for number in region.tolist()]
+        plies = [isinstance(sections.properties.sections[number], Laminate) for number in region.tolist()]
         bare = np.isnan(axis).any(axis=1) & plies
         axis[bare] = default_axes(assembly.position[nodes[bare, : CORNERS[NODES[kind]]]])
         blocks.append(ShellBlock(kind, assembly.element_ids[rows], nodes, region, offset, axis))

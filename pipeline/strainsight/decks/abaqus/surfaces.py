@@ -15,7 +15,7 @@ from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
 from strainsight.mesh.projection import area_vector
-from strainsight.mesh.thin import concatenated
+from strainsight.mesh.thin import concatenate
 
 
 @dataclass(frozen=True)
@@ -46,7 +46,7 @@ class Surfaces:
     assembly: Assembly
     by_name: dict[tuple[str, str], Surface]
 
-    def named(self, entry: str, scope: Scope, by: Keyword | Row) -> Surface:
+    def find(self, entry: str, scope: Scope, by: Keyword | Row) -> Surface:
         """The surface that an entry names; DeckError where there is none."""
         within, name = self.assembly.split_name(entry, scope)
         surface = self.by_name.get((within.name.upper(), name.upper()))
@@ -56,10 +56,10 @@ class Surfaces:
             )
         return surface
 
-    def pair(self, scope: Scope, row: Row) -> tuple[Surface, Surface]:
+    def find_pair(self, scope: Scope, row: Row) -> tuple[Surface, Surface]:
         """The two surfaces that a line names, the same one twice where it names one alone; DeckError where one is not there."""
-        first = self.named(row.text(0), scope, row)
-        return first, self.named(row.text(1), scope, row) if row.text(1) else first
+        first = self.find(row.text(0), scope, row)
+        return first, self.find(row.text(1), scope, row) if row.text(1) else first
 
 
 def cell_blocks(assembly: Assembly, region: IntArray) -> tuple[CellBlock, ...]:
@@ -129,7 +129,7 @@ class _Parts:
     sideless: bool = False
 
     def surface(self) -> Surface:
-        nodes = concatenated(nodes for nodes, _ in self.shares)
+        nodes = concatenate(nodes for nodes, _ in self.shares)
         weight = np.concatenate([np.zeros(0), *(weight for _, weight in self.shares)])
         rows, place = np.unique(nodes, return_inverse=True)
         share = np.bincount(place, weight, minlength=len(rows)).astype(float)

@@ -71,7 +71,7 @@ class Ties:
                 "tie all three components, or take the node out of the *TRANSFORM",
             )
 
-    def kinematic_coupling(self, scope: Scope, keyword: Keyword) -> None:
+    def add_kinematic_coupling(self, scope: Scope, keyword: Keyword) -> None:
         reference = self.reference(scope, keyword)
         for row in keyword.rows():
             nodes = _without(self.surfaces.assembly.node_rows(row.text(0), scope, row), reference, row)
@@ -80,7 +80,7 @@ class Ties:
             self.check_axes(row, nodes, components)
             self.add_rigid(row, reference, nodes, components)
 
-    def rigid_body(self, scope: Scope, keyword: Keyword) -> None:
+    def add_rigid_body(self, scope: Scope, keyword: Keyword) -> None:
         assembly, given = self.surfaces.assembly, keyword.parameters
         tied, pinned = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
         for parameter, members in (("TIENSET", tied), ("NSET", tied), ("PINNSET", pinned)):
@@ -111,13 +111,13 @@ class Ties:
             if (nodes := nodes[nodes != reference]).size:
                 self.add_rigid(keyword, reference, nodes, components)
 
-    def coupling(self, scope: Scope, keyword: Keyword, following: Sequence[Keyword]) -> None:
+    def add_coupling(self, scope: Scope, keyword: Keyword, following: Sequence[Keyword]) -> None:
         assembly = self.surfaces.assembly
         if not following or following[0].name not in ("KINEMATIC", "DISTRIBUTING"):
             raise keyword.error("neither *KINEMATIC nor *DISTRIBUTING follows", "add the one that is meant")
         kind = following[0]
         reference = self.reference(scope, keyword)
-        surface = self.surfaces.named(keyword.needs("SURFACE"), scope, keyword)
+        surface = self.surfaces.find(keyword.needs("SURFACE"), scope, keyword)
         radius = keyword.number("INFLUENCE RADIUS", np.inf, "give a radius")
         keep = np.linalg.norm(assembly.position[surface.nodes] - assembly.position[reference], axis=1) <= radius
         keep &= surface.nodes != reference
@@ -141,7 +141,7 @@ class Ties:
             )
         )
 
-    def multi_point(self, scope: Scope, row: Row) -> None:
+    def add_multi_point(self, scope: Scope, row: Row) -> None:
         """BEAM: the first entry, a node or a set, follows the second, one node; TIE and PIN likewise, PIN in translations only,
         where all are at the same place. What has other entries or is of another type is counted."""
         assembly, kind = self.surfaces.assembly, row.text(0).upper()
@@ -170,18 +170,18 @@ def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[st
         for i, keyword in enumerate(keywords):
             match keyword.name:
                 case "RIGIDBODY":
-                    made.rigid_body(scope, keyword)
+                    made.add_rigid_body(scope, keyword)
                 case "COUPLING":
-                    made.coupling(scope, keyword, keywords[i + 1 : i + 2])
+                    made.add_coupling(scope, keyword, keywords[i + 1 : i + 2])
                 case "KINEMATICCOUPLING":
-                    made.kinematic_coupling(scope, keyword)
+                    made.add_kinematic_coupling(scope, keyword)
                 case "MPC" if "USER" in keyword.parameters:
                     ignored["*MPC, USER"] += len(keyword.rows())
                 case "MPC" if keyword.word("MODE") == "DOF":
                     ignored["*MPC, MODE=DOF"] += len(keyword.rows())
                 case "MPC":
                     for row in keyword.rows():
-                        made.multi_point(scope, row)
+                        made.add_multi_point(scope, row)
     return made
 
 
@@ -237,7 +237,7 @@ def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, 
             refused.setdefault(OTHER, []).extend([] if keyword in cyclic else [keyword.where])
             continue
         for row in keyword.rows():
-            first, second = (surfaces.named(row.text(i), scope, row) for i in (0, 1))
+            first, second = (surfaces.find(row.text(i), scope, row) for i in (0, 1))
             size = facet_size(mesh, first, second)
             if size is None:
                 refused.setdefault(OF_THIN, []).append(row.where)
@@ -343,7 +343,7 @@ def _of(keyword: Keyword) -> tuple[int, np.ndarray]:
 
 
 def _cut(row: Row, scope: Scope, surfaces: Surfaces) -> tuple[Surface, Surface]:
-    one, other = (surfaces.named(row.text(i), scope, row) for i in (0, 1))
+    one, other = (surfaces.find(row.text(i), scope, row) for i in (0, 1))
     if not len(one.nodes) or not len(other.nodes):
         raise row.error("a cut face has no nodes", "correct the surface")
     return one, other

@@ -27,7 +27,7 @@ from strainsight.mesh.given_sections import (
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.kinds.kind import Order, in_order
 from strainsight.mesh.model import CellBlock, IdTable, IntArray, Mesh, Origin, Region
-from strainsight.mesh.thin import concatenated
+from strainsight.mesh.thin import concatenate
 
 
 @dataclass(frozen=True)
@@ -321,8 +321,8 @@ def _set_names(
 def _origin(path: str, nodes: NodeRows, solids: list[Chunk]) -> dict[str, Origin]:
     if nodes.line is None:
         return {}
-    ids = concatenated(chunk.ids for chunk in solids)
-    line = concatenated(chunk.line for chunk in solids if chunk.line is not None)
+    ids = concatenate(chunk.ids for chunk in solids)
+    line = concatenate(chunk.line for chunk in solids if chunk.line is not None)
     return {
         "node": Origin(nodes.ids, nodes.line, np.zeros(len(nodes.ids), dtype=np.int64), (path,)),
         "element": Origin(ids, line, np.zeros(len(ids), dtype=np.int64), (path,)),

@@ -16,7 +16,7 @@ from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
-from strainsight.mesh.thin import concatenated
+from strainsight.mesh.thin import concatenate
 
 
 class ElementType(NamedTuple):
@@ -234,7 +234,7 @@ class Chunk:
 def _joined(parts: list[NodeRows]) -> NodeRows:
     lines = [part.line for part in parts if part.line is not None]
     return NodeRows(
-        concatenated(part.ids for part in parts),
+        concatenate(part.ids for part in parts),
         np.concatenate([np.zeros((0, 3)), *(part.position for part in parts)]),
         np.concatenate(lines) if lines else None,
     )

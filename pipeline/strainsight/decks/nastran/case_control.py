@@ -169,16 +169,16 @@ class CardSets:
         """The first card of a set."""
         return next(card for card in self.cards if int(card.tokens[0]) == number)
 
-    def listed(self, more: str = "") -> str:
+    def choices(self, more: str = "") -> str:
         """What to do about a set that is not there; more: beside selecting another one."""
         return f"select one of {', '.join(map(str, sorted(self.ids)))}{more}" if self.ids else "add the set"
 
-    def selected(self, more: str) -> int:
+    def select(self, more: str) -> int:
         """The set that the first line selects. Raises DeckError, with `more` as remedy, where it is not there."""
         text, line = next(iter(self.chosen.items()))
         number = parse_integer(text) or 0
         if number not in self.ids and not self.left_out:
-            raise line.error(f"{self.what} = {text} selects a set that is not in the deck", self.listed(more))
+            raise line.error(f"{self.what} = {text} selects a set that is not in the deck", self.choices(more))
         return number
 
 

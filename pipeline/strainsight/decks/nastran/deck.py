@@ -129,7 +129,7 @@ def read_nastran(
         )
     ignored += thin.left_out
     elements = together(elements, thin.elements)
-    made_of = rescaled(properties(cards, blocks, grids, thin, ignored, notes, stated), mass=scale)
+    region_properties = rescaled(properties(cards, blocks, grids, thin, ignored, notes, stated), mass=scale)
     ties = cards.of("RBE2", "RBE3", *RIGID_BARS)
     tie_ids = unique_ids(ties, "rigid element")
     turned = nodes_that_turn(thin.shells, thin.beams)
@@ -156,8 +156,8 @@ def read_nastran(
     masses = point_masses(cards, grids, scale, turning, notes)
     # a plate that is left out still says where a pressure acts
     loaded_cards = Cards({**{name: left_out[name] for name in PLATES if name in left_out}, **cards})
-    bare = Mesh(nodes.ids, grids.position, blocks, shells=thin.shells)
-    loads = static_loads(loaded_cards, grids, bare, turning, notes)
+    mesh = Mesh(nodes.ids, grids.position, blocks, shells=thin.shells)
+    loads = static_loads(loaded_cards, grids, mesh, turning, notes)
     of_parameters = _count_ignored(deck, ignored, notes)
     loaded = preloads(deck)
     ignored.update({card: len(lines) for card, lines in loaded.items()})
@@ -168,7 +168,7 @@ def read_nastran(
     by_temperature = any(name.startswith("MATT") for name in cards)
     said, doubts = notes_and_doubts(notes)
     return Mesh(
-        **vars(made_of),
+        **vars(region_properties),
         node_ids=nodes.ids,
         position=grids.position,
         blocks=blocks,

@@ -37,7 +37,7 @@ class Pressed:
     along: tuple[CoordinateSystem, tuple[float, float, float]] | None = None
 
 
-def pressure_forces(cards: Cards, grids: Grids, bare: Mesh) -> Iterator[tuple[int, IntArray, FloatArray]]:
+def pressure_forces(cards: Cards, grids: Grids, mesh: Mesh) -> Iterator[tuple[int, IntArray, FloatArray]]:
     """(set, rows (m,), force (m, 3)) of the pressures, the consistent forces of
 
         t = −p n       or       t = p N/|N| along the vector N of a PLOAD4,     p linear or bilinear between the corners.
@@ -47,7 +47,7 @@ def pressure_forces(cards: Cards, grids: Grids, bare: Mesh) -> Iterator[tuple[in
     Raises DeckError for an element, node or face that is not there, and for loads on edges (SORL = LINE).
     """
     groups: dict[tuple[int, str, int, object], list[Pressed]] = {}
-    for own in _pressed(cards, grids, bare):
+    for own in _pressed(cards, grids, mesh):
         along = None if own.along is None else (id(own.along[0]), own.along[1])
         groups.setdefault((own.set, own.kind.name, len(own.p), along), []).append(own)
     for group in groups.values():
@@ -71,13 +71,13 @@ def _forces(position: FloatArray, like: Pressed, linear: Kind, nodes: IntArray, 
     return consistent_forces(position, like.kind, nodes, traction)
 
 
-def _pressed(cards: Cards, grids: Grids, bare: Mesh) -> list[Pressed]:
+def _pressed(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
     found: list[Pressed] = []
     outlines: list[
         tuple[Card, tuple[int, ...], tuple[float, ...]]
     ] = []  # of PLOAD and plates: corners in their sequence
     place = (
-        {int(i): (block, row) for block in bare.blocks for row, i in enumerate(block.ids)} if "PLOAD4" in cards else {}
+        {int(i): (block, row) for block in mesh.blocks for row, i in enumerate(block.ids)} if "PLOAD4" in cards else {}
     )
     plates = _plates(cards, grids)
     for card in cards.of("PLOAD"):
@@ -104,7 +104,7 @@ def _pressed(cards: Cards, grids: Grids, bare: Mesh) -> list[Pressed]:
             last = [card.text(1), *card.tokens[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
             for corners in _named_plates(card, last, plates):
                 outlines.append((card, corners, p4[: len(corners)]))
-    return found + _outlined(outlines, grids, bare)
+    return found + _outlined(outlines, grids, mesh)
 
 
 def _set(card: Card) -> int:
@@ -185,7 +185,7 @@ def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int
 
 
 def _outlined(
-    outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]], grids: Grids, bare: Mesh
+    outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]], grids: Grids, mesh: Mesh
 ) -> list[Pressed]:
     """The facets of solids with these corners, or else shells; a pressure along the sequence of the corners becomes one inward,
     which of a shell is against the normal by its nodes."""
@@ -194,12 +194,12 @@ def _outlined(
     wanted = np.zeros(len(grids.position), dtype=bool)
     wanted[[row for _, corners, _ in outlines for row in corners]] = True
     facets: dict[frozenset[int], tuple[Kind, IntArray]] = {}
-    for block in bare.blocks:
+    for block in mesh.blocks:
         for kind, local in kind_of(block.kind).facets:
             nodes = block.nodes[:, list(local)]
             for own in nodes[wanted[nodes[:, : kind.corners]].all(axis=1)]:
                 facets.setdefault(frozenset(own[: kind.corners].tolist()), (kind, own))
-    for shell in bare.shells:
+    for shell in mesh.shells:
         plane = facet_of(shell.kind)
         for own in shell.nodes[wanted[shell.corners].all(axis=1)]:
             facets.setdefault(frozenset(own[: plane.corners].tolist()), (plane, own))
@@ -263,14 +263,14 @@ class LoadSet:
 
 
 def static_loads(
-    cards: Cards, grids: Grids, bare: Mesh, turning: Collection[int], notes: list[str]
+    cards: Cards, grids: Grids, mesh: Mesh, turning: Collection[int], notes: list[str]
 ) -> dict[str, NodalForces]:
     """The loads of set s: "FORCE-s" where it holds FORCE cards alone, else "LOAD-s"; of a LOAD card "LOAD-s" too.
 
         FORCE   F N along the directions of its CID at the node,   FORCE1  along G1G2,   FORCE2  along G1G2 × G3G4
         GRAV    g = A N,     RFORCE  ω = 2π A R through the node G,     LOAD  S Σ S_i L_i
 
-    MOMENTs likewise; bare: solids and shells on their nodes; turning: rows of nodes with rotations, a MOMENT on any other
+    MOMENTs likewise; mesh: solids and shells on their nodes; turning: rows of nodes with rotations, a MOMENT on any other
     becomes a note. Loads on one node add up.
     Raises DeckError for a node, element, system or set that is not there, and for an angular acceleration.
     """
@@ -290,7 +290,7 @@ def static_loads(
     for name in ("PLOAD", "PLOAD2", "PLOAD4"):
         for card in cards.of(name):
             of(card)
-    for number, rows, force in pressure_forces(cards, grids, bare):
+    for number, rows, force in pressure_forces(cards, grids, mesh):
         own = sets[number].force
         for row, value in zip(rows.tolist(), force, strict=True):
             own[row] += value

@@ -347,7 +347,7 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
     sets = card_sets(deck, "SPC", ("SPC", "SPC1"), left_out=left_out)
     if wanted is not None:
         if wanted not in sets.ids:
-            raise DeckError(f"set {wanted} of supports (mesh.spc) is not in the deck", remedy=sets.listed())
+            raise DeckError(f"set {wanted} of supports (mesh.spc) is not in the deck", remedy=sets.choices())
         return sets.parts(wanted)
     selected = tuple(sorted({parse_integer(text) or 0 for text in sets.chosen} & sets.ids))
     if len(sets.chosen) > 1 and selected:
@@ -358,7 +358,7 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
             sets=selected,
         )
     if sets.chosen:
-        return sets.parts(sets.selected(", here or with mesh.spc"))
+        return sets.parts(sets.select(", here or with mesh.spc"))
     if len(sets.top) > 1:
         raise ChoiceError(
             f"{len(sets.top)} sets of supports ({', '.join(map(str, sorted(sets.top)))}) and no selection",

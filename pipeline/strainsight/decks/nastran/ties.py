@@ -307,7 +307,7 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
         )
     selected = set() if deck.case_control else sets.top
     if sets.chosen:
-        selected = {sets.selected(", or remove the line")}
+        selected = {sets.select(", or remove the line")}
     members: set[int] = set().union(*(sets.parts(number) for number in selected))
     for card in deck.cards.of("MPC", "MPCADD"):
         if card.integer(0, "the set id") not in members | selected:

@@ -27,7 +27,7 @@ from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind, in_order
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
 from strainsight.mesh.node_order import left_handed
-from strainsight.mesh.thin import concatenated
+from strainsight.mesh.thin import concatenate
 
 REGIONS = (
     *("region", "region_id", "gmsh:physical", "medit:ref", "cell_tags", "netgen:index", "tetgen:ref"),
@@ -269,12 +269,12 @@ def read_meshio(
     cells = Cells(raw, sorted([*solids, *thin]), region_data, str(path), notes)
     cells.taken.add(numbers)
     blocks = cells.solids(solids, loaded.format, position, notes)
-    tags = np.unique(concatenated(block.region for block in blocks)).tolist() if blocks or cells.tags or given else [1]
+    tags = np.unique(concatenate(block.region for block in blocks)).tolist() if blocks or cells.tags or given else [1]
     regions = {tag: Region(tag, cells.region_name(3, tag) if cells.tags else "solids", 0) for tag in tags}
     chosen = regions_with_sections(cells.groups(), given, regions, notes)
     shells = list(cells.thin(thin, chosen))
     check_elements([*blocks, *shells], lambda *_: str(path))
-    used = np.isin(cells.ids, concatenated(block.ids for block in (*blocks, *shells)))
+    used = np.isin(cells.ids, concatenate(block.ids for block in (*blocks, *shells)))
     node_sets, element_sets = cells.sets(used, node_ids, ignored)
     mesh = Mesh(
         node_ids=node_ids,
