@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,21 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
-from strainsight.mesh.thin import concatenate
+from strainsight.mesh.thin import BeamBlock, ShellBlock, concatenate
 
 VTK_TYPE = {"vertex": 1, "line": 3, "beam": 3, "rod": 3, "beam3": 21} | {
     kind.name: kind.vtk for kind in (*FACETS, *ELEMENTS)
 }
 """VTK's cell type numbers."""
-
-
-class Cells(Protocol):
-    """Cells of one kind: nodes (n, k) indices in VTK order; `CellBlock` is one."""
-
-    @property
-    def kind(self) -> str: ...
-    @property
-    def nodes(self) -> IntArray: ...
 
 
 @dataclass(frozen=True)
@@ -42,7 +33,7 @@ class VtkHdf:
 
 def unstructured_grid(
     position: FloatArray,
-    blocks: Sequence[Cells],
+    blocks: Sequence[CellBlock | ShellBlock | BeamBlock],
     point_data: Mapping[str, ArrayLike] | None = None,
     cell_data: Mapping[str, ArrayLike] | None = None,
     steps: ArrayLike | None = None,
