@@ -11,15 +11,17 @@
     validation = api.validate(case, mesh, reduced, training, screened, layout.gauges)
 
 Every function computes what the stage of the same name writes, from a config and what came before it; nothing is written.
-`open_run` reads what a run on the command line has written, `open_bench` what one of a bench has.
+`place_arrays` and `place_modes` place gauges without a deck, on plain arrays. `open_run` reads what a run on the command line has
+written, `open_bench` what one of a bench has. The classes of all that is returned are names of this module.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,6 +31,7 @@ from strainsight.errors import ConfigError
 from strainsight.experiment.resources import silent
 from strainsight.mesh.model import Mesh
 from strainsight.parallel import Sweep, serial
+from strainsight.placement.arrays import ArrayPlacement, place_arrays, place_modes
 from strainsight.records.placed import HotSpots, Observed
 from strainsight.records.reduced import Modes, Reduced
 from strainsight.records.training import Screened, Training
@@ -44,11 +47,33 @@ if TYPE_CHECKING:
 Gauges = Sequence[int] | np.ndarray
 """Numbers of gauges, as train.h5 counts the candidates; `gauges` of a placement are those of its layout, G1 first."""
 
+_RETURNED = {
+    "Campaign": "experiment.structure.campaign",
+    "Estimation": "experiment.structure.estimation",
+    "Expectation": "experiment.layout.advice",
+    "StructurePlacement": "experiment.structure.placement",
+    "Validation": "experiment.structure.validation",
+}
+"""Classes of results whose modules are imported by the function that returns them."""
+
 __all__ = [
+    "ArrayPlacement",
     "BenchRun",
+    "Campaign",
     "Case",
+    "Estimation",
+    "Expectation",
     "Gauges",
+    "HotSpots",
+    "Mesh",
+    "Modes",
+    "Observed",
+    "Reduced",
     "Run",
+    "Screened",
+    "StructurePlacement",
+    "Training",
+    "Validation",
     "campaign",
     "estimate",
     "expect",
@@ -60,12 +85,21 @@ __all__ = [
     "open_bench",
     "open_run",
     "place",
+    "place_arrays",
+    "place_modes",
     "reduce",
     "screen",
     "to_pyvista",
     "train",
     "validate",
 ]
+
+
+def __getattr__(name: str) -> Any:
+    """The class of a result, by its name."""
+    if name in _RETURNED:
+        return getattr(import_module(f"strainsight.{_RETURNED[name]}"), name)
+    raise AttributeError(f"module 'strainsight.api' has no attribute '{name}'")
 
 
 @dataclass(frozen=True)

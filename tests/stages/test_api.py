@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 import inspect
 import json
+import re
 import shutil
 from dataclasses import fields, is_dataclass
+from typing import get_args, get_type_hints
 
 import numpy as np
 import pytest
@@ -136,6 +138,24 @@ def everything(record):
             yield part
             if is_dataclass(part):
                 yield from everything(part)
+
+
+FUNCTIONS = [name for name in api.__all__ if inspect.isfunction(getattr(api, name))]
+
+
+@pytest.mark.parametrize("name", FUNCTIONS)
+def test_what_a_function_returns_has_a_public_class_that_names_its_fields(name):
+    """In the docstring of the class, or with the field, as artefacts are described."""
+    public = {getattr(api, own): own for own in api.__all__ if inspect.isclass(getattr(api, own))}
+    scope = {own: getattr(api, own) for own in api.__all__}
+    returned = get_type_hints(getattr(api, name), localns=scope | {"pyvista": pyvista})["return"]
+    for own in get_args(returned) or (returned,):
+        if own.__module__.startswith("strainsight"):
+            assert own in public, f"{name} returns {own.__name__}"
+            assert public[own] in (ROOT / "docs" / "python.md").read_text()
+            text = " ".join(base.__doc__ or "" for base in own.__mro__)
+            for field in fields(own) if is_dataclass(own) else ():
+                assert field.metadata or re.search(rf"\b{field.name}\b", text), (own, field.name)
 
 
 def test_all_that_a_bench_has_written_is_read(bench):

@@ -191,18 +191,18 @@ def _mean_density(stack: Sequence[tuple[float, Lamina | Anisotropic | Material |
 class Mesh(Properties):
     """A finite-element model as its file says it, lengths in m, masses in kg.
 
-    node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams; arms (a, 2): the last a
-    nodes, which lie on faces of shells and sides of beams, and the node of these that each follows as a rigid arm, whose id it
-    bears too; fixed (f, 2) pairs (node index, component 0-5) that are held at zero; axes: node index → (3, 3) axes, one in a
-    column, that the components of fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where
-    it has none; node_sets and element_sets name → ids of the file; faces: name → facets (k, 2) as element id and local number,
-    of which the nodes are a node set of that name; loads: name → forces of the file; ignored: card or the like that is not
-    supported → count; effect: "structure" for those that may add stiffness, mass or a tie, "none" for those that change none of
-    them; unsupported: those of them that are elements, ties or loads → file:line of the first; notes: sentences on how
-    something was read, doubts: on what the file says that is more likely a mistake;
-    contacts: what became of surfaces that touch and may part, a sentence each; lumped: whether the mass of
-    solids is on the diagonal; read: card or the like that was taken →
-    count; included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
+    node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams; fixed (f, 2): pairs (node index,
+    component 0-5) that are held at zero; rigid and averaging elements, relations between displacements, point_masses,
+    springs; arms (a, 2): the last a nodes, which lie on faces of shells and sides of beams, and the node of these that each
+    follows as a rigid arm, whose id it bears too; axes: node index → (3, 3) axes, one in a column, that the components of
+    fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where it has none; node_sets and
+    element_sets name → ids of the file; faces: name → facets (k, 2) as element id and local number, of which the nodes are a
+    node set of that name; loads: name → forces of the file; ignored: card or the like that is not supported → count; effect:
+    "structure" for those that may add stiffness, mass or a tie, "none" for those that change none of them; unsupported: those
+    of them that are elements, ties or loads → file:line of the first; notes: sentences on how something was read; doubts: on
+    what the file says that is more likely a mistake; contacts: what became of surfaces that touch and may part, a sentence
+    each; lumped: whether the mass of solids is on the diagonal; read: card or the like that was taken → count; source: the
+    file; included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
     """
 
     node_ids: IntArray

@@ -36,8 +36,11 @@ from strainsight.records.placed import budget_of_shares
 
 @dataclass(frozen=True)
 class Estimation:
-    """The estimate from a record of a test: histories, channels and strains; judgement: whether the record is consistent with the
-    model; decision: whether σ is given, by all records; surface: its pictures in time, None where none are asked for."""
+    """The estimate from a record of a test.
+
+    estimated: histories, channels and strains; judgement: whether the record is consistent with the model; decision: whether σ
+    is given, by all records; surface: its pictures in time, None where none are asked for.
+    """
 
     estimated: Estimated
     judgement: Judgement
