@@ -182,13 +182,12 @@ def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
     for beam in mesh.beams:
         bent = beam.nodes.shape[1] > 2
         add(beam.nodes, 2, beam.ids, BENT if bent else LINE, ((0, 1),) if bent else (), False)
-    columns = [np.concatenate(own) for own in zip(*parts, strict=True)]
-    around = columns[0]
+    around, nodes, element, codes, bulge, centre, solid = (np.concatenate(own) for own in zip(*parts, strict=True))
     count = (around >= 0).sum(axis=1)
     x = mesh.position[np.where(around >= 0, around, around[np.arange(len(count)), count - 1, None])]
     mean = np.where((around >= 0)[..., None], x, 0.0).sum(axis=1) / count[:, None]
     radius = np.linalg.norm(x - mean[:, None], axis=2).max(axis=1, initial=0.0)
-    return Patches(*columns, position=mesh.position, x=x, mean=mean, radius=radius)
+    return Patches(around, nodes, element, codes, bulge, centre, solid, mesh.position, x, mean, radius)
 
 
 def area_vector(x: FloatArray) -> FloatArray:
