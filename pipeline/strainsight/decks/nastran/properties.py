@@ -24,7 +24,7 @@ from strainsight.decks.nastran.solids import SOLIDS, composite_solid
 from strainsight.decks.nastran.thin import PROPERTIES, Section, Thin
 from strainsight.mesh.anisotropic import CompositeSolid, Orientation
 from strainsight.mesh.model import CellBlock, Material, Properties, Region
-from strainsight.mesh.thin import BeamSection, ShellSection
+from strainsight.mesh.thin import BeamSection, GeneralShell, ShellSection
 
 
 def properties(
@@ -43,7 +43,7 @@ def properties(
     Raises DeckError for an id that stands twice, a property or material that is not there or of another kind, and fluids.
     """
     solids, layered = cards.of("PSOLID"), _layered(cards, blocks, ignored)
-    used = {(card.name, pid) for pid, card in thin.properties.items()}
+    used = {(own.card.name, pid) for pid, own in thin.properties.items()}
     of_thin = [card for card in cards.of(*PROPERTIES) if (card.name, card.integer(0, "the id")) in used]
     unique_ids([*solids, *layered.values(), *of_thin], "property")
     plies = {pid: plies_of(card, step=8, at=1) for pid, card in layered.items()}
@@ -61,12 +61,12 @@ def properties(
         composites[pid] = composite_solid(card, plies[pid], anisotropic, blocks, grids, notes)
         named += [(card, mid) for mid in dict.fromkeys(ply.material for ply in plies[pid]) if mid not in anisotropic]
     in_plies: list[tuple[Card, int]] = []
-    for pid, card in thin.properties.items():
-        regions[pid] = Region(pid, f"{card.name} {card.integer(0, 'the id')}", thin.materials[pid])
-        if thin.materials[pid]:
-            named.append((card, thin.materials[pid]))
-        elif pid not in thin.general:
-            in_plies += [(card, mid) for mid in dict.fromkeys(thin.named(pid))]
+    for pid, own in thin.properties.items():
+        regions[pid] = Region(pid, f"{own.card.name} {own.card.integer(0, 'the id')}", own.material)
+        if own.material:
+            named.append((own.card, own.material))
+        elif not isinstance(own.section, GeneralShell):
+            in_plies += [(own.card, mid) for mid in dict.fromkeys(own.mids)]
     for card, mid in in_plies:
         _check_single(mid, of_plies, isotropic)
         if mid not in of_plies and mid not in isotropic:
@@ -83,7 +83,8 @@ def properties(
     note_damping([of_solids[mid] for mid in anisotropic], notes)
     note_damping([of_plies[mid] for mid in laminae], notes)
     note_damping([isotropic[mid] for mid in materials], notes)
-    in_general = {mid for mids in thin.general.values() for mid in mids}
+    general = (own.mids for own in thin.properties.values() if isinstance(own.section, GeneralShell))
+    in_general = {mid for mids in general for mid in mids}
     taken: dict[str, Collection[int]] = dict.fromkeys(ANISOTROPIC, anisotropic)
     taken["MAT8"] = taken["MAT2"] = {*laminae, *in_general}
     taken["MAT1"] = {*(mid for _, mid in named), *in_general}
@@ -108,7 +109,7 @@ def properties(
         anisotropic=anisotropic,
         orientations=orientations,
         composites=composites,
-        sections={pid: _with_shear(own, shear.get(thin.materials[pid], 1.0)) for pid, own in thin.sections.items()},
+        sections={pid: _with_shear(own.section, shear.get(own.material, 1.0)) for pid, own in thin.properties.items()},
     )
 
 

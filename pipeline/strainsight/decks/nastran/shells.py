@@ -50,6 +50,18 @@ SAME = 1e-5
 """Relative difference of two thicknesses that the digits of a card explain."""
 
 
+@dataclass(frozen=True)
+class ThinProperty:
+    """Of shells, beams or rods: its card and section; material: 0 where plies, or membrane and bending, have theirs; mids: ids of
+    all materials that it refers to; middle: of a laminate from the plane of its elements."""
+
+    card: Card
+    section: Section
+    material: int
+    mids: tuple[int, ...]
+    middle: float = 0.0
+
+
 def shell_section(card: Card) -> tuple[int, ShellSection]:
     """MID1 of a PSHELL, and its section where that is the material of all; without MID2 it is a membrane, without MID3 it does
     not shear.
@@ -77,10 +89,9 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
 
 
 def read_shells(
-    elements: Elements, grids: Grids, sections: Mapping[int, Section], middles: Mapping[int, float], notes: list[str]
+    elements: Elements, grids: Grids, properties: Mapping[int, ThinProperty], notes: list[str]
 ) -> tuple[ShellBlock, ...]:
-    """One block a kind; middles: region → its middle from the plane of its
-    elements, where that is not zero.
+    """One block a kind; properties: of their regions.
 
     Raises DeckError for a missing or repeated node, one of the second order without all of its mid-side nodes, a shell of no
     area, folded or warped too much, one whose corners are of another thickness than its property, and a material axis along its
@@ -101,10 +112,10 @@ def read_shells(
         x = grids.position[nodes[:, : SHELLS[own[0].name].corners]]
         normal = _normals(own, x, notes)
         for card, number in zip(own, region.tolist(), strict=True):
-            _check_corners(card, sections[number])
+            _check_corners(card, properties[number].section)
         axis = np.array([_axis(*each, grids) for each in zip(own, x, normal, strict=True)])
         offset = np.array([card.real(SHELLS[card.name].offset, "the offset ZOFFS", 0.0) for card in own])
-        offset = offset + np.array([middles.get(number, 0.0) for number in region.tolist()])
+        offset = offset + np.array([properties[number].middle for number in region.tolist()])
         blocks.append(ShellBlock(kind, ids, nodes, region, offset, axis.reshape(-1, 3)))
     return tuple(blocks)
 
