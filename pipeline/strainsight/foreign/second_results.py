@@ -286,18 +286,10 @@ def _forms(mesh: Mesh, own: Parameter) -> list[sparse.csr_array]:
             for block in solid
             for here in [block.region == number]
         )
-        for ratio in POISSON:
-            found.append(
-                assemble_stiffness(
-                    Mesh(
-                        node_ids=mesh.node_ids,
-                        position=mesh.position,
-                        blocks=blocks,
-                        regions={number: Region(number, mesh.regions[number].name, 1)},
-                        materials={1: Material(1, 1.0, ratio, 0.0)},
-                    )
-                )
-            )
+        region = {number: Region(number, mesh.regions[number].name, 1)}
+        part = Mesh(mesh.node_ids, mesh.position, blocks, regions=region)
+        of_ratios = (replace(part, materials={1: Material(1, 1.0, ratio, 0.0)}) for ratio in POISSON)
+        found += [assemble_stiffness(own) for own in of_ratios]
     return found
 
 
