@@ -245,14 +245,6 @@ def node_indices(mesh: Mesh, name: str) -> IntArray:
     return found
 
 
-def node_index(mesh: Mesh, node_id: int) -> int:
-    """Index of the node with this id. Raises UserError where there is none."""
-    try:
-        return mesh.node_index(node_id)
-    except KeyError:
-        raise UserError(f"the mesh has no node {node_id}", remedy="node numbers are the ids of the mesh file") from None
-
-
 def _next_tie(mesh: Mesh) -> int:
     return max([0, *(e.id for e in mesh.rigid), *(e.id for e in mesh.averaging)]) + 1
 

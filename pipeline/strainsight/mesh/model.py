@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.columns import Column
-from strainsight.errors import DeckError
+from strainsight.errors import DeckError, UserError
 from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid, Orientation
 from strainsight.mesh.joins import AveragingElement, NodalForces, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.thin import (
@@ -313,10 +313,10 @@ class Mesh(Properties):
         return np.unique(node[(component < 3) | ~still[node]])
 
     def node_index(self, node_id: int) -> int:
-        """Index of the node with this id of the file; KeyError where there is none."""
+        """Index of the node with this id of the file. Raises UserError where there is none."""
         hits = np.flatnonzero(self.node_ids == node_id)
         if hits.size == 0:
-            raise KeyError(node_id)
+            raise UserError(f"the mesh has no node {node_id}", remedy="node numbers are the ids of the mesh file")
         return int(hits[0])
 
     def where(self, kind: str, number: int) -> str | None:
