@@ -202,8 +202,7 @@ def _without(assembly: Assembly, named: Collection[str], removed: Collection[int
 def _first(card: str, keywords: Sequence[Keyword], assembly: Assembly) -> str:
     """Where a keyword, or an element of a type, stands first."""
     if card.startswith(ELEMENT):
-        file, line = assembly.element_where[assembly.type.index(card.removeprefix(ELEMENT))]
-        return f"{file}:{line}"
+        return assembly.where(assembly.type.index(card.removeprefix(ELEMENT)))
     return next(keyword.where for keyword in keywords if card.startswith(keyword.title))
 
 
@@ -221,12 +220,11 @@ def _check_elements(assembly: Assembly, path: Path, required: bool) -> None:
 def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> None:
     """No element with a node twice, no two elements on the same nodes."""
     row_of = {int(number): row for row, number in enumerate(assembly.element_ids)}
-
-    def where(_: str, number: int) -> str:
-        file, line = assembly.element_where[row_of[number]]
-        return f"{file}:{line}"
-
-    check_elements(blocks, where, lambda block, i: f"{assembly.type[row_of[int(block.ids[i])]]} {block.ids[i]}")
+    check_elements(
+        blocks,
+        lambda _, number: assembly.where(row_of[number]),
+        lambda block, i: assembly.element(row_of[int(block.ids[i])]),
+    )
 
 
 def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:

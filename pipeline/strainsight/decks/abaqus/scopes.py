@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, read_part
 from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.faults import entity_error
 from strainsight.decks.text import is_whole, no_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.coordinates import rotation
@@ -158,13 +159,14 @@ class Assembly:
         """An element in the words of the deck: "S4R 12"."""
         return f"{self.type[row]} {self.element_ids[row]}"
 
+    def where(self, row: int) -> str:
+        """file:line of an element."""
+        return "{}:{}".format(*self.element_where[row])
+
     def element_error(self, row: int, what: str, remedy: str) -> DeckError:
         """A DeckError where an element stands."""
-        file, line = self.element_where[row]
         number = int(self.element_ids[row])
-        return DeckError(
-            f"{self.element(row)} {what}", where=f"{file}:{line}", remedy=remedy, entity=("element", number)
-        )
+        return entity_error("element", number, f"{self.element(row)} {what}", remedy, lambda *_: self.where(row))
 
     def name_of(self, rows: IntArray) -> Callable[[int], str]:
         """Number of an element among some → `element`."""

@@ -147,18 +147,6 @@ def origin(ids: IntArray, cards: Sequence[Card]) -> Origin:
     return Origin.at(ids, [(card.file, card.line) for card in cards])
 
 
-def together(first: Origin, second: Origin) -> Origin:
-    """Where the entities of both stand."""
-    if not second.ids.size:
-        return first
-    return Origin(
-        np.concatenate([first.ids, second.ids]),
-        np.concatenate([first.line, second.line]),
-        np.concatenate([first.file, second.file + len(first.files)]),
-        (*first.files, *second.files),
-    )
-
-
 def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
     """All cards of a deck and of what it includes.
 

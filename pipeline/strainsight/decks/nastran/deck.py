@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.faults import ENFORCED, HELD, MISSING_END, effects, notes_and_doubts, spelt, turning_nodes
-from strainsight.decks.nastran.cards import Cards, Deck, origin, read_deck, together, unique_ids
+from strainsight.decks.nastran.cards import Cards, Deck, origin, read_deck, unique_ids
 from strainsight.decks.nastran.case_control import count_parameters, lumped, mass_scale, sets
 from strainsight.decks.nastran.grids import BY_NODES, BY_POINTS, read_grids
 from strainsight.decks.nastran.loads import LOADS, PLATES, preloads, static_loads
@@ -118,9 +118,9 @@ def read_nastran(
     first = {name: found[0].where for name, found in cards.items()}
     grids, middles = with_middles(cards, read_grids(cards, notes, path), notes)
     nodes = grids.nodes
-    blocks, elements = read_solids(cards, nodes, grids.position, notes)
+    blocks, solids = read_solids(cards, nodes, grids.position, notes)
     scale = mass_scale(deck)
-    thin = read_thin(cards, grids, blocks, elements, required, notes)
+    thin = read_thin(cards, grids, blocks, solids, required, notes)
     if required and not (blocks or thin.shells or thin.beams):
         raise error_at(
             path,
@@ -128,7 +128,7 @@ def read_nastran(
             f"the model needs {FAMILIES} ({', '.join(SOLIDS)}), CQUAD4, CTRIA3, CBAR or CBEAM",
         )
     ignored += thin.left_out
-    elements = together(elements, thin.elements)
+    element_ids = np.concatenate([solids.ids, thin.elements.ids])
     region_properties = rescaled(properties(cards, blocks, grids, thin, ignored, notes, stated), mass=scale)
     ties = cards.of("RBE2", "RBE3", *RIGID_BARS)
     tie_ids = unique_ids(ties, "rigid element")
@@ -148,7 +148,7 @@ def read_nastran(
     rigid = (*rigid_elements(cards, nodes, {int(nodes.ids[row]) for row in turning}, notes), *bars.rigid)
     averaging = averaging_elements(cards, nodes, turning_nodes(rigid, ()) | turning)
     turning |= turning_nodes(rigid, averaging)
-    node_sets, element_sets = sets(deck, nodes.sorted, np.sort(elements.ids), left_out, ignored)
+    node_sets, element_sets = sets(deck, nodes.sorted, np.sort(element_ids), left_out, ignored)
     free = spelt(ENFORCED) in {spelt(name) for name in ignore}
     fixed = fixed_components(deck, nodes, grids.permanent, ignored, notes, spc, free)
     sprung = springs(cards, grids, notes)
@@ -203,7 +203,7 @@ def read_nastran(
         included=deck.included,
         origin={
             "node": origin(nodes.ids, [*cards["GRID"], *middles.cards]),
-            "element": elements,
+            "element": origin(element_ids, [*solids.cards, *thin.elements.cards]),
             "tie": origin(tie_ids, ties),
             "relation": relation_origin,
         },

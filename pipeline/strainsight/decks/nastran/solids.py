@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.decks.faults import check_elements, plural
-from strainsight.decks.nastran.cards import Card, Cards, origin, unique_ids
+from strainsight.decks.nastran.cards import Card, Cards, Elements, unique_ids
 from strainsight.decks.nastran.grids import Grids, NodeTable, resolved_system
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import STACKED, CompositeSolid, Layer, Orientation
@@ -16,7 +17,7 @@ from strainsight.mesh.coordinates import BASIC, rotation
 from strainsight.mesh.joins import STRAIGHT, Relation
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, in_order
-from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Origin
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray
 from strainsight.mesh.node_order import left_handed
 from strainsight.mesh.thin import Ply
 
@@ -30,8 +31,8 @@ OTHER_SOLIDS = ("CTETR", "CHEX", "CPENT", "CPYR", "CTRIAX", "CTRAX", "CQUADX")
 
 def read_solids(
     cards: Cards, nodes: NodeTable, position: FloatArray, notes: list[str]
-) -> tuple[tuple[CellBlock, ...], Origin]:
-    """One block a kind, elements in the order of the deck, and where they stand; position (n, 3) of the nodes.
+) -> tuple[tuple[CellBlock, ...], Elements]:
+    """One block a kind, elements in the order of the deck, and their cards; position (n, 3) of the nodes.
 
     An element that is left-handed at all its corners is turned round, as MSC Nastran does, with a note.
     Raises DeckError for other solids, an id that stands twice, a missing or repeated node, and two elements on the same nodes.
@@ -44,23 +45,25 @@ def read_solids(
             )
     elements = sorted(cards.of(*SOLIDS), key=lambda card: (card.file, card.line))
     ids = unique_ids(elements, "element")
-    gathered: dict[ElementKind, list[tuple[int, int, list[int]]]] = {}
+    regions = [card.integer(1, "the property id", number) for card, number in zip(elements, ids.tolist(), strict=True)]
+    region = np.array(regions, dtype=np.int64)
+    gathered: defaultdict[ElementKind, list[tuple[int, list[int]]]] = defaultdict(list)
     for i, card in enumerate(elements):
         kind, node_ids = _connectivity(card)
-        gathered.setdefault(kind, []).append((i, card.integer(1, "the property id", int(ids[i])), node_ids))
+        gathered[kind].append((i, node_ids))
     blocks = []
     turned: list[Card] = []
     for kind in ELEMENTS:
         if kind not in gathered:
             continue
-        rows, region, connectivity = zip(*gathered[kind], strict=True)
+        rows, connectivity = (list(part) for part in zip(*gathered[kind], strict=True))
         own = [elements[i] for i in rows]
         index = nodes.rows_of_cards(np.array(connectivity, dtype=np.int64), own)
         nodes_ = in_order(index, kind.nastran_order)
         left = left_handed(kind, nodes_, position)
         nodes_[left] = in_order(nodes_[left], kind.mirrored)
         turned += [own[i] for i in np.flatnonzero(left)]
-        blocks.append(CellBlock(kind.name, ids[list(rows)], nodes_, np.array(region, dtype=np.int64)))
+        blocks.append(CellBlock(kind.name, ids[rows], nodes_, region[rows]))
     if turned:
         names = ", ".join(f"{card.name} {card.text(0)}" for card in turned[:3]) + (", …" if turned[3:] else "")
         notes.append(
@@ -73,7 +76,7 @@ def read_solids(
         lambda _, number: by_id[number].where,
         lambda block, i: f"{by_id[int(block.ids[i])].name} {block.ids[i]}",
     )
-    return tuple(blocks), origin(ids, elements)
+    return tuple(blocks), Elements(elements, ids, region)
 
 
 def _connectivity(card: Card) -> tuple[ElementKind, list[int]]:

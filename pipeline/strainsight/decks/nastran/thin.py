@@ -23,7 +23,7 @@ from strainsight.decks.nastran.beams import (
     tube_section,
     with_defaults,
 )
-from strainsight.decks.nastran.cards import Card, Cards, Elements, origin, unique_ids
+from strainsight.decks.nastran.cards import Card, Cards, Elements, unique_ids
 from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.materials import COMPOSITES, laminate
 from strainsight.decks.nastran.shells import (
@@ -37,7 +37,7 @@ from strainsight.decks.nastran.shells import (
     shell_section,
 )
 from strainsight.errors import DeckError
-from strainsight.mesh.model import CellBlock, IntArray, Origin
+from strainsight.mesh.model import CellBlock, IntArray
 from strainsight.mesh.thin import BeamBlock, BeamSection, Laminate, Ply, Section, ShellBlock, ShellSection
 
 SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
@@ -69,13 +69,13 @@ _PROPERTY = re.compile(
 
 @dataclass(frozen=True)
 class Thin:
-    """Shells, beams and what they refer to: region → its property; where the elements stand; how many of each card are left
+    """Shells, beams and what they refer to: region → its property; their cards; how many of each card are left
     out."""
 
     shells: tuple[ShellBlock, ...]
     beams: tuple[BeamBlock, ...]
     properties: dict[int, ThinProperty]
-    elements: Origin
+    elements: Elements
     left_out: Counter[str]
 
     @property
@@ -94,7 +94,7 @@ class Thin:
 
 
 def read_thin(
-    cards: Cards, grids: Grids, blocks: Sequence[CellBlock], solids: Origin, required: bool, notes: list[str]
+    cards: Cards, grids: Grids, blocks: Sequence[CellBlock], solids: Elements, required: bool, notes: list[str]
 ) -> Thin:
     """Shells, beams and rods. Each CONROD of other values is a region.
 
@@ -131,8 +131,7 @@ def read_thin(
     blocks_of: tuple[ShellBlock | BeamBlock, ...] = (*shells, *beams)
     for block in blocks_of:
         note_shared(block.nodes, [called[number] for number in block.ids.tolist()].__getitem__, notes)
-    where = origin(elements.ids, elements.cards)
-    return Thin(shells, beams, properties, where, left_out)
+    return Thin(shells, beams, properties, elements, left_out)
 
 
 def _property(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str]) -> ThinProperty:
