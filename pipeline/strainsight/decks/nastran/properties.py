@@ -80,9 +80,8 @@ def properties(
         notes.append(f"MAT8 {some(rigid)}: without G1Z or G2Z it does not shear across")
     named += [(card, mid) for card, mid in in_plies if mid not in laminae]
     materials, shear = _materials(cards, isotropic, named, thin.only_beams - {*in_solids}, notes, stated)
-    note_damping([of_solids[mid] for mid in anisotropic], notes)
-    note_damping([of_plies[mid] for mid in laminae], notes)
-    note_damping([isotropic[mid] for mid in materials], notes)
+    pairs = ((of_solids, anisotropic), (of_plies, laminae), (isotropic, materials))
+    note_damping((known[mid] for known, mids in pairs for mid in mids), notes)
     general = (own.mids for own in thin.properties.values() if isinstance(own.section, GeneralShell))
     in_general = {mid for mids in general for mid in mids}
     taken: dict[str, Collection[int]] = dict.fromkeys(ANISOTROPIC, anisotropic)
