@@ -74,7 +74,7 @@ def measure(h: float, steps: int, free: tuple[str, ...], profile: bool) -> None:
         system, sensors, np.zeros(channels), "second_order", u, inputs, walks(increment, h), coordinates,
         white_force(system, 0.0), np.zeros(len(free)), np.full(channels, NOISE**2), rest=True,
     )  # fmt: skip
-    std_xi = coordinates.std(guess, 0.01 * guess[coordinates.free])
+    std_xi = np.sqrt(np.diag(coordinates.covariance(guess, 0.01 * guess[coordinates.free])))
     P = model.spread(start_covariance(system, start, u[0], guess, coordinates, inputs, increment, std_xi))
     x = model.pack(start, v, u[0, inputs], guess)
     exact = replace(model, corrected=True)

@@ -6,12 +6,12 @@ import numpy as np
 from scipy import linalg
 
 from strainsight.fem.beam_matrices import (
-    BeamProperties,
     beam_masses,
     beam_stiffnesses,
     curved_beam_masses,
     curved_beam_stiffnesses,
 )
+from strainsight.fem.beam_properties import BeamProperties
 
 
 def axes_of(ends, towards):

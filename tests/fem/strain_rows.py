@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.fem.beam_matrices import BeamProperties, _arms, _lengths
-from strainsight.fem.beam_properties import bending_axes, end_stiffness
+from strainsight.fem.beam_matrices import _arms, _lengths
+from strainsight.fem.beam_properties import BeamProperties, bending_axes, end_stiffness
 from strainsight.fem.shells.curved import TIES, curved_strains, rows_to_nodes, surface_of
 from strainsight.fem.shells.matrices import GAUSS, MOST_DRILLING, _integral, _with_held, quad_strains
 from strainsight.fem.shells.tria import plane_of, rows_to_basic, tria_strains

@@ -10,13 +10,12 @@ from scipy import integrate
 
 from strainsight.errors import DeckError
 from strainsight.fem.beam_matrices import (
-    BeamProperties,
     beam_masses,
     beam_stiffnesses,
-    properties_of,
     rod_masses,
     rod_stiffnesses,
 )
+from strainsight.fem.beam_properties import BeamProperties, properties_of
 from strainsight.mesh.thin import BeamSection
 
 from ..beams import Frame, axes_of, line, properties, rectangle

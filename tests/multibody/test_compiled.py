@@ -90,7 +90,7 @@ LINEAR = LinearLaw(np.diag([3.0, 4.0]) + 1.0, np.array([0.1, 0.2]), (np.eye(2),)
 
 
 @pytest.mark.parametrize("kind", ["spring", "torsion", "bushing", "linear", "bearing"])
-def test_a_compiled_law_is_its_python(kind):
+def test_a_compiled_law_steps_as_one_that_is_called_back(kind):
     wall, held = Frame("wall", None, np.array([0.3, 0.2, -0.1])), Frame("held", "stone", np.array([0.1, 0.0, 0.05]))
     theta, parameters = np.zeros(0), ()
     if kind == "bearing":

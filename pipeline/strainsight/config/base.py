@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from math import inf
 from typing import Annotated, Any, get_args
@@ -34,7 +34,7 @@ def marked(section: BaseModel, kind: Any, above: str = "") -> Iterator[Marked]:
     """Every text and number that a marker of this kind marks, in a section and below; above: dotted key of the section."""
     for name, field in type(section).model_fields.items():
         mark, below = mark_of(field, kind), f"{above}.{field.alias or name}".removeprefix(".")
-        for key, value in _leaves(below, getattr(section, name)):
+        for key, value in leaves(below, getattr(section, name)):
             if isinstance(value, BaseModel):
                 yield from marked(value, kind, key)
             elif mark is not None and isinstance(value, str | int | float) and not isinstance(value, bool):
@@ -47,13 +47,13 @@ def _parts(*annotations: Any) -> Iterator[Any]:
         yield from _parts(*get_args(item))
 
 
-def _leaves(key: str, value: Any, vectors: bool = False) -> Iterator[tuple[str, Any]]:
+def leaves(key: str, value: Any, vectors: bool = False) -> Iterator[tuple[str, Any]]:
     """The values that mappings and lists hold, with their keys; vectors: a list of numbers is one."""
     if not isinstance(value, dict | tuple) or (vectors and isinstance(value, tuple) and isinstance(value[0], float)):
         yield key, value
         return
     for place, item in value.items() if isinstance(value, dict) else enumerate(value):
-        yield from _leaves(f"{key}.{place}", item, vectors)
+        yield from leaves(f"{key}.{place}".removeprefix("."), item, vectors)
 
 
 @dataclass(frozen=True)
@@ -89,11 +89,18 @@ def undivided(key: str, duration: float, step: float, other: str = "") -> Iterat
         yield Problem(key, what, f"take {duration / round(steps):.9g} s{longer}")
 
 
-def known(key: str, name: str, names: Collection[str], what: str) -> Iterator[Problem]:
+def known(key: str, name: str, names: Collection[str], what: str, at_key: bool = False) -> Iterator[Problem]:
     """A problem unless the name is one of these."""
     if name not in names:
         listed = ", ".join(names) or "none"
-        yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known here: {listed}"))
+        yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known here: {listed}"), at_key)
+
+
+def named_twice(key: str, names: Sequence[str]) -> Iterator[Problem]:
+    """A problem for every entry of the list at a key that is there before."""
+    for i, name in enumerate(names):
+        if name in names[:i]:
+            yield Problem(f"{key}.{i}", f"'{name}' is named twice", "remove one of them")
 
 
 def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
@@ -175,7 +182,6 @@ COMPARED = Unbounded("a number of any stage")
 SIZE = Plausible(1e-6, 100.0, "m", share=1.0)
 GRID = Plausible(1e-4, 0.3, "m", share=1.0)
 MISPLACED = Plausible(1e-6, 0.1, "m", share=0.1)
-SNAP = Plausible(1e-9, 0.1, "m", share=1.0)
 ANGLE = Plausible(0.0, 360.0, "deg")
 MISALIGNED = Plausible(0.01, 20.0, "deg")
 TURN = Plausible(0.0, 6.2832, "rad")
@@ -192,14 +198,11 @@ VISCOUS = Plausible(1e-9, 1e12, "N s/m or N m s/rad")
 FORCE = Plausible(0.0, 1e9, "N")
 MOMENT = Plausible(0.0, 1e10, "N m")
 DRIVEN = Plausible(0.0, 1e10, "N, N m or the unit of the drive")
-DAMPING = Plausible(1e-5, 0.2)
-KAPPA = Plausible(1e-6, 1e4)
 STRAIN = Plausible(1e-9, 1e-2, "strain")
 STRAIN_RANGE = Plausible(1e-5, 0.5, "strain")
 NOISE = Plausible(1e-12, 1e3, "strain, m, m/s² or rad")
 GAIN = Plausible(1e-5, 0.2)
 RELATIVE_STD = Plausible(1e-6, 100.0)
-SCALE = Plausible(1e-6, 1e6)
 GAUGE_FACTOR = Plausible(1.0, 200.0)
 RESISTANCE = Plausible(50.0, 1e4, "Ω")
 PARAMETER = Plausible(1e-15, 2e12, "Pa, kg/m³, m or 1")
@@ -267,7 +270,7 @@ TimeStep = Annotated[Positive, Plausible(1e-7, 10.0, "s")]
 Duration = Annotated[Positive, DURATION]
 Frequency = Annotated[Positive, FREQUENCY]
 Amplitude = Annotated[Positive, Plausible(1e-6, 1e10, "in the unit of the load")]
-YoungsModulus = Annotated[Positive, Plausible(1e5, 2e12, "Pa")]
+YoungsModulus = Annotated[Positive, MODULUS]
 Stress = Annotated[Positive, Plausible(1e5, 1e10, "Pa")]
 Cycles = Annotated[Positive, Plausible(1.0, 1e12)]
 ParameterValue = Annotated[Positive, PARAMETER]
@@ -289,7 +292,7 @@ def section_problems(section: Section, above: str = "") -> Iterator[Problem]:
         yield replace(problem, key=f"{above}.{problem.key}".strip("."))
     for name, field in type(section).model_fields.items():
         directed = mark_of(field, Unbounded) is DIRECTION
-        for key, value in _leaves(f"{above}.{field.alias or name}".removeprefix("."), getattr(section, name), directed):
+        for key, value in leaves(f"{above}.{field.alias or name}".removeprefix("."), getattr(section, name), directed):
             if isinstance(value, Section):
                 yield from section_problems(value, key)
             elif directed and isinstance(value, tuple) and not any(value):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from strainsight.config.base import Problem, known, section_problems, undivided
+from strainsight.config.base import Problem, known, named_twice, section_problems, undivided
 from strainsight.config.checks_model import gauge_problems, model_problems
 from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
@@ -18,7 +18,7 @@ from strainsight.config.loads import (
     load_case_problems,
 )
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import at_most, did_you_mean
+from strainsight.errors import at_most
 
 FEWEST_STEPS = 10
 MOST_STEPS = 10_000_000  # a time step in the wrong unit, rather than a run that anyone waits for
@@ -110,18 +110,11 @@ def _highest(signal: LoadSignal) -> float | None:
 
 
 def _estimate(config: PlacementConfig) -> Iterator[Problem]:
-    known = [*config.parameters, *config.loads]
+    yield from named_twice("place.estimate", config.place.estimate)
     for i, name in enumerate(config.place.estimate):
         key = f"place.estimate.{i}"
-        if name not in known:
-            yield Problem(
-                key,
-                f"no parameter or load is named '{name}'",
-                did_you_mean(name, known, f"there are {', '.join(known)}"),
-            )
-        elif name in config.place.estimate[:i]:
-            yield Problem(key, f"'{name}' is named twice", "remove one of them")
-        elif name in config.loads and config.loads[name].known:
+        yield from known(key, name, [*config.parameters, *config.loads], "parameter or load")
+        if name in config.loads and config.loads[name].known:
             yield Problem(key, f"load '{name}' is known", f"set loads.{name}.known: false, or do not estimate it")
     for name, load in config.loads.items():
         if not load.known and name not in config.place.estimate:
@@ -200,18 +193,10 @@ def _drifting(config: PlacementConfig) -> Iterator[Problem]:
 
 
 def _validation(config: PlacementConfig) -> Iterator[Problem]:
-    parameters, known = list(config.parameters), [*config.parameters, *config.loads]
+    parameters, unknowns = config.parameters, [*config.parameters, *config.loads]
     for name, value in config.validation.truth.parameters.items():
-        if name not in parameters:
-            otherwise = f"there are {', '.join(parameters)}" if parameters else "the config has no parameters"
-            yield Problem(
-                f"validate.truth.parameters.{name}",
-                f"no parameter is named '{name}'",
-                did_you_mean(name, parameters, otherwise),
-                True,
-            )
-            continue
-        low, high = config.parameters[name].range
+        yield from known(f"validate.truth.parameters.{name}", name, parameters, "parameter", at_key=True)
+        low, high = parameters[name].range if name in parameters else (value, value)
         if low <= high and not low <= value <= high:
             yield Problem(
                 f"validate.truth.parameters.{name}",
@@ -225,15 +210,9 @@ def _validation(config: PlacementConfig) -> Iterator[Problem]:
                 f"{std:g} times the guess, which the parameter's range is far within",
                 f"take at most {LARGEST_START:g}; 0.1 is ten per cent",
             )
-        if name not in known:
-            yield Problem(
-                f"validate.initial_std.{name}",
-                f"no parameter or load is named '{name}'",
-                did_you_mean(name, known, f"there are {', '.join(known)}"),
-                True,
-            )
+        yield from known(f"validate.initial_std.{name}", name, unknowns, "parameter or load", at_key=True)
     for name in config.place.estimate:
-        if name in known and name not in config.validation.initial_std:
+        if name in unknowns and name not in config.validation.initial_std:
             yield Problem(
                 "validate.initial_std",
                 f"no initial standard deviation for '{name}'",

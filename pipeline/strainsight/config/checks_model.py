@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 
-from strainsight.config.base import Problem
-from strainsight.config.gauges import AbsoluteNoise, BondedBridge, Gauges, type_problems
+from strainsight.config.base import Problem, known
+from strainsight.config.gauges import AbsoluteNoise, BondedBridge, type_problems
 from strainsight.config.mesh import ResultsSection
 from strainsight.config.placement import GuessFrom, PlacementConfig, RayleighDamping
 from strainsight.config.tolerances import tolerances_of
-from strainsight.errors import did_you_mean
 
 DAMPING = "damping_factor"
 
@@ -37,15 +36,12 @@ def matrix_problems(config: PlacementConfig) -> Iterator[Problem]:
                 continue
             named.add(term.parameter)
             wanted = {"stiffness": ("youngs_modulus", "stiffness_factor"), "mass": ("density",)}[kind]
-            if term.parameter not in config.parameters:
-                remedy = did_you_mean(
-                    term.parameter, config.parameters, f"parameters: {', '.join(config.parameters) or 'none'}"
-                )
-                yield Problem(f"{key}.parameter", f"'{term.parameter}' is no parameter", remedy)
-            elif config.parameters[term.parameter].property not in wanted:
+            yield from known(f"{key}.parameter", term.parameter, config.parameters, "parameter")
+            parameter = config.parameters.get(term.parameter)
+            if parameter is not None and parameter.property not in wanted:
                 yield Problem(
                     f"{key}.parameter",
-                    f"'{term.parameter}' is a {config.parameters[term.parameter].property}",
+                    f"'{term.parameter}' is a {parameter.property}",
                     f"the {kind} depends on a {' or '.join(wanted)}",
                 )
     for name in config.parameters:
@@ -78,15 +74,11 @@ def result_problems(config: PlacementConfig) -> Iterator[Problem]:
             yield Problem(f"mesh.supports.{i}.stiffness", what, "make the results with the spring", at_key=True)
     for name, entry in results.loads.items():
         key = f"mesh.results.loads.{name}"
-        if name not in config.loads:
-            remedy = did_you_mean(name, config.loads, f"loads: {', '.join(config.loads)}")
-            yield Problem(key, f"'{name}' is no load", remedy, at_key=True)
+        yield from known(key, name, config.loads, "load", at_key=True)
         if entry.applied == 0:
             yield Problem(f"{key}.applied", "a load of nothing", "give its size in that step, in the unit of the load")
     for name in results.at:
-        if name not in config.parameters:
-            remedy = did_you_mean(name, config.parameters, f"parameters: {', '.join(config.parameters) or 'none'}")
-            yield Problem(f"mesh.results.at.{name}", f"'{name}' is no parameter", remedy, at_key=True)
+        yield from known(f"mesh.results.at.{name}", name, config.parameters, "parameter", at_key=True)
     yield from _second_results(config, results)
     for kind, properties in (("stiffness", ("youngs_modulus", "stiffness_factor")), ("mass", ("density",))):
         own_names = [name for name, entry in config.parameters.items() if entry.property in properties]
@@ -109,9 +101,7 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
         return
     parameter = config.parameters.get(second.parameter)
     if parameter is None:
-        known = f"parameters: {', '.join(config.parameters) or 'none'}"
-        remedy = did_you_mean(second.parameter, config.parameters, known)
-        yield Problem(f"{key}.parameter", f"'{second.parameter}' is no parameter", remedy)
+        yield from known(f"{key}.parameter", second.parameter, config.parameters, "parameter")
     elif parameter.property not in ("youngs_modulus", "stiffness_factor", "density") or parameter.region is None:
         what = (
             f"'{second.parameter}' is {'a ' + parameter.property if parameter.region is not None else 'of all regions'}"
@@ -129,9 +119,7 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
                 )
         return
     for name, load in second.loads.items():
-        if name not in config.loads:
-            remedy = did_you_mean(name, config.loads, f"loads: {', '.join(config.loads)}")
-            yield Problem(f"{key}.loads.{name}", f"'{name}' is no load", remedy, at_key=True)
+        yield from known(f"{key}.loads.{name}", name, config.loads, "load", at_key=True)
         if load.applied == 0:
             yield Problem(f"{key}.loads.{name}.applied", "a load of nothing", "give its size in that step")
 
@@ -261,7 +249,11 @@ def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
             f"{value:g} m/m are {100 * value:g} % of strain",
             f"give it in m/m: {value:g} um/m are {1e-6 * value:.1e}",
         )
-    yield from _rosette(gauges)
+    grids = 0 if gauges.direction is None or not gauges.rosette else len(gauges.direction.angles)
+    if grids == 1:
+        yield Problem("gauges.rosette", "a rosette of one grid", "give gauges.direction.angles, such as [0, 45, 90]")
+    if grids > LARGEST_ROSETTE:
+        yield Problem("gauges.direction.angles", f"a rosette of {grids} grids", "give at most three")
     if gauges.direction is not None:
         yield from type_problems(gauges, len(gauges.direction.angles) if gauges.rosette else 1)
     for name, sensors in config.motion_sensors.items():
@@ -311,14 +303,6 @@ def _given(config: PlacementConfig) -> Iterator[Problem]:
                 "gauges.bridge": "the row of a given bridge is the sum of its arms already",
             }.get(key, "it needs a surface to lie on")
             yield Problem(key, f"{what}, and gauges.given is there", "remove the key", at_key=True)
-
-
-def _rosette(gauges: Gauges) -> Iterator[Problem]:
-    grids = 0 if gauges.direction is None or not gauges.rosette else len(gauges.direction.angles)
-    if grids == 1:
-        yield Problem("gauges.rosette", "a rosette of one grid", "give gauges.direction.angles, such as [0, 45, 90]")
-    if grids > LARGEST_ROSETTE:
-        yield Problem("gauges.direction.angles", f"a rosette of {grids} grids", "give at most three")
 
 
 def _bridges(config: PlacementConfig) -> Iterator[Problem]:

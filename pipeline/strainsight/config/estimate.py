@@ -13,7 +13,6 @@ from strainsight.config.base import (
     NOISE,
     READING,
     RELATIVE_STD,
-    SCALE,
     Count,
     Cycles,
     Id,
@@ -91,12 +90,8 @@ class DamageSettings(Section):
     def problems(self) -> Iterator[Problem]:
         curve, mean = self.curve, self.mean_stress
         if curve.second_slope is not None and curve.knee is None:
-            yield Problem(
-                "curve.second_slope",
-                "there is no knee",
-                "state estimate.damage.curve.knee, or leave it out",
-                at_key=True,
-            )
+            remedy = "state estimate.damage.curve.knee, or leave it out"
+            yield Problem("curve.second_slope", "there is no knee", remedy, at_key=True)
         if curve.cut_off is not None and curve.knee is not None and curve.cut_off <= curve.knee:
             what = f"{curve.cut_off:g} cycles are not beyond the knee, {curve.knee:g}"
             yield Problem("curve.cut_off", what, "state more, or leave it out")
@@ -165,7 +160,7 @@ class Channel(Section):
     )
     bridge: BridgeSection | None = Field(None, description="For mV/V and V/V, and only there.")
     sign: Literal[1, -1] = expert(1, description="-1: wired the other way round.")
-    scale: Annotated[Positive, SCALE] = expert(1.0, description="Factor on the calibrated signal [-].")
+    scale: Annotated[Positive, Plausible(1e-6, 1e6)] = expert(1.0, description="Factor on the calibrated signal [-].")
     offset: Annotated[float, READING] = expert(0.0, description="Subtracted from the readings [unit].")
     drift: Annotated[float, READING] = expert(
         0.0, description="Subtracted from the readings, times the time since the start [unit/s]."

@@ -14,7 +14,6 @@ from strainsight.config.base import (
     NOISE,
     PRICE,
     RESISTANCE,
-    SNAP,
     STRAIN_RANGE,
     DirectionVector,
     Name,
@@ -90,17 +89,8 @@ CATALOGUE: Mapping[str, GaugeType] = {
     "1.5/120": _uw("062UW", *_SMALL, 120.0),
     "3/120": _uw("125UW", *_USUAL, 120.0),
     "6/120": _uw("250UW", *_LONG, 120.0),
-    "10/120": GaugeType(
-        grid_length=0.010,
-        grid_width=0.003,
-        carrier_length=0.016,
-        carrier_width=0.0052,
-        resistance=120.0,
-        gauge_factor=2.1,
-        gauge_factor_tolerance=0.01,
-        range=0.05,
-        bend_radius=0.002,
-        source="as Kyowa KFGS-10-120-C1",
+    "10/120": _uw("", (10.0, 3.0), (16.0, 5.2), 120.0).model_copy(
+        update={"carrier_width": 0.0052, "gauge_factor_tolerance": 0.01, "source": "as Kyowa KFGS-10-120-C1"}
     ),
     "3/350-rosette": _uw("125UR", (3.18, 1.52), (10.7, 15.7), 350.0).model_copy(update={"grids": 3}),
 }
@@ -339,7 +329,7 @@ class Priced(Section):
 class Snapped(Section):
     """What is moved to the surface of the mesh."""
 
-    snap_tolerance: Annotated[Positive, SNAP] = expert(
+    snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=1.0)] = expert(
         0.005, description="How far a bonded gauge may be from the surface of the mesh before it is refused [m]."
     )
 

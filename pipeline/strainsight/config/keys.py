@@ -151,7 +151,10 @@ BOUNDS = {
 def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
     """Every problem of a ValidationError, in the terms of the config file; one for each key."""
     located = [
-        (path_in(model, data, entry["loc"]), entry) for entry in error.errors(include_url=False) if not _emptied(entry)
+        (path_in(model, data, entry["loc"]), entry)
+        for entry in error.errors(include_url=False)
+        # a list that only counts as too short because its entries were refused, each with a problem of its own
+        if entry["type"] != "too_short" or len(entry["input"]) < entry["ctx"]["min_length"]
     ]
     # The members of a union complain one after the other about the same value.
     problems = [
@@ -165,11 +168,6 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
         if problem.what == UNKNOWN
     }
     return [problem for problem in problems if problem.what != MISSING or problem.key not in misspelt]
-
-
-def _emptied(entry: Any) -> bool:
-    """Whether a list only counts as too short because its entries were refused, each with a problem of its own."""
-    return entry["type"] == "too_short" and len(entry["input"]) >= entry["ctx"]["min_length"]
 
 
 def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], data: Any) -> Problem:
@@ -193,16 +191,12 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
         case "string_pattern_mismatch" if first["loc"][-1] == "[key]" or path[-1] in ("name", "suffix"):
             return Problem(key, f"{_shown(first['input'])} is not a name", "letters, digits, - and _ only", True)
         case "union_tag_not_found":
-            known = _choices(first["ctx"].get("expected_tags", ""), model, path, data)
+            known = _tags(first["ctx"]) or [tag for own in sections_at(model, path, data) for tag in types_of(own)]
             return Problem(key, "missing key 'type'", f"give type: {' or '.join(known)}" if known else "")
         case "union_tag_invalid":
-            known = [tag.strip().strip("'") for tag in first["ctx"]["expected_tags"].split(", ")]
-            tag = first["ctx"]["tag"]
-            return Problem(
-                f"{key}.type",
-                f"'{tag}' is not one of {', '.join(known)}",
-                did_you_mean(str(tag), known, "choose one of them"),
-            )
+            known, tag = _tags(first["ctx"]), first["ctx"]["tag"]
+            what = f"'{tag}' is not one of {', '.join(known)}"
+            return Problem(f"{key}.type", what, did_you_mean(str(tag), known, "choose one of them"))
         case "one_key":
             value, known = first["input"], keys_at(model, path, data)
             alone = isinstance(value, dict) and len(value) == 1 and not {*value} <= {*known}
@@ -261,10 +255,9 @@ def _number(value: float) -> str:
     return f"{text}.0" if text.lstrip("-").isdigit() else text
 
 
-def _choices(tags: str, model: type[BaseModel], path: tuple[str, ...], data: Any) -> list[str]:
-    if tags:
-        return [tag.strip().strip("'") for tag in tags.split(", ")]
-    return [tag for section in sections_at(model, path, data) for tag in types_of(section)]
+def _tags(context: Mapping[str, Any]) -> list[str]:
+    """The members of a union that pydantic lists."""
+    return [tag.strip(" '") for tag in context.get("expected_tags", "").split(", ") if tag]
 
 
 def _description(model: type[BaseModel], path: tuple[str, ...], data: Any) -> str:
@@ -359,13 +352,7 @@ def meant_for_runs(problem: Problem, overrides: Sequence[Override]) -> Problem:
     if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields | BenchConfig.model_fields:
         return problem
     made = [o for o in overrides if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
-    written = (
-        f"set.{made[-1].key}={_written(made[-1].value)}"
-        if made
-        else f"the keys below it as set: {{{problem.key}.KEY: …}}"
-    )
-    return replace(problem, remedy=f"write {written}")
-
-
-def _written(value: Any) -> str:
-    return value if isinstance(value, str) else json.dumps(value)
+    if not made:
+        return replace(problem, remedy=f"write the keys below it as set: {{{problem.key}.KEY: …}}")
+    value = made[-1].value
+    return replace(problem, remedy=f"write set.{made[-1].key}={value if isinstance(value, str) else json.dumps(value)}")

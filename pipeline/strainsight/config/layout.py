@@ -24,8 +24,9 @@ from strainsight.config.base import (
     Text,
     box_problem,
     expert,
+    known,
+    named_twice,
 )
-from strainsight.errors import did_you_mean
 
 NAMED = "name"
 """Tag of a member of a union that is a plain text."""
@@ -196,11 +197,8 @@ def layout_problems(
     """Contradictions between the limits, the criterion and the search; unknowns: those that the key `among` names; bonded:
     how many gauges are there already by the config's `key`."""
     for i, name in enumerate(place.metric_over):
-        if name not in unknowns:
-            remedy = did_you_mean(name, unknowns, f"{among} has {', '.join(unknowns)}")
-            yield Problem(f"place.metric_over.{i}", f"'{name}' is not estimated", remedy)
-        elif name in place.metric_over[:i]:
-            yield Problem(f"place.metric_over.{i}", f"'{name}' is named twice", "remove one of them")
+        yield from known(f"place.metric_over.{i}", name, unknowns, f"unknown of {among}")
+    yield from named_twice("place.metric_over", place.metric_over)
     if place.keep < bonded:
         what = f"{place.keep} gauges, and {bonded} are bonded already ({key})"
         yield Problem("place.keep", what, f"keep at least {bonded}")

@@ -19,7 +19,7 @@ from strainsight.config.gauges import filled
 from strainsight.config.keys import Override, explained, meant_for_runs, parsed, problems_of, put
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.suite import SuiteConfig, suite_problems
-from strainsight.config.yaml_text import LARGEST, Document, Mark, YamlProblem, parse
+from strainsight.config.yaml_text import LARGEST, Document, YamlProblem, parse
 from strainsight.errors import ConfigError, did_you_mean
 
 Config = PlacementConfig | BenchConfig | BearingConfig | SuiteConfig
@@ -127,10 +127,7 @@ def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
     try:
         document = parse(text)
     except YamlProblem as problem:
-        where = f"{path}:{problem.line}:{problem.column}"
-        raise ConfigError(
-            problem.what, where=where, key=shown_key(problem.key) or None, remedy=problem.remedy or None
-        ) from None
+        raise _error_at(f"{path}:{problem.line}:{problem.column}", problem) from None
     if not isinstance(document.data, dict):
         raise ConfigError(
             "not a mapping of keys to values", where=f"{path}:1:1", remedy="strainsight init DECK writes one"
@@ -142,12 +139,10 @@ def _places(path: Path, document: Document) -> tuple[dict[str, str], dict[str, s
     def place(spot: tuple[int, int]) -> str:
         return f"{path}:{spot[0]}:{spot[1]}"
 
-    def value_spot(mark: Mark) -> tuple[int, int]:
-        # A block below its key starts on a line of its own: there the key is what the eye looks for.
-        return mark.value if mark.value[0] == mark.key[0] else mark.key
-
-    values = {key: place(value_spot(mark)) for key, mark in document.marks.items()}
-    return values, {key: place(mark.key) for key, mark in document.marks.items()}
+    marks = document.marks.items()
+    # A block below its key starts on a line of its own: there the key is what the eye looks for.
+    values = {key: place(mark.value if mark.value[0] == mark.key[0] else mark.key) for key, mark in marks}
+    return values, {key: place(mark.key) for key, mark in marks}
 
 
 def _locate(places: Mapping[str, str], key: str) -> str:
@@ -158,11 +153,12 @@ def _locate(places: Mapping[str, str], key: str) -> str:
     return places[""]
 
 
+def _error_at(where: str, problem: Problem | YamlProblem) -> ConfigError:
+    return ConfigError(problem.what, where=where, key=shown_key(problem.key) or None, remedy=problem.remedy or None)
+
+
 def _error(wrong: Sequence[tuple[str, Problem]]) -> ConfigError:
     """The first problem, with the others behind it."""
-    errors = [
-        ConfigError(problem.what, where=where, key=shown_key(problem.key) or None, remedy=problem.remedy or None)
-        for where, problem in wrong
-    ]
+    errors = [_error_at(where, problem) for where, problem in wrong]
     errors[0].others = tuple(errors[1:])
     return errors[0]

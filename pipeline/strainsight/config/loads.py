@@ -10,7 +10,6 @@ from pydantic import Discriminator, Field, Tag
 from strainsight.config.base import (
     DURATION,
     FREQUENCY,
-    KAPPA,
     TURN,
     Amplitude,
     Count,
@@ -120,7 +119,7 @@ class InputNoise(TypicalMotion):
         description="random_walk: any load, and noisy (the thesis); integrated_random_walk: a smooth one; matern: one with a "
         "bandwidth; oscillator: one about a known frequency.",
     )
-    kappa: Annotated[Positive | None, KAPPA] = expert(
+    kappa: Annotated[Positive | None, Plausible(1e-6, 1e4)] = expert(
         None,
         description="Factor κ of the intensity κω of both walks [-]; null: 1/(2π), by which the load, or its rate, moves by an "
         "amplitude in a period.",
@@ -195,9 +194,8 @@ class LoadSection(Section):
         else:
             yield from exactly_one("", places)
             yield from self._in_one_place()
-        if not self.known and isinstance(self.signal, RecordedSection) and self.process_noise.frequency is None:
-            what = "an unknown load from a recorded signal needs a typical frequency"
-            yield Problem("process_noise", what, "give process_noise.frequency of the load [Hz]", at_key=True)
+        if not self.known:
+            yield from _untypical("process_noise.frequency", self.signal, self.process_noise.frequency)
 
     def _on_all_mass(self, places: Iterable[str]) -> Iterator[Problem]:
         """Gravity or a rotation, which acts everywhere."""
@@ -288,8 +286,9 @@ def load_case_problems(
         key, silent = f"place.load_cases.{name}", silent_in(case)
         for load, entry in case.loads.items():
             yield from known(f"{key}.loads.{load}", load, loads, "load")
-            if load in loads and isinstance(entry, CaseLoad):
-                yield from _entry(f"{key}.loads.{load}", entry, loads[load])
+            if load in loads and isinstance(entry, CaseLoad) and not loads[load].known:
+                frequency = entry.frequency or loads[load].process_noise.frequency
+                yield from _untypical(f"{key}.loads.{load}.frequency", entry.signal, frequency)
         if silent >= set(loads):
             yield Problem(f"{key}.loads", "no load acts in this case", "let one act, or remove the case")
         elif silent >= set(over):
@@ -308,12 +307,8 @@ def load_case_problems(
             )
 
 
-def _entry(key: str, entry: CaseLoad, load: LoadSection) -> Iterator[Problem]:
-    stated = entry.frequency if entry.frequency is not None else load.process_noise.frequency
-    if not load.known and isinstance(entry.signal, RecordedSection) and stated is None:
-        yield Problem(
-            f"{key}.frequency",
-            "an unknown load from a recorded signal needs a typical frequency",
-            f"give {key}.frequency [Hz]",
-            at_key=True,
-        )
+def _untypical(key: str, signal: LoadSignal, frequency: float | None) -> Iterator[Problem]:
+    """A problem where nothing says how fast an unknown load typically is."""
+    if isinstance(signal, RecordedSection) and frequency is None:
+        what = "an unknown load from a recorded signal needs a typical frequency"
+        yield Problem(key, what, f"give {key} [Hz]", at_key=True)

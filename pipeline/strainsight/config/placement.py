@@ -8,7 +8,6 @@ from typing import Annotated, Literal
 from pydantic import Discriminator, Field, Tag
 
 from strainsight.config.base import (
-    DAMPING,
     DURATION,
     GAUGE_FACTOR,
     PROPERTY,
@@ -128,7 +127,7 @@ class ModalDamping(Section):
     """The same damping ratio in every mode."""
 
     type: Literal["modal"] = Field(description="Kind of damping.")
-    ratio: Annotated[float, DAMPING] = Field(ge=0, lt=1, description="Damping ratio [-].")
+    ratio: Annotated[float, Plausible(1e-5, 0.2)] = Field(ge=0, lt=1, description="Damping ratio [-].")
 
 
 class RayleighDamping(Section):

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, TypeVar
 
+from strainsight.config.base import leaves, shown_key
 from strainsight.config.keys import MISSING, Override, place_in
 from strainsight.config.load import LoadedConfig, kind_of, load_config
 from strainsight.config.suite import StudySection, SuiteConfig, SuiteRun, as_texts, measures_of
@@ -128,17 +128,8 @@ def _explain_replaced(problem: StrainsightError, overrides: Sequence[Override]) 
             and isinstance(override.value, dict)
             and str(problem.key).startswith(f"{override.key}.")
         ):
-            keys = ", ".join(f"{key}: {json.dumps(value)}" for key, value in _leaves(override.key, override.value))
+            keys = ", ".join(f"{key}: {json.dumps(value)}" for key, value in leaves(override.key, override.value))
             problem.remedy = f"`set` replaced all of {override.key}: write {keys or 'its keys one by one'}"
-
-
-def _leaves(key: str, value: Any) -> Iterator[tuple[str, Any]]:
-    """Dotted key → value of everything in a mapping."""
-    if not isinstance(value, dict):
-        yield key, value
-        return
-    for name, below in value.items():
-        yield from _leaves(f"{key}.{name}" if key else name, below)
 
 
 def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequence[str]) -> PlannedRun:
@@ -153,7 +144,7 @@ def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequ
 
 def _taken(run: PlannedRun, names: Sequence[str], suffix: str) -> Iterator[Override]:
     """What comes from runs of the suite, under the names that these have here."""
-    for key, source in _leaves("", run.config.data):
+    for key, source in leaves("", run.config.data):
         if not key.endswith(".from") or not isinstance(source, str):
             continue
         where = run.config.locate(key)
@@ -207,4 +198,4 @@ def _refused(
 
 def wrong(suite: LoadedConfig, key: str, what: str, remedy: str) -> ConfigError:
     """An error at a dotted key of the suite."""
-    return ConfigError(what, key=re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", key), where=suite.locate(key), remedy=remedy)
+    return ConfigError(what, key=shown_key(key), where=suite.locate(key), remedy=remedy)

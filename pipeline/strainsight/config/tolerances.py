@@ -133,25 +133,7 @@ StatedTolerances = Annotated[
     Discriminator(lambda value: "tolerances" if isinstance(value, dict | Tolerances) else "none"),
 ]
 
-NONE = Tolerances(
-    position=0,
-    angle=0,
-    gain=0,
-    transverse=0,
-    offset=0,
-    drift=0,
-    temperature=0,
-    thermal_output=0,
-    thermal_spread=0,
-    load_angle=0,
-    load_position=0,
-    load_gain=0,
-    damping=1,
-    frequency=0,
-    model=0,
-    discrepancy=0,
-    treat="consider",
-)
+NONE = Tolerances.model_validate(dict.fromkeys(Tolerances.model_fields, 0) | {"damping": 1, "treat": "consider"})
 """Everything exact."""
 
 

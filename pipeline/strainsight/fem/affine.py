@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final, Literal
+from typing import Any, Final
 
 import numpy as np
 from scipy import sparse
@@ -13,27 +13,15 @@ from scipy import sparse
 
 @dataclass(frozen=True)
 class Parameter:
-    """A property of some regions that stays free: name, what it is, where, and its reference value [SI]. A stiffness_factor [-]
+    """A property of some regions that stays free: name, what it is, where, and its reference value [SI]: youngs_modulus, density,
+    stiffness_factor, e1, e2, g12, g1z, g2z, area_factor, bending_factor, torsion_factor or thickness. A stiffness_factor [-]
     multiplies their stiffness as it is, whatever their materials and sections, or that of the springs of these names; e1 to g2z
     are moduli of plies, material the id or name of theirs; factors of a section are those of beams, thickness is that of
     shells. range: from which value to which it is to be free; those that the stiffness is not proportional to stay at their
     references without one."""
 
     name: str
-    property: Literal[
-        "youngs_modulus",
-        "density",
-        "stiffness_factor",
-        "e1",
-        "e2",
-        "g12",
-        "g1z",
-        "g2z",
-        "area_factor",
-        "bending_factor",
-        "torsion_factor",
-        "thickness",
-    ]
+    property: str
     regions: tuple[int, ...]
     reference: float
     springs: tuple[str, ...] = ()
@@ -260,6 +248,17 @@ def on_one(matrices: Sequence[sparse.csr_array]) -> list[sparse.csr_array]:
 
     whole.data[:] = 1.0
     return [widened(matrix) for matrix in matrices]
+
+
+def from_entries(parts: Iterable[tuple[np.ndarray, Any, Any]], shape: tuple[int, int]) -> sparse.csr_array:
+    """Sum of entries: values, with their rows and columns, which broadcast to the shape of the values; zeros are left out."""
+    entries = [(np.zeros(0), *np.zeros((2, 0), dtype=np.int64))]
+    for value, *places in parts:
+        kept = value != 0
+        row, column = (np.broadcast_to(place, value.shape)[kept] for place in places)
+        entries.append((value[kept], row, column))
+    value, row, column = (np.concatenate(part) for part in zip(*entries, strict=True))
+    return sparse.csr_array((value, (row, column)), shape=shape)
 
 
 def added(X: Any, Y: Any) -> Any:

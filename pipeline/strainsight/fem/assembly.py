@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 from scipy import sparse
@@ -57,20 +58,18 @@ def assemble(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[AffineOp
     check_mesh(mesh)
     pairs = sum(len(block.ids) * block.nodes.shape[1] * (block.nodes.shape[1] + 1) // 2 for block in mesh.blocks)
     require_memory(PAIR_BYTES * pairs, f"the stiffness of {len(mesh.position)} nodes, at the very least")
-    shared: dict[frozenset[int], Pattern] = {}
 
-    def pattern(regions: Mapping[int, float]) -> Pattern:
+    @cache
+    def pattern(regions: frozenset[int]) -> Pattern:
         """Stiffness and mass of the same regions share their node pairs."""
-        key = frozenset(regions)
-        if key not in shared:
-            shared[key] = _pattern(mesh, regions)
-        return shared[key]
+        return _pattern(mesh, regions)
 
     def of(kind: str, sums: Callable[[Mesh, Mapping[int, float], Pattern], sparse.csr_array]) -> AffineOperator:
-        empty = sparse.csr_array((3 * len(mesh.position),) * 2)
-        found = region_operator(
-            mesh, parameters, kind, mesh.blocks, lambda own, some: sums(own, some, pattern(some)) if some else empty
-        )
+        def summed(own: Mesh, some: Mapping[int, float]) -> sparse.csr_array:
+            empty = sparse.csr_array((3 * len(mesh.position),) * 2)
+            return sums(own, some, pattern(frozenset(some))) if some else empty
+
+        found = region_operator(mesh, parameters, kind, mesh.blocks, summed)
         # what depends on a modulus in another way does so on its own in shells, whose terms bear the same labels
         label = {term: f"solids: {term}" if term in found.coefficients else term for term in found.terms}
         return AffineOperator(
@@ -89,13 +88,13 @@ def assemble_stiffness(mesh: Mesh) -> sparse.csr_array:
     return _stiffness(mesh, regions, _pattern(mesh, regions))
 
 
-def chunks(mesh: Mesh, regions: Mapping[int, float], size: int | None = CHUNK) -> Iterator[CellBlock]:
+def chunks(mesh: Mesh, regions: Collection[int], size: int | None = CHUNK) -> Iterator[CellBlock]:
     """The elements in these regions, a few at a time."""
     for block in mesh.blocks:
         yield from cut(block, regions, size)
 
 
-def _pattern(mesh: Mesh, regions: Mapping[int, float]) -> Pattern:
+def _pattern(mesh: Mesh, regions: Collection[int]) -> Pattern:
     """Node pairs of every element in these regions, each unordered pair once (a ≤ b locally)."""
     nodes = len(mesh.position)
     keys, flips = [], []
@@ -121,8 +120,10 @@ def _stiffness(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sp
             K[~own] = _isotropic(mesh, some_of(part, ~own), position[~own])
         return K
 
-    blocks = _accumulate(mesh, regions, pattern, kernel, 9).reshape(-1, 3, 3)
-    return _block_csr(len(mesh.position), pattern, blocks)
+    indptr, columns, source, transposed = _full_pattern(len(mesh.position), pattern)
+    data = _accumulate(mesh, regions, pattern, kernel, 9).reshape(-1, 3, 3)[source]
+    data[transposed] = data[transposed].swapaxes(1, 2)
+    return sparse.bsr_array((data, columns, indptr), shape=(3 * len(mesh.position),) * 2).tocsr()
 
 
 def _isotropic(mesh: Mesh, part: CellBlock, position: np.ndarray) -> np.ndarray:
@@ -143,8 +144,9 @@ def _mass(mesh: Mesh, regions: Mapping[int, float], pattern: Pattern) -> sparse.
     def kernel(position: np.ndarray, part: CellBlock) -> np.ndarray:
         return relative_masses(mesh, part, kind_of(part.kind))[:, :, None]
 
-    values = _accumulate(mesh, regions, pattern, kernel, 1)[:, 0]
-    return _scalar_csr(len(mesh.position), pattern, values)
+    values, nodes = _accumulate(mesh, regions, pattern, kernel, 1)[:, 0], len(mesh.position)
+    indptr, columns, source, _ = _full_pattern(nodes, pattern)
+    return expand(sparse.csr_array((values[source], columns, indptr), shape=(nodes, nodes)))
 
 
 def _accumulate(
@@ -181,21 +183,6 @@ def _full_pattern(nodes: int, pattern: Pattern) -> tuple[np.ndarray, np.ndarray,
     # half the memory of the column numbers of K: 9 entries a pair
     index = np.int32 if 9 * len(columns) < 2**31 else np.int64
     return indptr.astype(index), columns.astype(index), source, order < len(below)
-
-
-def _block_csr(nodes: int, pattern: Pattern, blocks: np.ndarray) -> sparse.csr_array:
-    """Symmetric CSR (3n, 3n) from its upper 3 × 3 blocks."""
-    indptr, columns, source, transposed = _full_pattern(nodes, pattern)
-    data = blocks[source]
-    data[transposed] = data[transposed].swapaxes(1, 2)
-    return sparse.bsr_array((data, columns, indptr), shape=(3 * nodes, 3 * nodes)).tocsr()
-
-
-def _scalar_csr(nodes: int, pattern: Pattern, values: np.ndarray) -> sparse.csr_array:
-    """Symmetric CSR m ⊗ I₃ (3n, 3n) from the upper triangle of m."""
-    indptr, columns, source, _ = _full_pattern(nodes, pattern)
-    m = sparse.csr_array((values[source], columns, indptr), shape=(nodes, nodes))
-    return expand(m)
 
 
 def expand(m: sparse.csr_array) -> sparse.csr_array:

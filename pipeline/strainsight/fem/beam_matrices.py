@@ -8,24 +8,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from strainsight.fem.beam_properties import (
-    BeamProperties,
-    check_properties,
-    end_stiffness,
-    properties_of,
-    require,
-    require_area,
-)
+from strainsight.fem.beam_properties import BeamProperties, check_properties, end_stiffness, require, require_area
 from strainsight.mesh.thin_faces import ALONG, axes_along, beam_shape
-
-__all__ = [
-    "BeamProperties",
-    "beam_masses",
-    "beam_stiffnesses",
-    "properties_of",
-    "rod_masses",
-    "rod_stiffnesses",
-]
 
 
 def beam_stiffnesses(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import reduce
 from itertools import count
@@ -313,7 +313,7 @@ def some_of(block: Block, which: np.ndarray) -> Block:
     return replace(block, **{name: column[which] for name, column in columns.items() if len(column) == len(block.ids)})
 
 
-def cut(block: Block, regions: Mapping[int, float], size: int | None = None) -> Iterator[Block]:
+def cut(block: Block, regions: Collection[int], size: int | None = None) -> Iterator[Block]:
     """The elements of a block in these regions, so many at a time, None: all of them."""
     inside = np.flatnonzero(np.isin(block.region, list(regions)))
     size = size or len(inside) or 1

@@ -54,10 +54,8 @@ def check_geometry(mesh: Mesh) -> None:
         _check_regions(mesh, element)
     for thin in mesh.thin:
         _check_middle_half(mesh, thin)
-    for shells in mesh.shells:
-        _check_sections(mesh, shells, (ShellSection, GeneralShell, Laminate))
-    for beams in mesh.beams:
-        _check_sections(mesh, beams, (BeamSection,))
+        kinds = (ShellSection, GeneralShell, Laminate) if isinstance(thin, ShellBlock) else (BeamSection,)
+        _check_sections(mesh, thin, kinds)
 
 
 def _check_regions(mesh: Mesh, block: CellBlock | ShellBlock | BeamBlock) -> None:
@@ -88,30 +86,25 @@ def check_materials(mesh: Mesh) -> None:
     """Raise DeckError unless every region with elements has a material that they can be made of."""
     present = {int(number) for block in mesh.elements for number in np.unique(block.region)}
     for region in (mesh.regions[number] for number in sorted(present)):
-        if mesh.laminate(region.id) is not None:
-            _check_laminate(mesh, region)
-            continue
-        if (shell := mesh.general_shell(region.id)) is not None:
+        if (laminate := mesh.laminate(region.id)) is not None:
+            remedy = "add it to the deck (MAT8, MAT1)"
+            _check_layers(mesh, f"a ply of {region}", " m", laminate.plies, mesh.ply_materials(region.id), remedy)
+        elif (shell := mesh.general_shell(region.id)) is not None:
             _check_general(shell, region)
-            continue
-        if (own := mesh.anisotropic_of(region.id)) is not None:
+        elif (own := mesh.anisotropic_of(region.id)) is not None:
             _check_anisotropic(mesh, own, region)
-            continue
-        if region.id in mesh.composites:
+        elif region.id in mesh.composites:
             _check_composite(mesh, region)
-            continue
-        m = mesh.materials.get(region.material)
-        if m is None:
-            known = (
-                f"refers to material {region.material}, which is not there" if region.material else "has no material"
-            )
+        elif (material := mesh.materials.get(region.material)) is not None:
+            _check_material(material)
+        else:
+            number = region.material
             raise DeckError(
-                f"{region} {known}",
+                f"{region} {f'refers to material {number}, which is not there' if number else 'has no material'}",
                 where=mesh.source or None,
                 remedy=f"state it in the config: mesh.materials: {{NAME: {{regions: [{region.id}], youngs_modulus: …, "
                 "poisson_ratio: …, density: …}}",
             )
-        _check_material(m)
 
 
 def _check_general(own: GeneralShell, region: Region) -> None:
@@ -155,13 +148,6 @@ def _check_stiffness(own: Anisotropic) -> None:
     if fault := stiffness_fault(own.stiffness):
         raise DeckError(f"{own}: {fault[0]}", remedy=fault[1])
     _check_density(own, own.density)
-
-
-def _check_laminate(mesh: Mesh, region: Region) -> None:
-    laminate = mesh.laminate(region.id)
-    assert laminate is not None
-    remedy = "add it to the deck (MAT8, MAT1)"
-    _check_layers(mesh, f"a ply of {region}", " m", laminate.plies, mesh.ply_materials(region.id), remedy)
 
 
 def _check_layers(

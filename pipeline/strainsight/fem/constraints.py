@@ -10,6 +10,7 @@ from scipy import sparse
 from scipy.sparse.csgraph import connected_components
 
 from strainsight.errors import DeckError
+from strainsight.fem.affine import from_entries
 from strainsight.fem.beam_matrices import GAUSS, beam_strains
 from strainsight.fem.by_region import poisson_ratios
 from strainsight.fem.equations import (
@@ -210,18 +211,10 @@ def with_arms(mesh: Mesh, rows: MotionRows, T: sparse.csr_array) -> sparse.csr_a
 
 def _rigid(mesh: Mesh, rows: MotionRows) -> sparse.csr_array:
     arm, reference = mesh.arms.T
-    leads = _six(rows, reference)
+    leads = rows.of(reference[:, None], np.arange(6))
     values = rigid_rows(mesh.position[arm] - mesh.position[reference])
-    row = np.broadcast_to((3 * arm[:, None] + np.arange(3))[:, :, None], values.shape)
-    column = np.broadcast_to(leads[:, None, :], values.shape)
-    kept = values != 0
-    return sparse.csr_array((values[kept], (row[kept], column[kept])), shape=(rows.size, rows.size))
-
-
-def _six(rows: MotionRows, nodes: np.ndarray) -> np.ndarray:
-    """Rows (k, 6) of the translations and rotations of nodes (k,)."""
-    first = np.array([rows.first[node] for node in nodes.tolist()], dtype=np.int64)
-    return np.concatenate([3 * nodes[:, None] + np.arange(3), first[:, None] + np.arange(3)], axis=1)
+    row = (3 * arm[:, None] + np.arange(3))[:, :, None]
+    return from_entries([(values, row, leads[:, None, :])], (rows.size, rows.size))
 
 
 def _of_sides(mesh: Mesh, block: BeamBlock, rows: MotionRows) -> sparse.csr_array:
@@ -245,15 +238,10 @@ def _of_sides(mesh: Mesh, block: BeamBlock, rows: MotionRows) -> sparse.csr_arra
     turned = (
         -0.5 * (sign * length[:, None])[:, :, None, None, None] * across[:, None, :, None, None] * slope[:, None, None]
     )
-    row = 3 * corners[:, :, None] + np.arange(3)
-    six = _six(rows, ends.ravel()).reshape(-1, 2, 6)
-    entries = [(contraction, row[:, None, None]), (turned, six[:, None, None])]
-    value = np.concatenate([own.ravel() for own, _ in entries])
-    places = (
-        np.concatenate([np.broadcast_to(row[..., None, None], own.shape).ravel() for own, _ in entries]),
-        np.concatenate([np.broadcast_to(column, own.shape).ravel() for own, column in entries]),
-    )
-    return sparse.csr_array((value, places), shape=(rows.size, rows.size))
+    corner = 3 * corners[:, :, None] + np.arange(3)
+    row, six = corner[..., None, None], rows.of(ends[:, :, None], np.arange(6))
+    entries = [(contraction, row, corner[:, None, None]), (turned, row, six[:, None, None])]
+    return from_entries(entries, (rows.size, rows.size))
 
 
 def _of_curved_sides(mesh: Mesh, block: BeamBlock, rows: MotionRows) -> sparse.csr_array:
@@ -286,7 +274,7 @@ def _of_curved_sides(mesh: Mesh, block: BeamBlock, rows: MotionRows) -> sparse.c
         xi = ALONG[at]
         shift -= size[own, 2, None, None] * (xi[:, None] * mean[:, None] + 0.5 * xi[:, None] ** 2 * rise[:, None])
         value[own] = axes[own][:, at][..., 2 - axis, None] * shift[:, :, None]
-    row = np.broadcast_to((3 * corners[:, :, None] + np.arange(3))[..., None], value.shape)
-    column = np.broadcast_to(_six(rows, nodes.ravel()).reshape(-1, 1, 1, 18), value.shape)
-    kept = value != 0
-    return sparse.csr_array((value[kept], (row[kept], column[kept])), shape=(rows.size, rows.size))
+    row = (3 * corners[:, :, None] + np.arange(3))[..., None]
+    return from_entries(
+        [(value, row, rows.of(nodes[:, :, None], np.arange(6)).reshape(-1, 1, 1, 18))], (rows.size, rows.size)
+    )

@@ -46,8 +46,7 @@ def element_stiffnesses(kind: ElementKind, position: np.ndarray, nu: np.ndarray,
     root = g * np.sqrt(w * det)[:, :, None, None]
     flat = root.reshape(len(position), len(w), 3 * size)
     outer = np.matmul(flat.swapaxes(1, 2), flat).reshape(-1, size, 3, size, 3)
-    lam = (nu / ((1 + nu) * (1 - 2 * nu)))[:, None, None, None]
-    mu = (0.5 / (1 + nu))[:, None, None, None]
+    lam, mu = (constant[:, None, None, None] for constant in lame(nu))
     if kind.bubble_gradient:
         K = _isotropic(outer.transpose(0, 1, 3, 2, 4), lam[..., None], mu[..., None])
         K = _condensed(K, len(kind.nodes))
@@ -153,6 +152,11 @@ def bubble_gradients(kind: ElementKind, position: np.ndarray, xi: np.ndarray, de
     J = np.einsum("qkd,ekc->eqdc", kind.gradient(kind.centre), position)[:, 0]
     g = np.einsum("qid,ecd->eqic", kind.bubble_gradient(xi), np.linalg.inv(J))
     return g * (np.linalg.det(J)[:, None] / det)[:, :, None, None]
+
+
+def lame(nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """λ = ν/((1 + ν)(1 − 2ν)) and μ = 1/(2(1 + ν)) of unit modulus."""
+    return nu / ((1 + nu) * (1 - 2 * nu)), 0.5 / (1 + nu)
 
 
 def _isotropic(outer: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
@@ -339,7 +343,10 @@ def facet_laws(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ())
         other = mesh
         for own in free:
             other = with_value(other, own.property, own.regions, theta[own.name], own.material)
-        return _joined([*(_of_block(other, block, facets) for block in other.shells), _of_solids(other, facets)])
+        parts = [*(_of_block(other, block, facets) for block in other.shells), _of_solids(other, facets)]
+        facet, stiffness, contraction = (np.concatenate([part[i] for part in parts]) for i in range(3))
+        order = np.argsort(facet)
+        return facet[order], stiffness[order], contraction[order]
 
     facet, stiffness, contraction = at({own.name: own.reference for own in free})
     if not len(facet):
@@ -349,13 +356,6 @@ def facet_laws(mesh: Mesh, facets: Facets, parameters: Sequence[Parameter] = ())
     unknown = np.isnan(stiffness)  # of shells of several materials; nothing free changes them
     C = interpolated(lambda theta: np.where(unknown, 0.0, at(theta)[1]), free)
     return FacetLaws(facet, replace(C, constant=np.where(unknown, np.nan, C.constant)), contraction)
-
-
-def _joined(parts: Sequence[tuple[np.ndarray, np.ndarray, np.ndarray]]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Of all blocks and solids, by facet."""
-    facet, stiffness, contraction = (np.concatenate([part[i] for part in parts]) for i in range(3))
-    order = np.argsort(facet)
-    return facet[order], stiffness[order], contraction[order]
 
 
 def _of_solids(mesh: Mesh, facets: Facets) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError
+from strainsight.fem.affine import from_entries
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 from strainsight.mesh.model import Mesh
 
@@ -46,7 +47,7 @@ class MotionRows:
         return 3 * self.nodes + 3 * len(self.first)
 
     def of(self, nodes: np.ndarray, components: np.ndarray | int) -> np.ndarray:
-        """Rows of components 0-5 of nodes (k,); −1 for a rotation of a node that has none."""
+        """Rows of components 0-5 of nodes, which broadcast; −1 for a rotation of a node that has none."""
         nodes, components = np.broadcast_arrays(np.asarray(nodes, dtype=np.int64), components)
         rows = 3 * nodes + components
         turning = components > 2
@@ -76,24 +77,18 @@ class MotionRows:
         starts = [
             (row, axes) for node, axes in self.axes.items() for row in (3 * node, self.first.get(node, -1)) if row >= 0
         ]
-        first = np.array([row for row, _ in starts])
-        plain = np.ones(self.size, dtype=bool)
-        plain[(first[:, None] + np.arange(3)).ravel()] = False
-        same = np.flatnonzero(plain)
-        rows = np.concatenate([same, (first[:, None, None] + np.arange(3)[:, None] + np.zeros(3, int)).ravel()])
-        columns = np.concatenate([same, (first[:, None, None] + np.arange(3) + np.zeros((3, 1), int)).ravel()])
-        values = np.concatenate([np.ones(len(same)), np.array([axes for _, axes in starts]).ravel()])
-        return sparse.csr_array((values, (rows, columns)), shape=(self.size, self.size))
+        own = np.array([row for row, _ in starts])[:, None] + np.arange(3)
+        same = np.setdiff1d(np.arange(self.size), own)
+        turned = np.array([axes for _, axes in starts]), own[:, :, None], own[:, None]
+        return from_entries([(np.ones(len(same)), same, same), turned], (self.size, self.size))
 
 
 @dataclass
 class Equations:
-    """z'[row] = Σ value z'[column] for the dependent rows; by: row → the element that says so."""
+    """z'[row] = Σ value z'[column] for the dependent rows; entries: value, row, column; by: row → the element that says so."""
 
     size: int
-    rows: list[np.ndarray] = field(default_factory=list)
-    columns: list[np.ndarray] = field(default_factory=list)
-    values: list[np.ndarray] = field(default_factory=list)
+    entries: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = field(default_factory=list)
     by: dict[int, Tie] = field(default_factory=dict)
 
     def add(
@@ -105,8 +100,7 @@ class Equations:
         """
         for row, node in zip(rows.tolist(), nodes.tolist(), strict=True):
             self.claim(mesh, e, node, row)
-        i, j = np.nonzero(values)
-        self.state(rows[i], columns[j], values[i, j])
+        self.entries.append((values, rows[:, None], columns))
 
     def claim(self, mesh: Mesh, e: Tie, node: int, row: int) -> None:
         """Note that a tie says what a row, a motion of a node, does. Raises DeckError for a row that follows already."""
@@ -120,31 +114,17 @@ class Equations:
             )
         self.by[row] = e
 
-    def state(self, rows: np.ndarray, columns: np.ndarray, values: np.ndarray) -> None:
-        """Add entries (k,) of D."""
-        self.rows.append(rows)
-        self.columns.append(columns)
-        self.values.append(values)
-
     def matrix(self) -> sparse.csr_array:
         """D (size, size) of z' = D z' on the dependent rows."""
-        if not self.by:
-            return sparse.csr_array((self.size, self.size))
-        places = np.concatenate(self.rows), np.concatenate(self.columns)
-        return sparse.csr_array((np.concatenate(self.values), places), shape=(self.size, self.size))
+        return from_entries(self.entries, (self.size, self.size))
 
 
 def relation_terms(mesh: Mesh) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """Of all terms (t,) of the relations: number of the relation, node, component and value."""
     relation = np.repeat(np.arange(len(mesh.relations)), [len(tie.node) for tie in mesh.relations])
-    whole = [np.zeros(0, dtype=np.int64)]
-    node, component = (
-        np.concatenate([*whole, *parts])
-        for parts in (
-            [tie.node for tie in mesh.relations],
-            [tie.component for tie in mesh.relations],
-        )
-    )
+    none = np.zeros(0, dtype=np.int64)
+    node = np.concatenate([none, *(tie.node for tie in mesh.relations)])
+    component = np.concatenate([none, *(tie.component for tie in mesh.relations)])
     return relation, node, component, np.concatenate([np.zeros(0), *(tie.value for tie in mesh.relations)])
 
 
@@ -175,12 +155,17 @@ def add_relations(mesh: Mesh, rows: MotionRows, found: Equations) -> None:
             )
         found.claim(mesh, e, node_of_it, row)
     others = ~leading & (c != 0)
-    found.state(follower[of[others]], column[others], -c[others] / first[of[others]])
+    found.entries.append((-c[others] / first[of[others]], follower[of[others]], column[others]))
 
 
 def followers(mesh: Mesh) -> set[int]:
     """Nodes (indices) that a RigidElement turns."""
     return {int(node) for e in mesh.rigid if max(e.components, default=0) > 2 for node in e.nodes}
+
+
+def joined(mesh: Mesh) -> set[int]:
+    """Nodes (indices) whose rotations ties, relations, shells or beams have."""
+    return references(mesh) | turned_by_name(mesh) | followers(mesh) | {*mesh.turning.tolist()}
 
 
 def turning_nodes(mesh: Mesh) -> list[int]:

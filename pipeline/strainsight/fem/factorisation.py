@@ -21,6 +21,7 @@ from scipy.sparse.linalg import SuperLU, splu
 from strainsight.errors import MachineWarning, NumericalError, UserError
 from strainsight.memory import require_memory
 
+NOT_DEFINITE = "the stiffness is not positive definite: a pivot is not positive"
 MECHANISM = "the structure has a mechanism or an element of no stiffness: check supports, connections and materials"
 POSITIVE_DEFINITE = 2
 ANALYSE, FACTORISE, SOLVE = 11, 22, 33
@@ -112,7 +113,7 @@ def interface(solver: Any, upper: sparse.csr_array) -> Callable[[int, np.ndarray
 
 def _failure(code: int, phase: int, size: int) -> NumericalError | UserError:
     if code == _NOT_DEFINITE:
-        return NumericalError("the stiffness is not positive definite: a pivot is not positive", remedy=MECHANISM)
+        return NumericalError(NOT_DEFINITE, remedy=MECHANISM)
     if code == _NO_MEMORY:
         return UserError(
             f"there is not enough memory to factorise {size} unknowns",
@@ -213,7 +214,10 @@ def factorise(A: sparse.csr_array) -> Factor:
             MachineWarning,
             stacklevel=2,
         )
-        solve, name = _superlu(upper), "SuperLU"
+        factor = superlu(upper, "the stiffness")
+        if np.any(factor.U.diagonal() <= 0):
+            raise NumericalError(NOT_DEFINITE, remedy=MECHANISM) from None
+        solve, name = factor.solve, "SuperLU"
     return Factor(size, name, lambda B: scale[:, None] * solve(scale[:, None] * B))
 
 
@@ -252,13 +256,6 @@ def superlu(upper: sparse.csr_array, what: str) -> SuperLU:
         return splu(full, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError as error:
         raise NumericalError(f"{what} is singular ({error})", remedy=MECHANISM) from None
-
-
-def _superlu(upper: sparse.csr_array) -> Callable[[np.ndarray], np.ndarray]:
-    factor = superlu(upper, "the stiffness")
-    if np.any(factor.U.diagonal() <= 0):
-        raise NumericalError("the stiffness is not positive definite: a pivot is not positive", remedy=MECHANISM)
-    return factor.solve
 
 
 COMPLEX_SYMMETRIC = 6

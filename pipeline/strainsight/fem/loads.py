@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 from strainsight.errors import UserError
 from strainsight.fem.constraints import Constraint
 from strainsight.fem.model import FiniteElementModel
-from strainsight.fem.nodal_forces import bearing, body_forces, evenly, pressure, turning
+from strainsight.fem.nodal_forces import bearing, body_forces, evenly, pressure, summed, turning
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
@@ -50,13 +50,6 @@ def couple(mesh: Mesh, constraint: Constraint, nodes: np.ndarray, weight: np.nda
     omega = np.linalg.pinv(J, rcond=FLAT, hermitian=True) @ moment
     np.add.at(e[: 3 * len(x)].reshape(-1, 3), nodes, weight[:, None] * np.cross(omega, r))
     return e
-
-
-def exerted(mesh: Mesh, constraint: Constraint, e: np.ndarray) -> np.ndarray:
-    """The moment (3,) [N m] about the origin of forces and moments e (3n + 3r,) on the rows of z."""
-    forces = e[: 3 * len(mesh.position)].reshape(-1, 3)
-    turned = [e[row : row + 3] for row in constraint.reference_rows.values()]
-    return np.cross(mesh.position, forces).sum(axis=0) + np.sum([np.zeros(3), *turned], axis=0)
 
 
 def nodes_at(mesh: Mesh, node: int) -> np.ndarray:
@@ -108,10 +101,7 @@ def input_shape(model: FiniteElementModel, loads: Sequence[PointLoad]) -> np.nda
             e[:, column] = moment_forces(model, load, np.asarray(load.moment) / np.linalg.norm(load.moment))
             continue
         own = nodal_forces(mesh, load)
-        if load.deck_load is not None or load.of_mass or load.node_set in mesh.faces:
-            _check_acts(mesh, T, load, own)
-        else:
-            _check_all_act(mesh, T, load, own)
+        _check_acts(mesh, T, load, own)
         e[:, column] = on_rows(model, own)
         if own.moment is not None:
             _check_moments(model, load, own, e[:, column])
@@ -146,7 +136,9 @@ def moment_forces(model: FiniteElementModel, load: PointLoad, moment: np.ndarray
     e = couple(mesh, constraint, nodes, np.ones(len(nodes)), moment)
     if not whole:
         return e
-    missed = np.linalg.norm(exerted(mesh, constraint, e) - moment) / np.linalg.norm(moment)
+    turned = [e[row : row + 3] for row in constraint.reference_rows.values()]
+    exerted = np.cross(mesh.position, e[: 3 * len(mesh.position)].reshape(-1, 3)).sum(axis=0) + sum(turned, np.zeros(3))
+    missed = np.linalg.norm(exerted - moment) / np.linalg.norm(moment)
     if missed > 1e-6 or not np.any(constraint.transform.T @ e):
         where = f"node {load.node_id}" if load.node_id is not None else f"set {load.node_set!r}"
         raise UserError(
@@ -204,21 +196,17 @@ def _unit(name: str, vector: tuple[float, float, float] | None) -> np.ndarray:
     return np.asarray(direction / length)
 
 
-def _check_all_act(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForces) -> None:
-    """Raise UserError where one of the forces acts on a node that cannot move in its direction."""
-    for node, force in zip(own.nodes.tolist(), own.force, strict=True):
-        if not np.any(T[3 * node : 3 * node + 3].T @ force):
-            raise UserError(
-                f"load {load.name} acts on node {mesh.node_ids[node]}, which cannot move in its direction",
-                remedy="it is clamped or in no element: load another node or direction",
-            )
-
-
 def _check_acts(mesh: Mesh, T: sparse.csr_array, load: PointLoad, own: NodalForces) -> None:
-    """Raise UserError where none of the forces of a deck or on a face acts on a free motion; warn where some of a deck do not: at
-    the rim of a face a support takes them."""
+    """Raise UserError where a force on nodes, or none of those of a deck, on mass or on a face, acts on a free motion; warn where
+    some of a deck do not: at the rim of a face a support takes them."""
     loaded = np.flatnonzero(own.force.any(axis=1))
     idle = [i for i in loaded.tolist() if not np.any(T[3 * own.nodes[i] : 3 * own.nodes[i] + 3].T @ own.force[i])]
+    distributed = load.deck_load is not None or load.of_mass or load.node_set in mesh.faces
+    if idle and not distributed:
+        raise UserError(
+            f"load {load.name} acts on node {mesh.node_ids[own.nodes[idle[0]]]}, which cannot move in its direction",
+            remedy="it is clamped or in no element: load another node or direction",
+        )
     if len(idle) == len(loaded) and own.moment is None:
         what = load.deck_load or load.node_set or "on all mass"
         raise UserError(
@@ -281,13 +269,8 @@ def _deck_load(mesh: Mesh, load: PointLoad) -> NodalForces:
             f"load {load.name}: the forces of {load.deck_load} add up to nothing",
             remedy="state `factor: true`: the load is then how often it acts, and not its resultant in N",
         )
-    nodes, place = np.unique(forces.nodes, return_inverse=True)
-    f, moment = np.zeros((len(nodes), 3)), None
-    np.add.at(f, place, forces.force / total)
-    if forces.moment is not None:
-        moment = np.zeros((len(nodes), 3))
-        np.add.at(moment, place, forces.moment / total)
-    return NodalForces(nodes, f, moment, regions=forces.regions)
+    whole = summed([forces])
+    return replace(whole, force=whole.force / total, moment=None if whole.moment is None else whole.moment / total)
 
 
 def loaded_nodes(mesh: Mesh, load: PointLoad) -> list[int]:

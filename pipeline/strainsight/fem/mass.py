@@ -8,6 +8,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError
+from strainsight.fem.affine import from_entries
 from strainsight.fem.assembly import chunks
 from strainsight.fem.by_region import by_element, density_of, regions_of
 from strainsight.fem.checks import check_mesh
@@ -27,23 +28,14 @@ def point_mass_matrix(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.cs
     or the matrix that it states. At a node without rotations only its part of translations counts.
     Raises DeckError for a negative mass and for an inertia or a matrix that is not symmetric.
     """
-    rows, columns, values = [], [], []
+    entries = []
     for point in mesh.point_masses:
-        M = block(point)
         at = translation_rows([point.node])
         if point.node in rotation_rows:
             at = np.concatenate([at, rotation_rows[point.node] + np.arange(3)])
-        i, j = np.meshgrid(at, at, indexing="ij")
-        rows.append(i.ravel())
-        columns.append(j.ravel())
-        values.append(M[: len(at), : len(at)].ravel())
+        entries.append((block(point)[: len(at), : len(at)], at[:, None], at))
     size = 3 * len(mesh.position) + 3 * len(rotation_rows)
-    if not rows:
-        return sparse.csr_array((size, size))
-    places = np.concatenate(rows), np.concatenate(columns)
-    found = sparse.csr_array((np.concatenate(values), places), shape=(size, size))
-    found.eliminate_zeros()
-    return found
+    return from_entries(entries, (size, size))
 
 
 def block(point: PointMass) -> np.ndarray:

@@ -50,7 +50,8 @@ def largest(
         MW = M @ W
         share = Q[:, :behind].T @ MW
         T = np.block([[T, share[:used]], [share[:used].T, 0.5 * (share[used:] + share[used:].T)]])
-        whole = _length(W, MW)
+        # the largest norm in M of its columns
+        whole = float(np.sqrt(np.maximum(np.einsum("ij,ij->j", W, MW), 0.0).max(initial=0.0)))
         W -= Q[:, :behind] @ share
         q, Mq, R = _krylov_beside(Q[:, :behind], M, W, M @ W, DEPENDENT * whole)
         mu, s = eigh(T)
@@ -68,11 +69,6 @@ def largest(
         f"the Lanczos iterations did not converge in {MOST} steps",
         remedy="check the model for nearly loose parts, or ask for fewer modes",
     )
-
-
-def _length(W: np.ndarray, MW: np.ndarray) -> float:
-    """The largest norm in M of columns."""
-    return float(np.sqrt(np.maximum(np.einsum("ij,ij->j", W, MW), 0.0).max(initial=0.0)))
 
 
 def _krylov_beside(
@@ -187,7 +183,10 @@ def _lowest(
             if relief is None:
                 inverse, shapes = _dense(A.toarray(), M.toarray(), count, wanted)
             else:
-                inverse, shapes = _dense_free(A, M, count, wanted, relief)
+                # (M − MR(MR)ᵀ)φ′ = (1/λ) A′φ′ on the springs of `pinned`: φ′ is φ moved so that they are not stretched
+                M_elastic = M.toarray() - relief.inertia @ relief.inertia.T
+                inverse, moved = _dense(pinned(A, relief.shapes).toarray(), M_elastic, count, wanted)
+                shapes = relief.elastic(moved)
         else:
             factor = factor or (by(A) if relief is None else factorise_free(A, relief, by))
             if _basis(wanted) <= massive:
@@ -215,15 +214,6 @@ def _dense(A: np.ndarray, M: np.ndarray, count: int, wanted: int) -> tuple[np.nd
     # beside those asked for, what has no mass is no mode
     found = max(count, int(np.count_nonzero(inverse > n * np.finfo(float).eps * inverse[-1])))
     return inverse[-found:][::-1], (V[:, -found:] / np.sqrt(inverse[-found:]))[:, ::-1]
-
-
-def _dense_free(
-    A: sparse.csr_array, M: sparse.csr_array, count: int, wanted: int, relief: Relief
-) -> tuple[np.ndarray, np.ndarray]:
-    """(M − MR(MR)ᵀ)φ′ = (1/λ) A′φ′ on the springs of `pinned`: φ′ is φ moved so that they are not stretched."""
-    M_elastic = M.toarray() - relief.inertia @ relief.inertia.T
-    inverse, moved = _dense(pinned(A, relief.shapes).toarray(), M_elastic, count, wanted)
-    return inverse, relief.elastic(moved)
 
 
 def _condensed(
@@ -280,7 +270,7 @@ def _iterated(
     if factor.lowest is not None or (near is None and count > SINGLY):
         return None
     n, width = A.shape[0], 1 if near is None or near.shape[1] < count + EXTRA else count + EXTRA
-    most = 3 * (count + EXTRA) + 30 if width == 1 else _blocks(count)
+    most = 3 * (count + EXTRA) + 30 if width == 1 else 12 * (count + EXTRA)
     require_memory(8.0 * n * (most + 5 * (count + EXTRA)), f"{count} modes of {n} unknowns")
     try:
         if near is None or width == 1:
@@ -300,12 +290,7 @@ def _iterated(
 def _nothing_beside(M: sparse.csr_array, factor: Factor, shapes: np.ndarray, last: float) -> bool:
     """Whether the largest 1/λ in the complement of shapes (n, k), which are orthonormal in M, is below `last`, by iterations to
     `ROUGHLY` of it."""
-    weighted = M @ shapes
-
-    def solve(X: np.ndarray) -> np.ndarray:
-        Y = factor.solve(X)
-        return np.asarray(Y - shapes @ (weighted.T @ Y))
-
+    solve = _beside_them(M, factor, shapes)
     start = solve(M @ np.random.default_rng(1).standard_normal((len(shapes), 1)))
     try:
         more, _, _ = largest(solve, M, 1, start, ROUGH_BASIS, ROUGHLY)
@@ -314,9 +299,15 @@ def _nothing_beside(M: sparse.csr_array, factor: Factor, shapes: np.ndarray, las
     return not len(more) or bool((1 + ROUGHLY) * more[0] <= last)
 
 
-def _blocks(count: int) -> int:
-    """Vectors of block iterations from near modes."""
-    return 12 * (count + EXTRA)
+def _beside_them(M: sparse.csr_array, factor: Factor, shapes: np.ndarray) -> Callable[[np.ndarray], np.ndarray]:
+    """(I − Φ ΦᵀM) A⁻¹ of shapes Φ (n, k), which are orthonormal in M."""
+    weighted = M @ shapes
+
+    def solve(X: np.ndarray) -> np.ndarray:
+        Y = factor.solve(X)
+        return np.asarray(Y - shapes @ (weighted.T @ Y))
+
+    return solve
 
 
 def _by_fours(factor: Factor, B: np.ndarray) -> np.ndarray:
@@ -329,12 +320,7 @@ def _beside(
 ) -> tuple[np.ndarray, np.ndarray]:
     """1/λ, falling, and φ of the lowest modes in the complement of shapes (n, k), which are orthonormal in M; to a share
     `tolerance` of 1/λ, 0: to rounding."""
-    n, weighted = A.shape[0], M @ shapes
-
-    def solve(x: np.ndarray) -> np.ndarray:
-        y = factor.solve(x)
-        return y - shapes @ (weighted.T @ y)
-
+    n, solve = A.shape[0], _beside_them(M, factor, shapes)
     start = M @ np.random.default_rng(0).standard_normal(n)
     if factor.lowest is not None:
         lam, V = factor.lowest(M, count, _basis(count), solve(start), shapes, tolerance)
@@ -357,18 +343,14 @@ def _ascending(M: sparse.csr_array, lam: np.ndarray, V: np.ndarray) -> tuple[np.
     return 1.0 / lam[order], V / np.sqrt(np.einsum("ij,ij->j", V, M @ V))
 
 
-def _cancels(A: sparse.csr_array, lam: float, shape: np.ndarray) -> bool:
-    """Whether φᵀAφ = λ is a difference of terms that are 1e12 times as large. A rotation about the normal of a shell that is not
-    quite along an axis has next to no mass, and K_ii/M_ii says nothing there."""
-    size = np.abs(shape)
-    return not lam > 1e-12 * float(size @ (abs(A) @ size))
-
-
 def _check(A: sparse.csr_array, M: sparse.csr_array, lam: np.ndarray, shapes: np.ndarray) -> None:
     """A mode whose energy is rounding error is a mechanism; the others must satisfy the equation."""
     m, k = M.diagonal(), A.diagonal()
     stiffest = (k[m > 0] / m[m > 0]).max()
-    if not lam[0] > 1e-15 * stiffest and _cancels(A, lam[0], shapes[:, 0]):
+    # φᵀAφ = λ may be a difference of terms that are 1e12 times as large; a rotation about the normal of a shell that is not quite
+    # along an axis has next to no mass, and K_ii/M_ii alone says nothing there
+    size = np.abs(shapes[:, 0])
+    if not lam[0] > 1e-15 * stiffest and not lam[0] > 1e-12 * float(size @ (abs(A) @ size)):
         raise UserError(
             f"the structure has a mechanism: a mode at {np.sqrt(max(lam[0], 0.0)) / (2 * np.pi):.2g} Hz is "
             "stiffness of rounding size",

@@ -10,7 +10,7 @@ from scipy import sparse
 
 from strainsight.errors import UserError
 from strainsight.fem.assembly import assemble_stiffness
-from strainsight.fem.equations import followers, references, turned_by_name
+from strainsight.fem.equations import joined
 from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.patch import Patch
 from strainsight.fem.thin import thin_mass
@@ -55,12 +55,7 @@ def body_forces(mesh: Mesh, body: BodyForce) -> NodalForces:
         force[own] += f[:, :3]
         moment[own] += f[:, 3:]
         regions |= set(named)
-    turning = (
-        references(mesh)
-        | turned_by_name(mesh)
-        | followers(mesh)
-        | {*mesh.turning.tolist(), *mesh.turned_by_springs.tolist()}
-    )
+    turning = joined(mesh) | {*mesh.turned_by_springs.tolist()}
     for point in mesh.point_masses:
         if body.elements is not None and point.id not in body.elements:
             continue
@@ -123,11 +118,12 @@ def with_body_forces(mesh: Mesh) -> Mesh:
     loads = {}
     for name, load in mesh.loads.items():
         parts = [replace(load, body=()), *(body_forces(mesh, body) for body in load.body)]
-        loads[name] = _sum(parts) if load.body else load
+        loads[name] = summed(parts) if load.body else load
     return replace(mesh, loads=loads)
 
 
-def _sum(parts: list[NodalForces]) -> NodalForces:
+def summed(parts: list[NodalForces]) -> NodalForces:
+    """One force and one moment a node."""
     nodes, place = np.unique(np.concatenate([part.nodes for part in parts]), return_inverse=True)
     force, moment, start = np.zeros((len(nodes), 3)), np.zeros((len(nodes), 3)), 0
     for part in parts:

@@ -12,7 +12,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError
-from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter, scales_stiffness
+from strainsight.fem.affine import NO_CHANGE, AffineOperator, Parameter, from_entries, scales_stiffness
 from strainsight.fem.by_region import poisson_ratios
 from strainsight.fem.elasticity import (
     SHEARS,
@@ -24,6 +24,7 @@ from strainsight.fem.elasticity import (
     facet_laws,
     gradients,
     jacobians,
+    lame,
     symmetric_gradient,
 )
 from strainsight.mesh.facets import Facets, on_solids
@@ -72,7 +73,7 @@ def strain_matrix(
             moved = replace(mesh, position=(G @ mesh.position.ravel()).reshape(mesh.position.shape))
             found = found + sparse.diags_array(of.astype(float)) @ strain_matrix(moved, facets, laws) @ G
         return sparse.csr_array(found)
-    value, row, column = [], [], []
+    entries = []
     for block, local, which, element in on_solids(mesh, facets):
         kind = FACETS[facets.kind[which[0]]]
         xi = kind.shape(kind.centre) @ kind_of(block.kind).nodes[list(local)]
@@ -80,21 +81,12 @@ def strain_matrix(
         B = _strain(mesh, block, element, xi)
         rows = 6 * which[:, None, None, None, None] + np.arange(6)[:, None, None]
         columns = 3 * nodes[:, None, None, :, None] + np.arange(3)
-        there = np.nonzero(B)
-        value.append(B[there])
-        row.append(np.broadcast_to(rows, B.shape)[there])
-        column.append(np.broadcast_to(columns, B.shape)[there])
+        entries.append((B, rows, columns))
     for which, nodes, B in _of_shells(mesh, facets, laws):
         rows = 6 * which[:, None, None, None] + np.arange(6)[:, None, None]
         columns = 3 * nodes[:, None, :, None] + np.arange(3)
-        value.append(B.ravel())
-        row.append(np.broadcast_to(rows, B.shape).ravel())
-        column.append(np.broadcast_to(columns, B.shape).ravel())
-    shape_ = (6 * len(facets.kind), 3 * len(mesh.position))
-    if not value:
-        return sparse.csr_array(shape_)
-    entries = (np.concatenate(value), (np.concatenate(row), np.concatenate(column)))
-    return sparse.csr_array(sparse.coo_array(entries, shape=shape_))
+        entries.append((B, rows, columns))
+    return from_entries(entries, (6 * len(facets.kind), 3 * len(mesh.position)))
 
 
 def _of_shells(
@@ -208,11 +200,6 @@ def bubble_amplitudes(
     return -np.linalg.solve((DBa @ Ba).sum(axis=1), (DBa @ Bu).sum(axis=1))
 
 
-def lame(nu: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """λ = ν/((1 + ν)(1 − 2ν)) and μ = 1/(2(1 + ν)) of unit modulus."""
-    return nu / ((1 + nu) * (1 - 2 * nu)), 0.5 / (1 + nu)
-
-
 def isotropic(strain: np.ndarray, lam: np.ndarray, mu: np.ndarray) -> np.ndarray:
     """σ = λ tr(ε) I + 2με: strain (..., 6, w) with shears γ, lam and mu that broadcast with (..., w) → stress (..., 6, w)."""
     stress = np.asarray(mu)[..., None, :] * strain
@@ -238,10 +225,6 @@ class SurfaceModel:
     modulus: AffineOperator
     laws: FacetLaws | None = None
     change: AffineOperator = NO_CHANGE
-
-    def strain_at(self, theta: Mapping[str, float]) -> np.ndarray:
-        """B(θ) (p, 6, r)."""
-        return np.asarray(self.strain + self.change.at(theta))
 
     def unit_stress(
         self, strain: np.ndarray, law: np.ndarray | None, start: int = 0, factor: np.ndarray | float = 1.0
@@ -330,7 +313,7 @@ def surface_state(
     r = model.strain.shape[2]
     if covariance is not None and np.shape(covariance) != (r + len(free),) * 2:
         raise ValueError(f"covariance {np.shape(covariance)} of {r} coordinates and {len(free)} parameters")
-    B = model.strain_at(theta)
+    B = np.asarray(model.strain + model.change.at(theta))
     strain = (B.reshape(-1, r) @ q).reshape(-1, 6)
     E = np.asarray(model.modulus.at(theta))
     law = None if model.laws is None else np.asarray(model.laws.stiffness.at(theta))

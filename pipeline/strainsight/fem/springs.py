@@ -8,8 +8,8 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import DeckError, UserError
-from strainsight.fem.affine import AffineOperator, Parameter
-from strainsight.fem.equations import followers, references, turned_by_name
+from strainsight.fem.affine import AffineOperator, Parameter, from_entries
+from strainsight.fem.equations import joined
 from strainsight.mesh.additions import spring_names
 from strainsight.mesh.model import Mesh
 
@@ -25,8 +25,7 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
     Raises DeckError where a spring acts on the rotation of a node that has none.
     """
     size = 3 * len(mesh.position) + 3 * len(rotation_rows)
-    rows, columns, values, stiffness = [], [], [], [np.zeros(0)]
-    count = 0
+    entries, stiffness, count = [], [np.zeros(0)], 0
     for spring in mesh.springs:
         at = 3 * spring.node + spring.component
         for i in np.flatnonzero((spring.component > 2) & (spring.value != 0)):
@@ -39,24 +38,19 @@ def spring_rows(mesh: Mesh, rotation_rows: Mapping[int, int]) -> tuple[sparse.cs
                     entity=("node", int(mesh.node_ids[node])),
                 )
             at[i] = rotation_rows[node] + spring.component[i] - 3
-        kept = spring.value != 0
-        rows.append(spring.spring[kept] + count)
-        columns.append(at[kept])
-        values.append(spring.value[kept])
+        entries.append((spring.value, spring.spring + count, at))
         stiffness.append(spring.stiffness)
         count += len(spring.stiffness)
-    if not rows:
+    if not entries:
         return sparse.csr_array((0, size)), np.zeros(0)
-    places = np.concatenate(rows), np.concatenate(columns)
-    R, k = sparse.csr_array((np.concatenate(values), places), shape=(count, size)), np.concatenate(stiffness)
+    R, k = from_entries(entries, (count, size)), np.concatenate(stiffness)
     more, held = _unresisted(mesh, rotation_rows, R, k)
     return sparse.csr_array(sparse.vstack([R, more])), np.concatenate([k, held])
 
 
 def _alone(mesh: Mesh, rotation_rows: Mapping[int, int]) -> list[int]:
     """Nodes whose rotations springs resist, and neither elements nor ties."""
-    joined = references(mesh) | turned_by_name(mesh) | followers(mesh) | {*mesh.turning.tolist()}
-    return sorted({*mesh.turned_by_springs.tolist()} & rotation_rows.keys() - joined)
+    return sorted({*mesh.turned_by_springs.tolist()} & rotation_rows.keys() - joined(mesh))
 
 
 def _unresisted(
@@ -64,7 +58,8 @@ def _unresisted(
 ) -> tuple[sparse.csr_array, np.ndarray]:
     """Springs (s, 3n + 3r) about the axes v of single nodes with (Σ k r rᵀ + k̂ Σ e eᵀ) v = 0, r the rotations of the node in
     each spring, e those that supports hold, k̂ their stiffness (s,), the largest there."""
-    rows, values, stiffness = [], [], []
+    entries: list[tuple[np.ndarray, int, np.ndarray]] = []
+    stiffness = []
     for node in _alone(mesh, rotation_rows):
         at = rotation_rows[node] + np.arange(3)
         r = R[:, at].toarray()
@@ -74,11 +69,9 @@ def _unresisted(
         e = mesh.axes.get(node, np.eye(3))[:, held]
         size, v = np.linalg.eigh(B + strength * e @ e.T)
         for axis in v.T[size <= UNRESISTED * strength]:
-            rows.append(at)
-            values.append(axis)
+            entries.append((axis, len(entries), at))
             stiffness.append(strength)
-    places = np.repeat(np.arange(len(rows)), 3), np.ravel(rows).astype(np.int64)
-    return sparse.csr_array((np.ravel(values), places), shape=(len(rows), R.shape[1])), np.array(stiffness)
+    return from_entries(entries, (len(entries), R.shape[1])), np.array(stiffness)
 
 
 def spring_owners(mesh: Mesh, springs: Mapping[str, Sequence[str]]) -> dict[str, str]:

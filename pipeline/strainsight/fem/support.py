@@ -9,6 +9,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import UserError
+from strainsight.fem.affine import from_entries
 from strainsight.fem.constraints import Constraint, describe_row
 from strainsight.fem.equations import references, rigid_rows, translation_rows
 from strainsight.fem.pieces import Pieces, parts, stiff_pieces, whole
@@ -181,15 +182,13 @@ def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_fi
     parted = _parted(mesh, pieces, centre, radius)
     size = np.sqrt(np.asarray(loose.multiply(loose).sum(axis=0)).ravel())
     size[size == 0] = 1.0
-    B = sparse.hstack([Th[:, np.flatnonzero(inside)] @ R[free[inside]] - R[held_rows], loose / size], format="csr")
-    if stretched.shape[0]:
-        outside = stretched[:, np.flatnonzero(~inside)] / size
-        B = sparse.vstack(
-            [B, sparse.hstack([stretched[:, np.flatnonzero(inside)] @ R[free[inside]], outside])], format="csr"
-        )
-    if parted.shape[0]:
-        apart = sparse.csr_array((parted.shape[0], loose.shape[1]))
-        B = sparse.vstack([B, sparse.hstack([parted, apart])], format="csr")
+    within, moved = np.flatnonzero(inside), R[free[inside]]
+    rows = [
+        (Th[:, within] @ moved - R[held_rows], loose / size),
+        (stretched[:, within] @ moved, stretched[:, np.flatnonzero(~inside)] / size),
+        (parted, sparse.csr_array((parted.shape[0], loose.shape[1]))),
+    ]
+    B = sparse.vstack([sparse.hstack(row) for row in rows], format="csr")
     null = _that_move(_null_space(B), R)
     words: list[str] = []
     named = null @ _null_space(sparse.csr_array(null[:6])) if against_first else null
@@ -198,10 +197,10 @@ def _free_motions(mesh: Mesh, constraint: Constraint, pieces: Pieces, against_fi
         words += motion_words(named[6 * b : 6 * b + 6], centre[b], radius[b], where)
     column = null[6 * bodies :]
     if column.size and not words:
-        rows = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
-        words = [describe_row(mesh, constraint, int(row)) + _of_tie(mesh, constraint, int(row)) for row in rows]
+        loosest = free[~inside][np.abs(column).max(axis=1) > 0.1 * np.abs(column).max()]
+        words = [describe_row(mesh, constraint, int(row)) + _of_tie(mesh, constraint, int(row)) for row in loosest]
     vectors = np.empty((len(free), null.shape[1]))
-    vectors[inside] = R[free[inside]] @ null[: 6 * bodies]
+    vectors[inside] = moved @ null[: 6 * bodies]
     vectors[~inside] = null[6 * bodies :] / size[:, None]
     return FreeMotions(tuple(words), vectors)
 
@@ -233,29 +232,21 @@ def _motions(
     body, turning = label[nodes], mesh.turning
     blocks = rigid_rows(mesh.position[nodes] - centre[body])
     blocks[:, :, 3:] /= radius[body][:, None, None]
-    rows = np.broadcast_to((3 * nodes[:, None] + np.arange(3))[:, :, None], blocks.shape)
-    columns = np.broadcast_to(6 * body[:, None, None] + np.arange(6), blocks.shape)
-    turned = constraint.rotations(turning).ravel()
-    about = (6 * label[turning][:, None] + np.arange(3, 6)).ravel()
-    values = np.concatenate([blocks.ravel(), np.repeat(1 / radius[label[turning]], 3)])
-    places = np.concatenate([rows.ravel(), turned]), np.concatenate([columns.ravel(), about])
-    return sparse.csr_array((values, places), shape=(constraint.transform.shape[0], 6 * len(centre)))
+    displaced = blocks, (3 * nodes[:, None] + np.arange(3))[:, :, None], 6 * body[:, None, None] + np.arange(6)
+    about = 6 * label[turning][:, None] + np.arange(3, 6)
+    turned = np.repeat(1 / radius[label[turning]], 3).reshape(-1, 3), constraint.rotations(turning), about
+    return from_entries([displaced, turned], (constraint.transform.shape[0], 6 * len(centre)))
 
 
 def _parted(mesh: Mesh, pieces: Pieces, centre: np.ndarray, radius: np.ndarray) -> sparse.csr_array:
     """R_a c_a − R_b c_b (3s, 6b) at the s nodes that a piece has beside the one that they move with."""
     node, other = pieces.meeting
-    values, columns = [], []
+    entries, rows = [], np.arange(3 * len(node)).reshape(-1, 3, 1)
     for body, sign in ((pieces.label[node], 1.0), (other, -1.0)):
         blocks = sign * rigid_rows(mesh.position[node] - centre[body])
         blocks[:, :, 3:] /= radius[body][:, None, None]
-        values.append(blocks)
-        columns.append(np.broadcast_to(6 * body[:, None, None] + np.arange(6), blocks.shape))
-    rows = np.arange(3 * len(node)).reshape(-1, 3, 1)
-    return sparse.csr_array(
-        (np.ravel(values), (np.ravel([np.broadcast_to(rows, value.shape) for value in values]), np.ravel(columns))),
-        shape=(3 * len(node), 6 * len(centre)),
-    )
+        entries.append((blocks, rows, 6 * body[:, None, None] + np.arange(6)))
+    return from_entries(entries, (3 * len(node), 6 * len(centre)))
 
 
 def _null_space(B: sparse.csr_array) -> np.ndarray:
@@ -301,28 +292,21 @@ class Grounded:
     apart: float
 
 
-def grounded(mesh: Mesh) -> tuple[Grounded, ...]:
-    """Springs and relations with s = Σ r z ≠ 0 under a rigid motion z = u + ω × (x − x₀) of the whole, the worst first.
+def links(mesh: Mesh, least: float = 0.0) -> tuple[Grounded, ...]:
+    """Springs and relations between several nodes, s = Σ r z under a rigid motion z = u + ω × (x − x₀) of the whole: the one that
+    such a motion stretches most first; least: of those by a share larger than this alone, EXACT where s should be 0.
 
     What has one node alone leads to the ground, and is a support. Elements, rigid and averaging elements follow a rigid motion
     exactly.
     """
-    return tuple(own for own in links(mesh) if own.share > EXACT)
-
-
-def links(mesh: Mesh) -> tuple[Grounded, ...]:
-    """All springs and relations between several nodes, the one that a rigid motion stretches most first."""
-    return tuple(sorted(_each(mesh), key=lambda own: -own.share))
-
-
-def _each(mesh: Mesh) -> Iterator[Grounded]:
-    x = mesh.position - mesh.position.mean(axis=0)
+    x, found = mesh.position - mesh.position.mean(axis=0), list[Grounded]()
     for spring in mesh.springs:
         for i in np.flatnonzero(spring.stiffness > 0):
             part = spring.spring == i
-            yield from _checked(x, spring.name, spring.node[part], spring.component[part], spring.value[part], {})
+            found += _checked(x, spring.name, spring.node[part], spring.component[part], spring.value[part], {})
     for tie in mesh.relations:
-        yield from _checked(x, str(tie), tie.node, tie.component, tie.value, mesh.axes)
+        found += _checked(x, str(tie), tie.node, tie.component, tie.value, mesh.axes)
+    return tuple(sorted((own for own in found if own.share >= least), key=lambda own: -own.share))
 
 
 def _checked(

@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 
 import numpy as np
 from scipy import sparse
@@ -14,10 +15,10 @@ from strainsight.fem.beam_matrices import (
     beam_stiffnesses,
     curved_beam_masses,
     curved_beam_stiffnesses,
-    properties_of,
     rod_masses,
     rod_stiffnesses,
 )
+from strainsight.fem.beam_properties import properties_of
 from strainsight.fem.by_region import by_element, cut, density_of, poisson_ratios, region_operator, regions_of, some_of
 from strainsight.fem.shells import shell_axes, shell_masses, shell_stiffnesses
 from strainsight.fem.shells.matrices import Resistance, in_shear, laminate_resistance, plane_stress
@@ -27,7 +28,6 @@ from strainsight.mesh.thin import (
     BeamSection,
     GeneralShell,
     Lamina,
-    Section,
     ShellBlock,
     ShellSection,
     nodes_along_beams,
@@ -78,7 +78,8 @@ def of_laminate(mesh: Mesh, region: int) -> Resistance:
     materials = plies_of(mesh, region)
     thickness, angle = np.array([[ply.thickness, np.radians(ply.angle)] for ply in laminate.plies]).T
     Q = np.stack([ply_stiffness(material) for material in materials])
-    return laminate_resistance(thickness, angle, Q, np.array([_shear_flexibility(material) for material in materials]))
+    shear = [_shear_flexibility(material) for material in materials]
+    return laminate_resistance(thickness, angle, Q, np.array(shear))
 
 
 def plies_of(mesh: Mesh, region: int) -> tuple[Lamina | Material, ...]:
@@ -176,24 +177,26 @@ def thin_operators(mesh: Mesh, parameters: Sequence[Parameter] = ()) -> tuple[Af
     Raises DeckError for an element that is degenerate, UserError for parameters that overlap or name no region, or that a
     region has no property for.
     """
-    found: dict[frozenset[int], ThinPattern] = {}
 
-    def pattern(regions: Mapping[int, float]) -> ThinPattern:
+    @cache
+    def pattern(regions: frozenset[int]) -> ThinPattern:
         """Of the same regions at other values of their properties, and of their mass, it is the same."""
-        key = frozenset(regions)
-        if key not in found:
-            found[key] = _pattern(mesh, _parts(mesh, regions))
-        return found[key]
+        return _pattern(mesh, _parts(mesh, regions))
 
-    K = region_operator(
-        mesh, parameters, "stiffness", mesh.thin, lambda own, some: _sum(pattern(some), _stiffnesses(own, some))
-    )
-    M = region_operator(
-        mesh, parameters, "mass", mesh.thin, lambda own, some: _sum(pattern(some), _masses(own, some, False))
-    )
-    beside = {number: 0.0 for number, section in mesh.sections.items() if _has_nonstructural(section)}
-    more = AffineOperator(_sum(pattern(beside), _masses(mesh, beside, True)), {})
-    return K, sum_of(M, more)
+    def stiffness(own: Mesh, some: Mapping[int, float]) -> sparse.csr_array:
+        return _sum(pattern(frozenset(some)), _stiffnesses(own, some))
+
+    def mass(own: Mesh, some: Mapping[int, float], nonstructural: bool = False) -> sparse.csr_array:
+        return _sum(pattern(frozenset(some)), _masses(own, some, nonstructural))
+
+    K = region_operator(mesh, parameters, "stiffness", mesh.thin, stiffness)
+    M = region_operator(mesh, parameters, "mass", mesh.thin, mass)
+    beside = {
+        number: 0.0
+        for number, section in mesh.sections.items()
+        if section.nonstructural or (isinstance(section, BeamSection) and section.at_b and section.at_b.nonstructural)
+    }
+    return K, sum_of(M, AffineOperator(mass(mesh, beside, True), {}))
 
 
 def motions(mesh: Mesh, rotation_rows: Mapping[int, int]) -> sparse.csr_array:
@@ -284,11 +287,6 @@ def _blocks(nodes: np.ndarray, own: np.ndarray) -> np.ndarray:
     return own.reshape(e, k, 6, k, 6).swapaxes(2, 3).reshape(-1, 36)
 
 
-def _has_nonstructural(section: Section) -> bool:
-    ends = _ends(section) if isinstance(section, BeamSection) else (section,)
-    return any(own.nonstructural for own in ends)
-
-
 def _beam(mesh: Mesh, region: int) -> BeamSection:
     section = mesh.sections[region]
     assert isinstance(section, BeamSection)
@@ -299,7 +297,7 @@ def _ends(section: BeamSection) -> tuple[BeamSection, BeamSection]:
     return section, section.at_b or section
 
 
-def _parts(mesh: Mesh, regions: Mapping[int, float]) -> Iterator[ShellBlock | BeamBlock]:
+def _parts(mesh: Mesh, regions: Collection[int]) -> Iterator[ShellBlock | BeamBlock]:
     """The elements in these regions, some at a time."""
     for block in mesh.thin:
         yield from cut(block, regions, CHUNK // 8 if block.nodes.shape[1] > 4 else CHUNK)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from math import ceil, comb, factorial
 
@@ -29,6 +29,12 @@ class ViscousDamping:
     frequency: np.ndarray = field(default_factory=lambda: np.zeros(0))
     shapes: np.ndarray | None = None
     rate: np.ndarray = field(default_factory=lambda: np.zeros(0))
+
+    def share(self, s: complex | np.ndarray) -> np.ndarray:
+        """s cᵢ/(aᵢ + s cᵢ) (..., N), aᵢ = s² + s α + (1 + s β) ωᵢ²: what the c_i take from the motions φᵢ of a solution at s
+        (Woodbury); the shapes are eigenvectors, (K + …)⁻¹Mφ = φ/a without a further solve."""
+        taken = s * self.rate
+        return np.asarray(taken / (s * s + s * self.alpha + (1 + s * self.beta) * self.frequency**2 + taken))
 
 
 def modal_damping(
@@ -107,7 +113,14 @@ def transient(
     Source: Song, Eisenträger and Zhang (2022), in partial fractions.
     """
     K, M = model.stiffness.at(theta), model.mass.at(theta)
-    mass = None if acceleration_rows is None or not acceleration_rows.shape[0] else _mass_factor(M)
+    mass = None
+    if acceleration_rows is not None and acceleration_rows.shape[0]:
+        if not np.all(M.diagonal() > 0):
+            raise UserError(
+                "accelerations of a model with unknowns that have no mass are not defined",
+                remedy="give every unknown a mass, or read strains and displacements only",
+            )
+        mass = factorise(M)
     reach = highest
     if reach is None:
         reach = max(_reach(K, M, damping, held, h, model.rigid), 0.0 if mass is None else BAND / h)
@@ -163,10 +176,7 @@ class _TransientStep:
         self.solve = [factorise_complex((1 + s * beta) * K + (s * s + s * alpha) * M) for s in self.s]
         self.modal = damping.shapes is not None and bool(np.any(damping.rate))
         if self.modal:
-            s, c = self.s[:, None], damping.rate
-            # the shapes are eigenvectors: (K + …)⁻¹Mφ = φ/a without a further solve
-            a = s * s + s * alpha + (1 + s * beta) * damping.frequency**2
-            self.gain = s * c / (a + s * c)
+            self.gain = damping.share(self.s[:, None])
             self.shapes = np.asarray(damping.shapes)
             self.M_shapes = M @ self.shapes
 
@@ -240,15 +250,6 @@ def _real_times(X: np.ndarray, w: np.ndarray) -> np.ndarray:
     """Xᵀw for real X (n, N) and complex w (n,), without a complex copy of X."""
     real, imaginary = w.view(float).reshape(-1, 2).T @ X
     return real + 1j * imaginary
-
-
-def _mass_factor(M: sparse.csr_array) -> Factor:
-    if not np.all(M.diagonal() > 0):
-        raise UserError(
-            "accelerations of a model with unknowns that have no mass are not defined",
-            remedy="give every unknown a mass, or read strains and displacements only",
-        )
-    return factorise(M)
 
 
 def _reach(
@@ -330,7 +331,7 @@ def pade(degree: int) -> Scheme:
     y = np.linspace(0.05, 2.0 * degree, 2000)
     period, damping = found.errors(y)
     bad = np.flatnonzero((np.abs(period) > TOLERANCE) | (np.abs(damping) > TOLERANCE))
-    return Scheme(found.degree, found.pole, found.residue, found.infinity, float(y[bad[0] - 1]))
+    return replace(found, reach=float(y[bad[0] - 1]))
 
 
 def choose(y: float) -> tuple[Scheme, int]:
@@ -399,6 +400,4 @@ def _response(
         )
     if damping.shapes is None:
         return Z
-    rate = s * damping.rate
-    a = s * s + s * damping.alpha + (1 + s * damping.beta) * damping.frequency**2
-    return Z - damping.shapes @ (rate / (a + rate) * (damping.shapes.T @ (M @ Z)))
+    return Z - damping.shapes @ (damping.share(s) * (damping.shapes.T @ (M @ Z)))

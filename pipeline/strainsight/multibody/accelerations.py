@@ -238,10 +238,16 @@ def _bends(
 def _matrix(system: System, at: Balance) -> tuple[np.ndarray, np.ndarray]:
     """That of `instant` (n + m square) for (D v̇, λ/s), and s (m,)."""
     per = 1 / system.metric
-    B = at.B * per
+    B, s = unit_rows(at.B, per)
+    return saddle((at.mass * per) * per[:, None], B), s
+
+
+def unit_rows(B: np.ndarray, per: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """S B D⁻¹ (m, n) of unit rows, and S (m,), by which λ = S λ'; per (n,) = 1/d."""
+    B = B * per
     s = 1 / np.maximum(np.sqrt(np.einsum("ij,ij->i", B, B)), TINY)
     B *= s[:, None]
-    return saddle((at.mass * per) * per[:, None], B), s
+    return B, s
 
 
 def saddle(K: np.ndarray, B: np.ndarray) -> np.ndarray:
@@ -323,7 +329,8 @@ def reaction(
 
     for δ(b·y) = t δp_j·y + δθ·((b − t p_j) × y) in a virtual motion of that body about p_j. λ (m,) as of `instant`.
     """
-    first = _first_row(system, joint)
+    # the constraints of the rigid motions stand before those of all joints
+    first = system.constrained - sum(len(own.relations) for own in system.joints[system.joints.index(joint) :])
     side, sign = (j.body, 1.0) if j.body is not None else (i.body, -1.0)
     p, F, M = _vector(system, j.point, q), np.zeros(3), np.zeros(3)
     for k, own in enumerate(joint.relations):
@@ -337,11 +344,6 @@ def reaction(
                         M += weight * np.cross(_vector(system, b, q) - b.t * p, other)
     axes = np.stack([_vector(system, i.axis(k), q) for k in range(3)])
     return np.concatenate([axes @ F, axes @ M])
-
-
-def _first_row(system: System, joint: Joint) -> int:
-    """Row of the joint's first constraint: those of the rigid motions stand before all joints."""
-    return system.constrained - sum(len(own.relations) for own in system.joints[system.joints.index(joint) :])
 
 
 def _products(system: System, own: Relation | DrivenRelation, u: np.ndarray) -> list[tuple[Relation, float]]:

@@ -93,6 +93,7 @@ class RigidBody:
 
     mass [kg]; centre (3,) [m] of mass in body axes; inertia (3, 3) [kg m²] about the body's origin, in body axes.
     A straight rod has no inertia about its axis: the joints must then hold that rotation.
+    modes, moves, size: as of `FlexibleBody`.
     Raises InfeasibleError for a mass that is not positive or an inertia that no distribution of mass has.
     """
 
@@ -100,6 +101,8 @@ class RigidBody:
     mass: float
     centre: np.ndarray
     inertia: np.ndarray
+
+    modes, moves, size = 0, True, RIGID
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.mass) and self.mass > 0):
@@ -169,7 +172,18 @@ class FlexibleBody:
 
     @property
     def modes(self) -> int:
+        """Number of modal coordinates."""
         return len(self.mass)
+
+    @property
+    def moves(self) -> bool:
+        """Whether the body has a frame of its own, r and R."""
+        return not self.clamped
+
+    @property
+    def size(self) -> int:
+        """Number of coordinates."""
+        return RIGID * self.moves + self.modes
 
 
 Body = RigidBody | FlexibleBody
@@ -181,23 +195,6 @@ def mass_moment(body: Body) -> Carried:
         return Carried(body.name, body.mass, body.mass * np.asarray(body.centre, dtype=float), np.zeros((3, 0)))
     own = body.invariants
     return Carried(body.name, own.mass, np.asarray(own.first, dtype=float), np.asarray(own.first_modal, dtype=float))
-
-
-def size(body: Body) -> int:
-    """Number of coordinates."""
-    if isinstance(body, RigidBody):
-        return RIGID
-    return body.modes if body.clamped else RIGID + body.modes
-
-
-def modes(body: Body) -> int:
-    """Number of modal coordinates."""
-    return 0 if isinstance(body, RigidBody) else body.modes
-
-
-def moves(body: Body) -> bool:
-    """Whether the body has a frame of its own, r and R."""
-    return isinstance(body, RigidBody) or not body.clamped
 
 
 def mass_matrix(body: Body) -> np.ndarray:

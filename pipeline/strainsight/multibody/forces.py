@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ctypes
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
@@ -53,6 +54,33 @@ class CompiledLaw(ForceLaw, Protocol):
         """What that function takes of the law, for the element's own parameters θ (without inputs). Raises as `load` does."""
 
 
+class FunctionLaw(ABC):
+    """A law that is a function with SIGNATURE, and keeps nothing; refusal: ρ → why it has no load there."""
+
+    function: Callable[..., int]
+    refusal: Callable[[np.ndarray], NumericalError]
+    memory = 0
+
+    @abstractmethod
+    def numbers(self, theta: np.ndarray) -> np.ndarray:
+        """As of `CompiledLaw`."""
+
+    @property
+    def address(self) -> int:
+        return int(compiled_law(self.function).address)
+
+    def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
+        k, p = len(rho), len(theta)
+        F, F_rho, F_rate, F_theta = np.zeros(k), *np.zeros((2, k, k)), np.zeros((k, p))
+        arrays = self.numbers(theta), np.zeros(self.memory), rho, rho_dot, theta, F, F_rho, F_rate, F_theta
+        data = [np.ascontiguousarray(array, dtype=float) for array in arrays]
+        law = compiled_law(self.function).ctypes
+        answer = law(k, p, *(array.ctypes.data_as(_DOUBLES) for array in data))
+        if answer == NONE:
+            raise self.refusal(rho)
+        return Load(F, F_rho, F_rate if answer == MOVING else None, F_theta)
+
+
 @dataclass(frozen=True)
 class RelativeElement:
     """A force law on relations between frames: Q = −∇ρᵀ F(ρ, ρ̇, θ); it gives the bodies the power −F·ρ̇.
@@ -71,8 +99,8 @@ class RelativeElement:
 
 
 @dataclass(frozen=True)
-class PointForce:
-    """Σ u_k d_k at a frame's origin, in global axes; directions (3, k), inputs: the names of u_k [N]."""
+class FrameLoad:
+    """Σ u_k d_k on a frame, in global axes; directions (3, k), inputs: the names of u_k."""
 
     name: str
     frame: Frame
@@ -80,17 +108,12 @@ class PointForce:
     inputs: Sequence[str]
 
 
-@dataclass(frozen=True)
-class PointMoment:
-    """T = Σ u_k d_k on a frame, in global axes; directions (3, k), inputs: the names of u_k [N m].
+class PointForce(FrameLoad):
+    """A force at the frame's origin, u_k [N]."""
 
-    virtual work T·δθ,  δθ = ½ Σ R_k × δR_k + R Ψ δη
-    """
 
-    name: str
-    frame: Frame
-    directions: np.ndarray
-    inputs: Sequence[str]
+class PointMoment(FrameLoad):
+    """A moment T, u_k [N m]: virtual work T·δθ,  δθ = ½ Σ R_k × δR_k + R Ψ δη."""
 
 
 @dataclass(frozen=True)
@@ -112,7 +135,8 @@ NONE, STILL, MOVING = 0, 1, 2
 ABORT = -1
 """Answer of a law in Python that raised another error than that it has no load."""
 
-_C = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, *[ctypes.POINTER(ctypes.c_double)] * 9)
+_DOUBLES = ctypes.POINTER(ctypes.c_double)
+_C = ctypes.CFUNCTYPE(ctypes.c_int64, ctypes.c_int64, ctypes.c_int64, *[_DOUBLES] * 9)
 
 
 @cache

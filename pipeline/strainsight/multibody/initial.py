@@ -5,15 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import qr
 from scipy.linalg.lapack import dpotrf, dpotrs
 
 from strainsight.errors import InfeasibleError, NumericalError, did_you_mean
-from strainsight.multibody.accelerations import TINY, Balance, balance, mass_at, saddle
-from strainsight.multibody.bodies import cross_matrix, moves
+from strainsight.multibody.accelerations import TINY, Balance, balance, mass_at, saddle, unit_rows
+from strainsight.multibody.bodies import cross_matrix
 from strainsight.multibody.joints import drive
 from strainsight.multibody.relations import relation_rows
 from strainsight.multibody.system import System
@@ -51,7 +50,7 @@ def state(system: System, poses: Mapping[str, Pose]) -> tuple[np.ndarray, np.nda
     q, v = np.zeros(system.size), np.zeros(system.size)
     for body in system.bodies:
         pose, at = poses.get(body.name, Pose()), system.of[body.name].start
-        if moves(body):
+        if body.moves:
             R = np.asarray(pose.rotation, dtype=float)
             q[at : at + 3], v[at : at + 3] = pose.position, pose.velocity
             q[at + 3 : at + 12] = R.T.ravel()
@@ -100,7 +99,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
         return q
     for _ in range(50):
         phi, B, _ = constraints_at(system, q, u)
-        unit, s = unit_rows(B, d)
+        unit, s = unit_rows(B, 1 / d)
         # pseudo-inverse: redundant joints are no reason to fail, only contradictory ones
         x = np.linalg.lstsq(unit, -s * phi, rcond=1e-10)[0]
         size, whole = np.linalg.norm(x), np.linalg.norm(d * q)
@@ -110,7 +109,7 @@ def project_position(system: System, q: np.ndarray, u: np.ndarray | None = None)
         if size <= 1e-15 * whole:
             break
     phi, B, _ = constraints_at(system, q, u)
-    violation = np.abs(phi) / np.maximum(np.linalg.norm(B / d, axis=1), TINY) / np.linalg.norm(d * q)
+    violation = np.abs(phi) * unit_rows(B, 1 / d)[1] / np.linalg.norm(d * q)
     if np.max(violation) > 1e-9:
         worst = [i for i in np.argsort(-violation)[:4] if violation[i] > 1e-2 * np.max(violation)]
         listed = "; ".join(f"{system.constraints[i]} is off by {phi[i]:.3g}" for i in worst)
@@ -128,12 +127,10 @@ def project_velocity(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray
     _, B, rate = constraints_at(system, q, u)
     if not len(B):
         return np.array(v, dtype=float)
-    B = B / d
-    lengths = np.linalg.norm(B, axis=1)
-    B /= lengths[:, None]
+    unit, s = unit_rows(B, 1 / d)
     y = d * v
     for _ in range(2):
-        y = y - np.linalg.lstsq(B, B @ y + rate / lengths, rcond=1e-10)[0]
+        y = y - np.linalg.lstsq(unit, unit @ y + s * rate, rcond=1e-10)[0]
     return y / d
 
 
@@ -154,10 +151,11 @@ def nearest_state(
     before, per = np.inf, 1 / d
     for _ in range(NEAREST):
         phi, B, rate = constraints_at(system, q, u)
-        across = _factor(B * per)
-        if across is None:
+        unit, s = unit_rows(B, per)
+        lower, singular = dpotrf(unit @ unit.T, lower=1)
+        if singular:
             break
-        x = _across(across, phi)
+        x = _across(unit, lower, s * phi)
         q -= x * per
         y = d * q
         size, whole = math.sqrt(x @ x), math.sqrt(y @ y)
@@ -166,7 +164,7 @@ def nearest_state(
         if size <= AT_REST * whole or (size < 1e-12 * whole and size > 0.3 * before):
             y = d * v
             for _ in range(2):
-                y = y - _across(across, B @ (y * per) + rate)
+                y = y - _across(unit, lower, s * (B @ (y * per) + rate))
             return q, y * per
         before = size
     project_position(system, q, u)
@@ -176,25 +174,9 @@ def nearest_state(
     )
 
 
-class _Across(NamedTuple):
-    """Lengths⁻¹ s (m,) of the rows of B, these as units (m, n), and Cholesky's factor of unit unitᵀ."""
-
-    s: np.ndarray
-    unit: np.ndarray
-    lower: np.ndarray
-
-
-def _factor(B: np.ndarray) -> _Across | None:
-    """None where BBᵀ is singular."""
-    s = 1 / np.maximum(np.sqrt(np.einsum("ij,ij->i", B, B)), TINY)
-    unit = s[:, None] * B
-    lower, info = dpotrf(unit @ unit.T, lower=1)
-    return _Across(s, unit, lower) if info == 0 else None
-
-
-def _across(B: _Across, value: np.ndarray) -> np.ndarray:
-    """Bᵀ(BBᵀ)⁻¹ value."""
-    return np.asarray(dpotrs(B.lower, B.s * value, lower=1)[0] @ B.unit)
+def _across(B: np.ndarray, lower: np.ndarray, value: np.ndarray) -> np.ndarray:
+    """Bᵀ(BBᵀ)⁻¹ value (m,) of B (m, n), lower Cholesky's factor of BBᵀ."""
+    return np.asarray(dpotrs(lower, value, lower=1)[0] @ B)
 
 
 def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray | None = None) -> None:
@@ -203,9 +185,9 @@ def check_consistent(system: System, q: np.ndarray, v: np.ndarray, u: np.ndarray
     phi, B, rate = constraints_at(system, q, u)
     if not len(phi):
         return
-    lengths = np.maximum(np.linalg.norm(B / d, axis=1), TINY)
+    s = unit_rows(B, 1 / d)[1]
     for what, off, whole in (("", phi, d * q), ("the rate of ", B @ v + rate, d * v)):
-        share = np.abs(off) / lengths / max(float(np.linalg.norm(whole)), TINY)
+        share = np.abs(off) * s / max(float(np.linalg.norm(whole)), TINY)
         worst = np.argsort(-share)[:3]
         if share[worst[0]] > CONSISTENT:
             listed = "; ".join(f"{what}{system.constraints[i]} is {off[i]:.3g}" for i in worst if share[i] > CONSISTENT)
@@ -231,7 +213,7 @@ def check_regular(system: System, q: np.ndarray, u: np.ndarray | None = None) ->
     heavy = np.flatnonzero(norms[:rigid] <= DEPENDENT * norms.max())
     if len(heavy):
         # a body's rigidity always changes with its coordinates: only its weight in the metric can hide that
-        body = [b.name for b in system.bodies if moves(b)][heavy[0] // 6]
+        body = [b.name for b in system.bodies if b.moves][heavy[0] // 6]
         raise InfeasibleError(
             f"the inertia of body {body} is too large beside the rest of the system: its coordinates weigh "
             f"{norms.max() / norms[heavy[0]]:.1e} times those of others",
@@ -351,14 +333,7 @@ def static_equilibrium(
 
 def in_the_metric(at: Balance, d: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """D⁻¹K D⁻¹ (n, n), S B D⁻¹ (m, n) of unit rows, and S (m,), by which λ = S λ'."""
-    return at.stiffness / np.outer(d, d), *unit_rows(at.B, d)
-
-
-def unit_rows(B: np.ndarray, d: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """S B D⁻¹ (m, n) of unit rows, and S (m,)."""
-    B = B / d
-    s = 1 / np.maximum(np.linalg.norm(B, axis=1), TINY)
-    return s[:, None] * B, s
+    return at.stiffness / np.outer(d, d), *unit_rows(at.B, 1 / d)
 
 
 def refuse_free(system: System, K: np.ndarray, B: np.ndarray) -> None:

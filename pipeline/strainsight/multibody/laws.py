@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -11,7 +12,7 @@ import numpy as np
 from strainsight.compiled import carray
 from strainsight.errors import NumericalError
 from strainsight.multibody.bodies import Body, Carried, Frame, constant, mass_moment
-from strainsight.multibody.forces import MOVING, NONE, STILL, Load, RelativeElement, compiled_law
+from strainsight.multibody.forces import MOVING, NONE, STILL, FunctionLaw, Load, RelativeElement
 from strainsight.multibody.relations import (
     Relation,
     bushing_displacements,
@@ -30,7 +31,7 @@ Measure = Callable[[np.ndarray], tuple[float, np.ndarray, np.ndarray]]
 
 
 @dataclass(frozen=True)
-class AlongDisplacement:
+class AlongDisplacement(ABC):
     """T(x, ẋ, θ) along a displacement x(ρ), ẋ = ∇x·ρ̇:
 
     F = T ∇x,     ∂F/∂ρ = ∇x (T_x ∇x + T_ẋ ∇²x ρ̇)ᵀ + T ∇²x,     ∂F/∂ρ̇ = T_ẋ ∇x ∇xᵀ,     ∂F/∂θ = ∇x T_θᵀ
@@ -38,9 +39,9 @@ class AlongDisplacement:
 
     measure: Measure
 
+    @abstractmethod
     def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
         """T, T_x, T_ẋ, T_θ."""
-        raise NotImplementedError
 
     def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
         x, slope, bend = self.measure(rho)
@@ -51,25 +52,15 @@ class AlongDisplacement:
 
 
 @dataclass(frozen=True)
-class SpringDamper(AlongDisplacement):
-    """T = k x + c ẋ, x from where the spring is without force; stiffness k [N/m or N m/rad], damping c [N s/m or N m s/rad].
-
-    compiled: the same as a law with SIGNATURE of `multibody/forces.py` whose numbers are k, c and the origin of x; without one
-    it is called back.
-    """
+class SpringDamper(FunctionLaw):
+    """F = T ∇x, T = k x + c ẋ along a displacement x(ρ), from where the spring is without force; stiffness k [N/m or N m/rad],
+    damping c [N s/m or N m s/rad], origin of x."""
 
     stiffness: float
     damping: float
-    compiled: Callable[..., int] | None = None
-    origin: float = 0.0
-    memory = 0
-
-    def force(self, x: float, rate: float, theta: np.ndarray) -> tuple[float, float, float, Sequence[float]]:
-        return self.stiffness * x + self.damping * rate, self.stiffness, self.damping, ()
-
-    @property
-    def address(self) -> int:
-        return 0 if self.compiled is None else int(compiled_law(self.compiled).address)
+    origin: float
+    function: Callable[..., int]
+    refusal: Callable[[np.ndarray], NumericalError]
 
     def numbers(self, theta: np.ndarray) -> np.ndarray:
         """k, c, origin."""
@@ -83,23 +74,23 @@ def spring(
 
     stiffness k [N/m], damping c [N s/m], length l₀ [m]. Raises NumericalError in `load` for l below SHORTEST.
     """
+    law = SpringDamper(stiffness, damping, length, _pull, lambda rho: _no_direction(rho, i.name, j.name))
+    return RelativeElement(name, (distance_squared(i, j),), law)
 
-    def stretch(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        l, slope, bend = length_of(rho, i.name, j.name)
-        return l - length, slope, bend
 
-    return RelativeElement(name, (distance_squared(i, j),), SpringDamper(stretch, stiffness, damping, _pull, length))
+def _no_direction(rho: np.ndarray, first: str, second: str) -> NumericalError:
+    apart = np.sqrt(max(float(rho[0]), 0.0))
+    return NumericalError(
+        f"its end points '{first}' and '{second}' are {apart:.2g} m apart, below {SHORTEST:g} m: the force has no direction",
+        remedy="name frames that stay apart",
+    )
 
 
 def length_of(rho: np.ndarray, first: str, second: str) -> tuple[float, np.ndarray, np.ndarray]:
     """l = √ρ, dl/dρ, d²l/dρ². Raises NumericalError, naming the two frames, where it has no direction."""
     s = float(rho[0])
     if not s > SHORTEST**2:
-        raise NumericalError(
-            f"its end points '{first}' and '{second}' are {np.sqrt(max(s, 0.0)):.2g} m apart, below {SHORTEST:g} m: the force "
-            "has no direction",
-            remedy="name frames that stay apart",
-        )
+        raise _no_direction(rho, first, second)
     l = float(np.sqrt(s))
     return l, np.array([0.5 / l]), np.array([[-0.25 / (l * s)]])
 
@@ -132,17 +123,15 @@ def torsion(
     i, j = i.turned(axis), j.turned(axis)
     c, s = np.cos(angle), np.sin(angle)
 
-    def turn(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+    def too_far(rho: np.ndarray) -> NumericalError:
         x, y = rho
         phi = float(np.arctan2(y * c - x * s, x * c + y * s))
-        if stiffness and not abs(phi) <= FARTHEST:
-            raise NumericalError(
-                f"it is turned by {phi:.3g} rad from its angle without moment, beyond {FARTHEST:g} rad",
-                remedy="a torsion spring turns by less than half a turn: check its angle and its stiffness",
-            )
-        return phi, *turned_by(rho)[1:]
+        return NumericalError(
+            f"it is turned by {phi:.3g} rad from its angle without moment, beyond {FARTHEST:g} rad",
+            remedy="a torsion spring turns by less than half a turn: check its angle and its stiffness",
+        )
 
-    law = SpringDamper(turn, stiffness, damping, _turned, angle)
+    law = SpringDamper(stiffness, damping, angle, _turned, too_far)
     return RelativeElement(name, (dot(i, 0, j, 0), dot(i, 1, j, 0)), law, aligned=(cosine(i, 2, j, 2),))
 
 
@@ -175,45 +164,6 @@ def _turned(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):
     return MOVING if damping != 0.0 else STILL
 
 
-@dataclass(frozen=True)
-class LinearLaw:
-    """F = (K + Σ θ_j K_j)(ρ − rest) + D ρ̇.
-
-    stiffness K (k, k), rest (k,), terms K_j in the order of the parameters, damping D (k, k) or None.
-    """
-
-    stiffness: np.ndarray
-    rest: np.ndarray
-    terms: tuple[np.ndarray, ...] = ()
-    damping: np.ndarray | None = None
-
-    def load(self, rho: np.ndarray, rho_dot: np.ndarray, theta: np.ndarray) -> Load:
-        apart = rho - self.rest
-        K = self.stiffness
-        slopes = np.empty((len(rho), len(self.terms)))
-        for j, term in enumerate(self.terms):
-            K = K + theta[j] * term
-            slopes[:, j] = term @ apart
-        F = K @ apart
-        if self.damping is not None:
-            F += self.damping @ rho_dot
-        return Load(F, K, self.damping, slopes)
-
-    memory = 0
-
-    @property
-    def address(self) -> int:
-        return int(compiled_law(_load).address)
-
-    def numbers(self, theta: np.ndarray) -> np.ndarray:
-        """Whether it is damped; K(θ), D, rest, the terms."""
-        K = self.stiffness
-        for value, term in zip(theta, self.terms, strict=True):
-            K = K + value * term
-        D = np.zeros_like(K) if self.damping is None else self.damping
-        return np.concatenate([[self.damping is not None], *(np.ravel(X) for X in (K, D, self.rest, *self.terms))])
-
-
 def _load(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  # type: ignore[no-untyped-def]
     law = carray(numbers, 1 + 2 * k * k + k + p * k * k)
     x, xr, out = carray(rho, k), carray(rate, k), carray(F, k)
@@ -228,6 +178,29 @@ def _load(k, p, numbers, memory, rho, rate, theta, F, F_rho, F_rate, F_theta):  
             for m in range(p):
                 by_theta[i, m] += law[rest + k + k * (k * m + i) + j] * apart
     return MOVING if law[0] != 0.0 else STILL
+
+
+@dataclass(frozen=True)
+class LinearLaw(FunctionLaw):
+    """F = (K + Σ θ_j K_j)(ρ − rest) + D ρ̇.
+
+    stiffness K (k, k), rest (k,), terms K_j in the order of the parameters, damping D (k, k) or None.
+    """
+
+    stiffness: np.ndarray
+    rest: np.ndarray
+    terms: tuple[np.ndarray, ...] = ()
+    damping: np.ndarray | None = None
+
+    function = staticmethod(_load)
+
+    def numbers(self, theta: np.ndarray) -> np.ndarray:
+        """Whether it is damped; K(θ), D, rest, the terms."""
+        K = self.stiffness
+        for value, term in zip(theta, self.terms, strict=True):
+            K = K + value * term
+        D = np.zeros_like(K) if self.damping is None else self.damping
+        return np.concatenate([[self.damping is not None], *(np.ravel(X) for X in (K, D, self.rest, *self.terms))])
 
 
 def bushing(name: str, i: Frame, j: Frame, stiffness: Sequence[float], damping: Sequence[float]) -> RelativeElement:
@@ -340,15 +313,11 @@ def friction(
     T on j is −T_c tanh(ω/ω₀) − cω. The Coulomb part is as given, whatever the joint carries.
     """
     if motion == "slide":
-        law = Friction(_straight, coulomb, viscous, speed)
+        law = Friction(lambda rho: (float(rho[0]), np.ones(1), np.zeros((1, 1))), coulomb, viscous, speed)
         return RelativeElement(name, (offset(i, "xyz".index(axis), j),), law)
     i, j = i.turned(axis), j.turned(axis)
     law = Friction(turned_by, coulomb, viscous, speed)
     return RelativeElement(name, (dot(i, 0, j, 0), dot(i, 1, j, 0)), law, aligned=(cosine(i, 2, j, 2),))
-
-
-def _straight(rho: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-    return float(rho[0]), np.ones(1), np.zeros((1, 1))
 
 
 @dataclass(frozen=True)

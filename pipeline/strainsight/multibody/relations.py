@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.compiled import joined, kept
-from strainsight.multibody.bodies import Body, Carried, Frame, constant, modes, moves, size
+from strainsight.multibody.bodies import Body, Carried, Frame, constant
 
 
 @dataclass(frozen=True)
@@ -126,8 +126,8 @@ def compile_products(relations: Sequence[Relation], bodies: Sequence[Body]) -> P
     """The relations over the coordinates of these bodies."""
     table, first, carried = np.zeros((len(bodies), 6), dtype=np.int64), 0, list[Carried]()
     for k, body in enumerate(bodies):
-        table[k] = moves(body), first, first, modes(body), -1, size(body)
-        first += size(body)
+        table[k] = body.moves, first, first, body.modes, -1, body.size
+        first += body.size
     index: dict[Key, int] = {}
 
     def number(vector: Carried) -> tuple[int, float]:

@@ -322,10 +322,5 @@ def _factor(at: Balance, scale: complex) -> tuple[np.ndarray, np.ndarray]:
     return np.asarray(lu), np.asarray(pivots)
 
 
-def _extended() -> np.ndarray:
-    """(3, 3): values at the stages of the next step of the polynomial through those of this one."""
-    powers = PLACES[:, None] ** np.arange(3)
-    return np.asarray((1 + PLACES[:, None]) ** np.arange(3) @ np.linalg.inv(powers))
-
-
-_EXTENDED = _extended()
+_EXTENDED = (1 + PLACES[:, None]) ** np.arange(3) @ np.linalg.inv(PLACES[:, None] ** np.arange(3))
+"""(3, 3): values at the stages of the next step of the polynomial through those of this one."""

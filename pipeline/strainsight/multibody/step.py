@@ -10,7 +10,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.multibody.accelerations import balance, element_load
+from strainsight.multibody.accelerations import balance, element_load, unit_rows
 from strainsight.multibody.compiled import newton as iteration
 from strainsight.multibody.compiled.arrays import NONE, Compiled, StepPoint, TrialState, compiled
 from strainsight.multibody.compiled.equations import BROKEN, SOLVED
@@ -209,10 +209,9 @@ def _farthest(problem: StepProblem, h: float, trial: tuple[np.ndarray, ...]) -> 
         if not np.all(np.isfinite(F)):
             return f"force {element.force.name} is not finite"
     at = balance(system, q, v, problem.u[0], problem.theta, a=(v - problem.v) / h, lam=lam, mu=mu)
-    lengths = np.sqrt(np.maximum(np.einsum("ij,ij->i", at.B / d, at.B / d), np.finfo(float).tiny))
     whole = float(np.linalg.norm(d * problem.q)) or 1.0
     r3, r4 = at.B @ v + (0.0 if at.driven is None else at.driven.rate), at.phi
-    off = np.concatenate([np.abs(r4), h * np.abs(r3)]) / np.tile(lengths, 2) / whole
+    off = np.concatenate([np.abs(r4), h * np.abs(r3)]) * np.tile(unit_rows(at.B, 1 / d)[1], 2) / whole
     if len(off) and np.max(off) > 1e-6:
         worst = int(np.argmax(off))
         row, moving = worst % len(r4), worst >= len(r4)

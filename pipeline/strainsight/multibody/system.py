@@ -22,11 +22,8 @@ from strainsight.multibody.bodies import (
     mass_matrix,
     mass_moment,
     metric,
-    modes,
-    moves,
-    size,
 )
-from strainsight.multibody.forces import Force, Gravity, PointForce, PointMoment, RelativeElement
+from strainsight.multibody.forces import Force, FrameLoad, Gravity, PointForce, PointMoment, RelativeElement
 from strainsight.multibody.joints import DrivenRelation, Drives, Joint, compile_drives
 from strainsight.multibody.relations import Products, Relation, compile_products, place
 
@@ -100,12 +97,12 @@ class System:
     @property
     def rigid(self) -> int:
         """How many of them, the first, keep the bodies' frames orthonormal."""
-        return 6 * sum(moves(body) for body in self.bodies)
+        return 6 * sum(body.moves for body in self.bodies)
 
     def modal(self, name: str) -> slice:
         """The modal coordinates of a body."""
         body = next(b for b in self.bodies if b.name == name)
-        return slice(self.of[name].stop - modes(body), self.of[name].stop)
+        return slice(self.of[name].stop - body.modes, self.of[name].stop)
 
     def most_in(self, x: np.ndarray) -> str:
         """The body with the largest of these entries (n,) by size."""
@@ -134,8 +131,8 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
     _refuse_twins("forces", [f.name for f in forces])
     of, n = {}, 0
     for body in bodies:
-        of[body.name] = slice(n, n + size(body))
-        n += size(body)
+        of[body.name] = slice(n, n + body.size)
+        n += body.size
 
     relations, constraints = _rigidity(bodies)
     held: list[Relation | DrivenRelation] = [*relations]
@@ -167,7 +164,9 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
         elif isinstance(force, PointMoment):
             moments.append(_moment(force, bodies, of, inputs))
         else:
-            relations += [_weight(body, force) for body in bodies]
+            # g·∫ρ p, whose negative is the potential of the weight
+            pull = (constant(force.acceleration),)
+            relations += [Relation(f"{force.name} on {body.name}", pull, (mass_moment(body),)) for body in bodies]
         weights += [-1.0 if isinstance(force, Gravity) else 0.0] * (len(relations) - first)
 
     _check_carried(relations, bodies)
@@ -181,7 +180,7 @@ def assemble(bodies: Iterable[Body], joints: Iterable[Joint] = (), forces: Itera
         if isinstance(body, RigidBody) or body.clamped:
             mass[span, span] = mass_matrix(body)
         if isinstance(body, FlexibleBody):
-            eta = slice(span.stop - modes(body), span.stop)
+            eta = slice(span.stop - body.modes, span.stop)
             for total, terms, X in ((K, K_terms, body.stiffness), (C, C_terms, body.damping)):
                 X = X if isinstance(X, AffineOperator) else AffineOperator(X, {})
                 total[eta, eta] = X.constant
@@ -203,29 +202,24 @@ def _rigidity(bodies: Sequence[Body]) -> tuple[list[Relation], list[str]]:
     """R_a·R_b = δ_ab, a ≤ b, of every body that moves."""
     relations, names = [], []
     for body in bodies:
-        if moves(body):
+        if body.moves:
             R = [Carried(body.name, 0.0, e, np.zeros((3, 0))) for e in np.eye(3)]
             relations += [Relation("", (R[a],), (R[b],), float(a == b)) for a in range(3) for b in range(a, 3)]
             names += [f"body {body.name}: R{AXES[a]}·R{AXES[b]} of its frame" for a in range(3) for b in range(a, 3)]
     return relations, names
 
 
-def _weight(body: Body, gravity: Gravity) -> Relation:
-    """g·∫ρ p, whose negative is the potential of the weight."""
-    return Relation(f"{gravity.name} on {body.name}", (constant(gravity.acceleration),), (mass_moment(body),))
-
-
 def _moment(force: PointMoment, bodies: Sequence[Body], of: Mapping[str, slice], inputs: list[str]) -> TurningMoment:
     body = _body(force.frame, bodies)
-    rotation = np.zeros((3, modes(body))) if force.frame.rotation is None else force.frame.rotation
+    rotation = np.zeros((3, body.modes)) if force.frame.rotation is None else force.frame.rotation
     span = of[body.name]
-    eta = slice(span.stop - modes(body), span.stop)
-    R = span.start + 3 if moves(body) else -1
+    eta = slice(span.stop - body.modes, span.stop)
+    R = span.start + 3 if body.moves else -1
     which = np.array([inputs.index(name) for name in force.inputs], dtype=int)
     return TurningMoment(R, eta, np.asarray(rotation, dtype=float), _directions(force).T, which)
 
 
-def _directions(force: PointForce | PointMoment) -> np.ndarray:
+def _directions(force: FrameLoad) -> np.ndarray:
     """The columns of the directions as rows (k, 3)."""
     D = np.asarray(force.directions, dtype=float)
     D = D[:, None] if D.ndim == 1 else D
@@ -245,7 +239,7 @@ def _body(frame: Frame, bodies: Sequence[Body]) -> Body:
 
 
 def _check_carried(relations: Sequence[Relation], bodies: Sequence[Body]) -> None:
-    known = {body.name: modes(body) for body in bodies}
+    known = {body.name: body.modes for body in bodies}
     for relation in relations:
         for b in relation.x + relation.y:
             if b.body is not None and b.body not in known:

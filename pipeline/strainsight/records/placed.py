@@ -1,6 +1,5 @@
-"""observe.h5 and place.h5: what could be known, the scenarios as solved, the layout and how far it is from the best.
-
-from the best, and layouts by other rules.
+"""observe.h5 and place.h5: what could be known, the scenarios as solved, the layout, how far it is from the best, and layouts by
+other rules.
 
 `<what>` in the words of a dataset stands for the metric: tr(W P), or that of another criterion.
 """

@@ -87,7 +87,8 @@ def group(
     """A field that is a record, or one for every name, below a group ("": the root); through: its `Form` in the file.
 
     A dataclass of a kernel whose fields have a `Column` is a record, too, which is read whole. unit, what: stand for `<unit>` and
-    `<what>` in the fields of that record, which several groups may share; "unit of <name>" is then that of the name of the group.
+    `<what>` in the fields and axes of that record, which several groups may share; "unit of <name>" is then that of the name of
+    the group.
     by: the field of every one of a tuple of them that is the name of its group.
     """
     return placed(FieldPlace("", unit, what=what), path, default, through, by)
@@ -216,6 +217,7 @@ def _within(place: FieldPlace, at: FieldPlace) -> FieldPlace:
         place,
         path=at.path + place.path,
         unit=place.unit.replace("<unit>", at.unit),
+        axes=tuple(axis.replace("<what>", at.what) for axis in place.axes),
         what=place.what.replace("<what>", at.what),
     )
 

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any, Self
+
 import numpy as np
 
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
-from strainsight.records.record import dataset, group, record
+from strainsight.records.record import dataset, group, record, record_from
 from strainsight.rom.model import Damping, ReducedModel, damping_derivative, damping_matrix
 
 
@@ -18,15 +21,11 @@ class Modes:
 
 
 @record
-class AffineTerms:
-    """`AffineOperator`, dense."""
+class ChangeTerms:
+    """`AffineOperator` without a constant term, all of whose terms have coefficients."""
 
-    constant: np.ndarray = dataset("<unit>", "coordinate × coordinate", "<what>: constant term")
     terms: dict[str, np.ndarray] = dataset(
-        "<unit> per SI unit",
-        "coordinate × coordinate",
-        "<what>: slope in <name>, or in its coefficient",
-        path="/<name>",
+        "<unit>", "channel × coordinate", "<what>: what <name>, a coefficient, multiplies", path="/<name>"
     )
     factors: dict[str, tuple[str, ...]] = dataset(
         "1",
@@ -44,27 +43,47 @@ class AffineTerms:
     )
 
     @classmethod
-    def of(cls, operator: AffineOperator) -> AffineTerms:
-        own = {
+    def of(cls, operator: AffineOperator, **others: Any) -> Self:
+        bases = {
             label: [(each, root) for each in coefficient.bases for root in each.roots]
             for label, coefficient in operator.coefficients.items()
         }
         return cls(
-            constant=operator.constant,
             terms=dict(operator.terms),
-            factors={label: tuple(each.parameter for each, _ in found) for label, found in own.items()},
+            factors={label: tuple(each.parameter for each, _ in found) for label, found in bases.items()},
             roots={
                 label: np.array([[root, each.scale, *each.within, each.beyond, each.logarithm] for each, root in found])
-                for label, found in own.items()
+                for label, found in bases.items()
             },
-            weights={label: own.weights.ravel() for label, own in operator.coefficients.items()},
+            weights={label: coefficient.weights.ravel() for label, coefficient in operator.coefficients.items()},
+            **others,
         )
 
     def made(self) -> AffineOperator:
         coefficients = {
             label: _coefficient(names, self.roots[label], self.weights[label]) for label, names in self.factors.items()
         }
-        return AffineOperator(self.constant, self.terms, coefficients)
+        return replace(NO_CHANGE, terms=self.terms, coefficients=coefficients)
+
+
+@record
+class AffineTerms(ChangeTerms):
+    """`AffineOperator`, dense."""
+
+    constant: np.ndarray = dataset("<unit>", "coordinate × coordinate", "<what>: constant term")
+    terms: dict[str, np.ndarray] = dataset(
+        "<unit> per SI unit",
+        "coordinate × coordinate",
+        "<what>: slope in <name>, or in its coefficient",
+        path="/<name>",
+    )
+
+    @classmethod
+    def of(cls, operator: AffineOperator, **others: Any) -> Self:
+        return super().of(operator, constant=operator.constant, **others)
+
+    def made(self) -> AffineOperator:
+        return replace(super().made(), constant=self.constant)
 
 
 def _coefficient(parameters: tuple[str, ...], roots: np.ndarray, weights: np.ndarray) -> Coefficient:
@@ -75,34 +94,6 @@ def _coefficient(parameters: tuple[str, ...], roots: np.ndarray, weights: np.nda
         _, scale, low, high, beyond, logarithm = own[0].tolist()
         bases.append(Newton(name, tuple(own[:, 0].tolist()), scale, (low, high), beyond, bool(logarithm)))
     return Coefficient(tuple(bases), weights.reshape([len(own.roots) + 1 for own in bases]))
-
-
-@record
-class ChangeTerms:
-    """`AffineOperator` without a constant term, all of whose terms have coefficients as those of `AffineTerms`."""
-
-    terms: dict[str, np.ndarray] = dataset(
-        "<unit>", "channel × coordinate", "<what>: what <name>, a coefficient, multiplies", path="/<name>"
-    )
-    factors: dict[str, tuple[str, ...]] = dataset(
-        "1", "root of <name>", "<what>: parameter of the coefficient Σ w Π (x − root)/scale"
-    )
-    roots: dict[str, np.ndarray] = dataset("SI", "root of <name> × 6", "<what>: as of the stiffness in rom.h5")
-    weights: dict[str, np.ndarray] = dataset("1", "product of <name>", "<what>: w of all products of the first roots")
-
-    @classmethod
-    def of(cls, operator: AffineOperator) -> ChangeTerms:
-        own = AffineTerms.of(operator)
-        return cls(terms=own.terms, factors=own.factors, roots=own.roots, weights=own.weights)
-
-    def made(self) -> AffineOperator:
-        return AffineTerms(
-            constant=NO_CHANGE.constant,
-            terms=self.terms,
-            factors=self.factors,
-            roots=self.roots,
-            weights=self.weights,
-        ).made()
 
 
 @record
@@ -124,17 +115,9 @@ class ModelTerms:
     @classmethod
     def of(cls, model: ReducedModel) -> ModelTerms:
         slopes = {name: damping_derivative(model, model.reference, name) for name in model.parameters}
-        return cls(
-            mass=model.mass,
-            stiffness=model.stiffness,
-            damping=AffineOperator(damping_matrix(model, model.reference), slopes),
-            law=model.damping,
-            input_shape=model.input_shape,
-            input_slope=dict(model.input_slope),
-            inputs=model.inputs,
-            parameters=model.parameters,
-            reference=np.array(list(model.reference.values()), dtype=float),
-        )
+        damping = AffineOperator(damping_matrix(model, model.reference), slopes)
+        reference = np.array(list(model.reference.values()), dtype=float)
+        return record_from(cls, model, damping=damping, law=model.damping, reference=reference)
 
     def made(self) -> ReducedModel:
         return ReducedModel(

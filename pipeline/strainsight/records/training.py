@@ -12,59 +12,50 @@ from strainsight.records.record import dataset, group, record, record_from
 from strainsight.records.reduced import ChangeTerms
 from strainsight.sensors.candidates import ACCELERATION, COLUMNS, Arms, Candidates
 
-KIND = "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 and 5 tri6 and quad8 on shells of these"
+
+@record
+class GridColumns:
+    """What there is of every grid of a gauge, and of every channel of another sensor."""
+
+    element: np.ndarray = dataset("1", "<what>", "element id of every <what>")
+    facet: np.ndarray = dataset("1", "<what>", "facet number within the element, from 1, in the order of this page")
+    kind: np.ndarray = dataset(
+        "1", "<what>", "kind of the facet: 0 tri3, 1 tri6, 2 quad4, 3 quad8, 4 and 5 tri6 and quad8 on shells of these"
+    )
+    nodes: np.ndarray = dataset("1", "<what> × 8", "node indices of the facet, −1 where it has fewer")
+    position: np.ndarray = dataset("m", "<what> × 3", "where it sits, of a candidate the facet's centre")
+    normal: np.ndarray = dataset("1", "<what> × 3", "outward normal")
+    direction: np.ndarray = dataset("1", "<what> × 3", "measuring direction, of strain in the facet's plane")
+    angle: np.ndarray = dataset("deg", "<what>", "from the projected axis, right-handed about the outward normal")
+    local: np.ndarray = dataset("1", "<what> × 2", "local coordinates on the facet")
+    length: np.ndarray = dataset("m", "<what>", "length of the grid that the strain is averaged over, 0: at the point")
+    array: np.ndarray = dataset("1", "<what>", "0 gauges, then the motion_sensors of the config in their order")
+    bonded: np.ndarray = dataset("1", "<what>", "1 where the gauge or bridge is bonded already", path="/glued")
 
 
 @record
-class ArmColumns:
-    """`Arms`, a row an arm of a bridge behind its first."""
+class ArmColumns(GridColumns):
+    """`Arms`, a row an arm of a bridge behind its first; each is a gauge of strain."""
 
-    channel: np.ndarray = dataset("1", "arm", "channel that the arm is read in")
-    sign: np.ndarray = dataset("1", "arm", "sign of its strain in the reading of the bridge; that of the first is 1")
-    element: np.ndarray = dataset("1", "arm", "element id of every arm")
-    facet: np.ndarray = dataset("1", "arm", "facet number within the element, from 1, in the order of this page")
-    kind: np.ndarray = dataset("1", "arm", KIND)
-    nodes: np.ndarray = dataset("1", "arm × 8", "node indices of the facet, −1 where it has fewer")
-    position: np.ndarray = dataset("m", "arm × 3", "where it sits")
-    normal: np.ndarray = dataset("1", "arm × 3", "outward normal")
-    direction: np.ndarray = dataset("1", "arm × 3", "measuring direction, in the facet's plane")
-    angle: np.ndarray = dataset("deg", "arm", "right-handed about the outward normal")
-    local: np.ndarray = dataset("1", "arm × 2", "local coordinates on the facet")
-    length: np.ndarray = dataset("m", "arm", "length of the grid that the strain is averaged over")
-    array: np.ndarray = dataset("1", "arm", "that of the channel")
-    bonded: np.ndarray = dataset("1", "arm", "1 where the bridge is bonded already", path="/glued")
+    channel: np.ndarray = dataset("1", "<what>", "channel that the arm is read in")
+    sign: np.ndarray = dataset("1", "<what>", "sign of its strain in the reading of the bridge; that of the first is 1")
 
     @classmethod
     def of(cls, arms: Arms) -> ArmColumns:
         return record_from(cls, arms.grid, channel=arms.channel, sign=arms.sign)
 
     def made(self) -> Arms:
-        return Arms(self.channel, self.sign, Candidates(**{name: getattr(self, name) for name in GRID}))
-
-
-GRID = tuple(name for name in COLUMNS if name not in ("quantity", "gauge"))
-"""What there is of every arm: each is a gauge of strain."""
+        columns = {name: getattr(self, name) for name in COLUMNS if name not in ("quantity", "gauge")}
+        return Arms(self.channel, self.sign, Candidates(**columns))
 
 
 @record
-class CandidateColumns:
+class CandidateColumns(GridColumns):
     """`Candidates`, a row a channel; a bridge is one, in the place of its first arm."""
 
-    element: np.ndarray = dataset("1", "channel", "element id of every candidate")
-    facet: np.ndarray = dataset("1", "channel", "facet number within the element, from 1, in the order of this page")
-    kind: np.ndarray = dataset("1", "channel", KIND)
-    nodes: np.ndarray = dataset("1", "channel × 8", "node indices of the facet, −1 where it has fewer")
-    position: np.ndarray = dataset("m", "channel × 3", "where it sits, of a candidate the facet's centre")
-    normal: np.ndarray = dataset("1", "channel × 3", "outward normal")
-    direction: np.ndarray = dataset("1", "channel × 3", "measuring direction, of strain in the facet's plane")
-    angle: np.ndarray = dataset("deg", "channel", "from the projected axis, right-handed about the outward normal")
-    local: np.ndarray = dataset("1", "channel × 2", "local coordinates on the facet")
-    length: np.ndarray = dataset("m", "channel", "length of the grid that the strain is averaged over, 0: at the point")
-    quantity: np.ndarray = dataset("1", "channel", "0 strain, 1 acceleration, 2 displacement")
-    gauge: np.ndarray = dataset("1", "channel", "number of the gauge that the channel belongs to")
-    array: np.ndarray = dataset("1", "channel", "0 gauges, then the motion_sensors of the config in their order")
-    bonded: np.ndarray = dataset("1", "channel", "1 where the gauge is bonded already", path="/glued")
-    arms: Arms | None = group(ArmColumns, default=None)
+    quantity: np.ndarray = dataset("1", "<what>", "0 strain, 1 acceleration, 2 displacement")
+    gauge: np.ndarray = dataset("1", "<what>", "number of the gauge that the channel belongs to")
+    arms: Arms | None = group(ArmColumns, what="arm", default=None)
 
     @classmethod
     def of(cls, pool: Candidates) -> CandidateColumns:
@@ -112,7 +103,7 @@ class CaseMotion:
 class Training:
     """train.h5."""
 
-    candidates: Candidates = group(CandidateColumns, path="/gauges")
+    candidates: Candidates = group(CandidateColumns, what="channel", path="/gauges")
     name: tuple[str, ...] = dataset(
         "1",
         "gauge",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import sparse
@@ -92,7 +92,9 @@ def craig_bampton(
         )
     b, unit = interface_motions(model, interface)
     i = np.setdiff1d(np.arange(model.size), b)
-    K, M = _at_reference(model, reference or {}), model.mass.constant
+    if missing := [name for name in model.stiffness.parameters if name not in (reference or {})]:
+        raise UserError(f"parameter {missing[0]} has no reference value", remedy="give the value to reduce the body at")
+    K, M = sparse.csr_array(model.stiffness.at(reference or {})), model.mass.constant
     K_i = sparse.csr_array(K[i])
     R = rigid_motions(model)
     F = own_inertia(model, R.shape[1])
@@ -128,13 +130,12 @@ def floating_basis(body: CraigBampton, node: int) -> CraigBampton:
         raise UserError(f"the frame of the body is fixed to node {fixed[0]} already", remedy="fix it to one node only")
     stay = np.flatnonzero(~held)
     square = np.ix_(stay, stay)
-    return CraigBampton(
-        body.stiffness.of_all(lambda X: X[square]),
-        body.mass[square],
-        body.basis[:, stay],
-        {other: rows[:, stay] for other, rows in body.interface.items()},
-        body.frequency,
-        body.cut,
+    return replace(
+        body,
+        stiffness=body.stiffness.of_all(lambda X: X[square]),
+        mass=body.mass[square],
+        basis=body.basis[:, stay],
+        interface={other: rows[:, stay] for other, rows in body.interface.items()},
     )
 
 
@@ -252,13 +253,6 @@ def _held_modes(
     kept = int(modes) if modes is not None else int(np.count_nonzero(frequency <= cutoff))
     cut = float(frequency[kept]) if kept < len(frequency) else np.inf
     return frequency[:kept], U[:, :kept], cut
-
-
-def _at_reference(model: FiniteElementModel, reference: Mapping[str, float]) -> sparse.csr_array:
-    missing = [name for name in model.stiffness.parameters if name not in reference]
-    if missing:
-        raise UserError(f"parameter {missing[0]} has no reference value", remedy="give the value to reduce the body at")
-    return sparse.csr_array(model.stiffness.at(reference))
 
 
 def rigid_field(model: FiniteElementModel) -> np.ndarray:

@@ -10,6 +10,7 @@ from scipy import sparse
 
 from strainsight.columns import Column
 from strainsight.errors import DeckError
+from strainsight.fem.affine import from_entries
 from strainsight.fem.mass import element_mass_parts
 from strainsight.fem.model import FiniteElementModel
 from strainsight.mesh.joins import PointMass
@@ -82,15 +83,12 @@ def inertia_invariants(model: FiniteElementModel, basis: np.ndarray) -> InertiaI
 
 def scalar_mass(mesh: Mesh) -> sparse.csr_array:
     """m_ab = Σ_elements ρ ∫ N_a N_b dV  (nodes, nodes) [kg]: the mass of one component, without point masses."""
-    rows, columns, values = [], [], []
+    entries = []
     for part, m in element_mass_parts(mesh):
         a, b = np.triu_indices(part.nodes.shape[1])
         # half of the diagonal, because the transpose is added below
-        values.append((m * np.where(a == b, 0.5, 1.0)).ravel())
-        rows.append(part.nodes[:, a].ravel())
-        columns.append(part.nodes[:, b].ravel())
-    places = np.concatenate(rows), np.concatenate(columns)
-    half = sparse.csr_array(sparse.coo_array((np.concatenate(values), places), shape=(len(mesh.position),) * 2))
+        entries.append((m * np.where(a == b, 0.5, 1.0), part.nodes[:, a], part.nodes[:, b]))
+    half = from_entries(entries, (len(mesh.position),) * 2)
     return sparse.csr_array(half + half.T)
 
 

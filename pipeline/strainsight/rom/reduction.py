@@ -231,7 +231,10 @@ def reduce_model(
     rest = [found.vectors for found in sweep(snapshots_at, points[1:], shared_by_all(full, S, modes, V))]
     sigma = np.zeros(0)
     if rest:
-        V, sigma = _compress(K, V, np.hstack(rest), tolerance)
+        # The SVD of R, not of a Gram matrix: singular values keep their digits below √eps.
+        Q, R = energy_orthonormal(K, np.hstack(rest), against=V)
+        U, sigma, _ = svd(R, full_matrices=False)
+        V = np.hstack([V, Q @ U[:, sigma > tolerance]])
     model, basis = _modal_coordinates(full, V, S[:, :n_u], inputs, reference, damping)
     model = replace(model, input_slope={name: basis.T @ slope for name, slope in slopes.items()})
     return Reduction(model, basis, first.frequency, first.static[:, :n_u], points, sigma, first.static[:, spanned:])
@@ -253,14 +256,8 @@ def modal_model(
     shapes are the same there; aside (n_free, k): forces whose static responses are in the span too, those of S in the
     snapshots in front of theirs. Returns the model and Ψ (n_free, r) [1/√kg].
     """
-    frozen = FiniteElementModel(
-        full.mesh,
-        full.constraint,
-        AffineOperator(full.stiffness.at(theta), {}),
-        AffineOperator(full.mass.at(theta), {}),
-        full.rigid,
-        full.factorise,
-    )
+    stiffness, mass = (AffineOperator(X.at(theta), {}) for X in (full.stiffness, full.mass))
+    frozen = replace(full, stiffness=stiffness, mass=mass)
     forces = S if aside is None else np.hstack([S, aside])
     serves = reference is not None and only_scales(full) and len(reference.frequency) >= modes
     span = reference.lowest(modes) if reference is not None and serves else snapshots(frozen, forces, {}, modes)
@@ -321,13 +318,6 @@ def energy_orthonormal(K: Any, X: np.ndarray, against: np.ndarray | None = None)
             R[rank, j] = left
             rank += 1
     return Q[:, start:rank], R[start:rank]
-
-
-def _compress(K: Any, V: np.ndarray, X: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    # The SVD of R, not of a Gram matrix: singular values keep their digits below √eps.
-    Q, R = energy_orthonormal(K, X, against=V)
-    U, sigma, _ = svd(R, full_matrices=False)
-    return np.hstack([V, Q @ U[:, sigma > tolerance]]), sigma
 
 
 def _modal_coordinates(

@@ -57,7 +57,7 @@ def test_a_bearing_parameter_from_one_percent_off_on_either_side(part, conventio
     _, y = b.truth(u, h)
     for guess in (1.01 * b.theta, 0.99 * b.theta):
         model = b.model(h, steps, known=u, free=[f"b.{part}"], theta=guess)
-        std = model.coordinates.std(guess, 0.01 * guess)[0]
+        std = np.sqrt(model.coordinates.covariance(guess, 0.01 * guess)[0, 0])
         run = filter_runs(model, *b.start(model, std_xi=std, theta=guess), y, **ITERATED)
         found = model.coordinates.theta(run.mean[-1, 0, model.xi])[0]
         assert found[0] == pytest.approx(b.theta[0], rel=1e-6)
@@ -72,7 +72,7 @@ def test_taking_every_increment_loses_the_ball_that_damping_finds(h):
     _, y = b.truth(u, h)
     guess = 1.02 * b.theta
     model = b.model(h, steps, known=u, free=["b.ball_diameter"], theta=guess, noise=(1e-10, 1e-10))
-    x, P = b.start(model, std_xi=model.coordinates.std(guess, 0.02 * guess)[0], theta=guess)
+    x, P = b.start(model, std_xi=np.sqrt(model.coordinates.covariance(guess, 0.02 * guess)[0, 0]), theta=guess)
     run = filter_runs(model, x, P, y, **ITERATED)
     assert model.coordinates.theta(run.mean[-1, 0, model.xi])[0][0] == pytest.approx(b.theta[0], rel=1e-6)
     with pytest.raises(NumericalError, match="the filter diverged: a time step could not be solved"):
@@ -89,7 +89,7 @@ def test_increments_are_not_halved_for_the_rounding_of_the_cost(monkeypatch):
     _, y = b.truth(u, h)
     guess = 1.01 * b.theta
     model = b.model(h, steps, known=u, free=["b.ball_diameter"], theta=guess)
-    x, P = b.start(model, std_xi=model.coordinates.std(guess, 0.01 * guess)[0], theta=guess)
+    x, P = b.start(model, std_xi=np.sqrt(model.coordinates.covariance(guess, 0.01 * guess)[0, 0]), theta=guess)
     from strainsight.multibody.inverse import model as module
 
     calls = []
@@ -116,7 +116,7 @@ def test_claimed_deviation_of_a_parameter_is_its_error_with_a_micrometre_of_nois
             _, y = b.truth(u, h)
             for guess in (1.01 * b.theta, 0.99 * b.theta):
                 model = b.model(h, steps, known=u, free=[f"b.{part}"], theta=guess, noise=(1e-6, 1e-6))
-                x, P = b.start(model, std_xi=model.coordinates.std(guess, 0.01 * guess)[0], theta=guess)
+                x, P = b.start(model, std_xi=np.sqrt(model.coordinates.covariance(guess, 0.01 * guess)[0, 0]), theta=guess)
                 noisy = y[:, None] + 1e-6 * rng.normal(size=(steps, seeds // 2, y.shape[1]))
                 run = filter_runs(model, x, P, noisy, **ITERATED)
                 scores.append((run.mean[-1, :, -1] - model.coordinates.xi(b.theta)[0]) / run.std[-1, :, -1])

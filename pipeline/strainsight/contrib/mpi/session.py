@@ -27,7 +27,7 @@ from scipy import sparse
 
 from strainsight.contrib.mpi.supervisor import END, ENDED, SAID
 from strainsight.errors import NumericalError, UserError
-from strainsight.fem.factorisation import MECHANISM, Factor, conditioned, scaled_upper
+from strainsight.fem.factorisation import MECHANISM, NOT_DEFINITE, Factor, conditioned, scaled_upper
 from strainsight.memory import GIB, SMALLER, available_memory
 from strainsight.processes import SAFE_PATH, inherited
 from strainsight.processes import python as command_of
@@ -166,7 +166,9 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
     mass: list[sparse.csr_array] = []
 
     def solve(B: np.ndarray) -> np.ndarray:
-        return scale[:, None] * session.solve(scale[:, None] * B)
+        right, into = session.array(scale[:, None] * B), session.room(B.shape[1], len(B))
+        session.ask("solve", of=right, into=into)
+        return scale[:, None] * session.taken(right, into)
 
     def lowest(
         M: sparse.csr_array, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
@@ -176,8 +178,11 @@ def _factor(session: _Session, scale: np.ndarray) -> Factor:
                 raise ValueError("a factor has the modes of one mass")
             session.matrix("M", scaled_upper(M, scale))
             mass.append(M)
-        values, shapes = session.lowest(count, basis, start / scale, beside / scale[:, None], tolerance)
-        return values, scale[:, None] * shapes
+        first, into = session.array((start / scale)[:, None]), session.room(count, len(start))
+        known = session.array(beside / scale[:, None]) if beside.shape[1] else ""
+        limits = {"tolerance": max(tolerance, CONVERGED), "restarts": RESTARTS}
+        found = session.ask("lowest", count=count, basis=basis, start=first, beside=known, into=into, **limits)
+        return np.array(found["values"]), scale[:, None] * session.taken(first, known, into)
 
     weakref.finalize(solve, session.close)
     return Factor(len(scale), "MUMPS", solve, lowest)
@@ -230,31 +235,6 @@ class _Session:
         for part in ("indptr", "indices", "data"):
             np.save(self.folder / f"{name}.{part}.npy", getattr(upper, part))
 
-    def solve(self, B: np.ndarray) -> np.ndarray:
-        """A⁻¹B for B (n, k)."""
-        right, into = self._array(B), self._room(B.shape[1], len(B))
-        self.ask("solve", of=right, into=into)
-        return self._taken(right, into)
-
-    def lowest(
-        self, count: int, basis: int, start: np.ndarray, beside: np.ndarray, tolerance: float
-    ) -> tuple[np.ndarray, np.ndarray]:
-        """λ (count,) and φ (n, count) beside the columns (n, k)."""
-        n = len(start)
-        first, into = self._array(start[:, None]), self._room(count, n)
-        known = self._array(beside) if beside.shape[1] else ""
-        found = self.ask(
-            "lowest",
-            count=count,
-            basis=basis,
-            start=first,
-            beside=known,
-            into=into,
-            tolerance=max(tolerance, CONVERGED),
-            restarts=RESTARTS,
-        )
-        return np.array(found["values"]), self._taken(first, known, into)
-
     def ask(self, do: str, **what: Any) -> dict[str, Any]:
         """One request to all processes, and the answer."""
         self._request(do, **what)
@@ -270,9 +250,8 @@ class _Session:
         """End the processes and remove the folder."""
         with suppress(OSError):
             if self.started:
-                (
-                    self.folder / END
-                ).touch()  # before the processes are asked to end, which the supervisor then leaves to them
+                # before the processes are asked to end, which the supervisor then leaves to them
+                (self.folder / END).touch()
                 self._request("end")
         with suppress(OSError):
             assert self.process.stdin is not None
@@ -281,13 +260,13 @@ class _Session:
             pass
         shutil.rmtree(self.folder, ignore_errors=True)  # of a supervisor that was killed
 
-    def _array(self, columns: np.ndarray) -> str:
+    def array(self, columns: np.ndarray) -> str:
         """A new file of columns (n, k), each as a row of it."""
         name = self._name()
         np.save(self.folder / name, np.ascontiguousarray(columns.T, dtype=float))
         return name
 
-    def _room(self, k: int, n: int) -> str:
+    def room(self, k: int, n: int) -> str:
         """A new file for a result (k, n)."""
         name = self._name()
         np.lib.format.open_memmap(self.folder / name, "w+", dtype=float, shape=(k, n)).flush()
@@ -297,7 +276,7 @@ class _Session:
         self.written += 1
         return f"array-{self.written}.npy"
 
-    def _taken(self, *names: str) -> np.ndarray:
+    def taken(self, *names: str) -> np.ndarray:
         """Columns (n, k) of the last of these files; all of them are removed."""
         found = np.load(self.folder / names[-1])
         for name in filter(None, names):
@@ -330,7 +309,7 @@ class _Session:
         """What all processes know alike."""
         kind = found["refused"]
         if kind == "indefinite":
-            return NumericalError("the stiffness is not positive definite: a pivot is not positive", remedy=MECHANISM)
+            return NumericalError(NOT_DEFINITE, remedy=MECHANISM)
         if kind == "converged":
             return NumericalError(
                 f"the Krylov-Schur iterations did not converge: {found['found']} modes after {found['iterations']} restarts",

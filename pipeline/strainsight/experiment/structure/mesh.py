@@ -24,7 +24,7 @@ from strainsight.fem.mass import has_mass, mass_properties
 from strainsight.fem.nodal_forces import odd_gravity, with_body_forces
 from strainsight.fem.pieces import hinge_warnings
 from strainsight.fem.springs import spring_rows
-from strainsight.fem.support import grounded, rigid_body_motions
+from strainsight.fem.support import EXACT, links, rigid_body_motions
 from strainsight.mesh.additions import (
     face_springs,
     node_indices,
@@ -85,7 +85,7 @@ def loose_warnings(mesh: Mesh) -> tuple[str, ...]:
 
 def grounding_warnings(mesh: Mesh) -> tuple[str, ...]:
     """A sentence on springs and relations that a rigid motion of the whole stretches."""
-    grounding = grounded(mesh)
+    grounding = links(mesh, EXACT)
     if not grounding:
         return ()
     named = "; ".join(f"{link.name} ({link.motion}, nodes {link.apart:.3g} m apart)" for link in grounding[:SHOWN])

@@ -204,8 +204,27 @@ class Bearing:
 
     @cached_property
     def contacts(self) -> Contacts:
-        """What the forces need of this geometry, computed once."""
-        return _contacts(self)
+        """What the forces need, computed once.
+
+        Groove centres  c_k = ℓ_k (± sin α, ± cos α),  ℓ_k = r_k − D/2  of now ("follow") or of the nominal ("fixed").
+        Hertz constants at the free contact angle, as Harris has them. Balls orbit at half the speed of the contact of the
+        inner ring, ω_c = ω (1 − D cos α/d_m)/2, on the pitch circle:  F_c = (π/6) ρ D³ ω_c² d_m/2.
+        """
+        D, d_m = self.ball_diameter, self.pitch_diameter
+        sine, cosine = math.sin(self.contact_angle), math.cos(self.contact_angle)
+        follow = self.groove_centres == "follow"
+        reach = self.radii - D / 2 if follow else np.array(self.nominal[1:]) - self.nominal[0] / 2
+        table = np.empty((4, 10))
+        table[:, 0], table[:, 1] = AXIAL * sine * reach, RADIAL * cosine * reach
+        table[:, 2] = self.radii - D / 2 - self.preload
+        for k, (r, side) in enumerate(zip(self.radii, RADIAL, strict=True)):
+            table[k, 3:6] = groove_contact(D, r, d_m, cosine, side, self.effective_modulus)
+        for column, signs in ((6, AXIAL * sine), (8, RADIAL * cosine)):
+            table[:, column], table[:, column + 1] = -0.5 * follow * signs, 1.0 * follow * signs
+        orbit = 0.5 * self.speed * (1 - D * cosine / d_m)
+        push = math.pi / 12 * self.density * d_m * D**2 * orbit
+        slope = push * (3 * orbit - self.speed * D * cosine / d_m)
+        return Contacts(table, np.array([push * D * orbit, slope]))
 
 
 @dataclass(frozen=True)
@@ -219,29 +238,6 @@ class Contacts:
 
     table: np.ndarray
     centrifugal: np.ndarray
-
-
-def _contacts(bearing: Bearing) -> Contacts:
-    """Groove centres  c_k = ℓ_k (± sin α, ± cos α),  ℓ_k = r_k − D/2  of now ("follow") or of the nominal ("fixed").
-
-    Hertz constants at the free contact angle, as Harris has them. Balls orbit at half the speed of the contact of the
-    inner ring, ω_c = ω (1 − D cos α/d_m)/2, on the pitch circle:  F_c = (π/6) ρ D³ ω_c² d_m/2.
-    """
-    D, d_m = bearing.ball_diameter, bearing.pitch_diameter
-    sine, cosine = math.sin(bearing.contact_angle), math.cos(bearing.contact_angle)
-    follow = bearing.groove_centres == "follow"
-    reach = bearing.radii - D / 2 if follow else np.array(bearing.nominal[1:]) - bearing.nominal[0] / 2
-    table = np.empty((4, 10))
-    table[:, 0], table[:, 1] = AXIAL * sine * reach, RADIAL * cosine * reach
-    table[:, 2] = bearing.radii - D / 2 - bearing.preload
-    for k, (r, side) in enumerate(zip(bearing.radii, RADIAL, strict=True)):
-        table[k, 3:6] = groove_contact(D, r, d_m, cosine, side, bearing.effective_modulus)
-    for column, signs in ((6, AXIAL * sine), (8, RADIAL * cosine)):
-        table[:, column], table[:, column + 1] = -0.5 * follow * signs, 1.0 * follow * signs
-    orbit = 0.5 * bearing.speed * (1 - D * cosine / d_m)
-    push = math.pi / 12 * bearing.density * d_m * D**2 * orbit
-    slope = push * (3 * orbit - bearing.speed * D * cosine / d_m)
-    return Contacts(table, np.array([push * D * orbit, slope]))
 
 
 def _check(bearing: Bearing) -> None:

@@ -10,7 +10,6 @@ import numpy as np
 from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from strainsight.multibody.bodies import modes, moves
 from strainsight.multibody.forces import CompiledLaw, ForceLaw, InPython
 from strainsight.multibody.relations import Relations
 from strainsight.multibody.system import System
@@ -140,12 +139,12 @@ def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Sparsity]:
     body, inertia, flat = np.zeros((len(names), 6), dtype=np.int64), {x.at: x for x in system.inertia}, [np.zeros(0)]
     t0, begin, dt = 0, 0, []
     for k, b in enumerate(system.bodies):
-        span, width = system.of[b.name], MOTIONS * moves(b) + modes(b)
-        body[k] = moves(b), span.start, t0, modes(b), -1, width
+        span, width = system.of[b.name], MOTIONS * b.moves + b.modes
+        body[k] = b.moves, span.start, t0, b.modes, -1, width
         t0 += width
         d = system.metric[span]
-        dt.append(np.concatenate([d[:3], np.sqrt(2.0) * d[3:6], d[12:]]) if moves(b) else d)
-        if span.start in inertia and moves(b) and modes(b):
+        dt.append(np.concatenate([d[:3], np.sqrt(2.0) * d[3:6], d[12:]]) if b.moves else d)
+        if span.start in inertia and b.moves and b.modes:
             x = inertia[span.start]
             body[k, 4] = begin
             flat += [np.array([x.mass]), *(np.ravel(field) for field in x[2:])]
@@ -167,7 +166,7 @@ def arrays(system: System, memory: Sequence[int]) -> tuple[Arrays, Sparsity]:
     near = [sorted({j for i in own for j in tied[i]}) for own in pushed]
     held = [[row for row in range(joints) if k in feels[row]] for k in range(len(names))]
     place = _places(body, near, feels[:joints])
-    moments, most = system.moments, max(modes(b) for b in system.bodies)
+    moments, most = system.moments, max(b.modes for b in system.bodies)
     rotation = np.zeros((len(moments), 3, most))
     direction = np.zeros((len(moments), 3, max([len(m.inputs) for m in moments], default=0)))
     for k, moment in enumerate(moments):

@@ -10,44 +10,35 @@ from strainsight.multibody.compiled.arrays import Arrays, Moments, StepPoint, Te
 
 
 @joined
+def natural_motions(body: np.ndarray, q: np.ndarray, y: np.ndarray) -> np.ndarray:
+    """T y (n, k) of y (nt, k): δR_β = ε × R_β."""
+    k = y.shape[1]
+    out = np.empty((len(q), k))
+    for b in range(len(body)):
+        moving, n0, t0, modes = body[b, 0], body[b, 1], body[b, 2], body[b, 3]
+        for i in range(modes):
+            for c in range(k):
+                out[n0 + 12 * moving + i, c] = y[t0 + 6 * moving + i, c]
+        for a in range(3 * moving):
+            R = n0 + 3 + 3 * a
+            for c in range(k):
+                e0, e1, e2 = y[t0 + 3, c], y[t0 + 4, c], y[t0 + 5, c]
+                out[n0 + a, c] = y[t0 + a, c]
+                out[R, c] = e1 * q[R + 2] - e2 * q[R + 1]
+                out[R + 1, c] = e2 * q[R] - e0 * q[R + 2]
+                out[R + 2, c] = e0 * q[R + 1] - e1 * q[R]
+    return out
+
+
+@joined
 def natural_velocity(body: np.ndarray, q: np.ndarray, z: np.ndarray) -> np.ndarray:
-    """v = T ζ (n,): Ṙ_β = ω × R_β."""
-    v = np.empty(len(q))
-    for k in range(len(body)):
-        moving, n0, t0, modes = body[k, 0], body[k, 1], body[k, 2], body[k, 3]
-        if moving:
-            w0, w1, w2 = z[t0 + 3], z[t0 + 4], z[t0 + 5]
-            for a in range(3):
-                v[n0 + a] = z[t0 + a]
-                R = n0 + 3 + 3 * a
-                v[R] = w1 * q[R + 2] - w2 * q[R + 1]
-                v[R + 1] = w2 * q[R] - w0 * q[R + 2]
-                v[R + 2] = w0 * q[R + 1] - w1 * q[R]
-        for m in range(modes):
-            v[n0 + 12 * moving + m] = z[t0 + 6 * moving + m]
-    return v
-
-
-@inner
-def project_columns(A: np.ndarray, R: np.ndarray, modes: int, out: np.ndarray) -> None:
-    """out (r, 6 + k) = A T of a matrix A (r, 12 + k): columns R_β of e_c × R_β; R (9,)."""
-    for i in range(len(A)):
-        for a in range(3):
-            out[i, a], out[i, 3 + a] = A[i, a], 0.0
-        for beta in range(3):
-            x, y, z = R[3 * beta], R[3 * beta + 1], R[3 * beta + 2]
-            A0, A1, A2 = A[i, 3 + 3 * beta], A[i, 4 + 3 * beta], A[i, 5 + 3 * beta]
-            # A·(e_c × R) = (R × A)·e_c
-            out[i, 3] += y * A2 - z * A1
-            out[i, 4] += z * A0 - x * A2
-            out[i, 5] += x * A1 - y * A0
-        for m in range(modes):
-            out[i, 6 + m] = A[i, 12 + m]
+    """v = T ζ (n,)."""
+    return natural_motions(body, q, z.reshape(-1, 1)).reshape(-1)
 
 
 @inner
 def project_rows(A: np.ndarray, R: np.ndarray, modes: int, out: np.ndarray) -> None:
-    """out (6 + k, w) = Tᵀ A of a matrix A (12 + k, w)."""
+    """out (6 + k, w) = Tᵀ A of a matrix A (12 + k, w): rows of R_β × A_β; R (9,)."""
     w = A.shape[1]
     for j in range(w):
         for a in range(3):
@@ -193,10 +184,10 @@ def add_bodies(s: Arrays, p: StepPoint, trial: TrialState, v: np.ndarray, terms:
                 terms.TM[t0 + i, j] = whole[i, j]
         AT, KT = np.empty((size, width)), np.empty((size, width))
         square_block = np.empty((width, width))
-        project_columns(Gv, R, modes, AT)
+        project_rows(Gv.T, R, modes, AT.T)
         project_rows(AT, R, modes, square_block)
         _add_block(square_block, t0, A)
-        project_columns(Gq, R, modes, KT)
+        project_rows(Gq.T, R, modes, KT.T)
         # ∂v of a turn: ω × (e_c × R_β) = e_c (ω·R_β) − R_β ω_c
         for beta in range(3):
             R0, R1, R2 = R[3 * beta], R[3 * beta + 1], R[3 * beta + 2]

@@ -8,7 +8,7 @@ import numpy as np
 
 from strainsight.compiled import inner, kept
 from strainsight.multibody.compiled.arrays import Arrays, Moments, Sparsity, StepPoint, TrialState
-from strainsight.multibody.compiled.blocks import natural_velocity
+from strainsight.multibody.compiled.blocks import natural_motions, natural_velocity
 from strainsight.multibody.compiled.equations import FILES, SOLVED, equations
 from strainsight.multibody.compiled.matrix import expanded, factorise, right_side, scaled, substitute
 from strainsight.multibody.compiled.newton import newton
@@ -253,51 +253,26 @@ def natural_rows(body: np.ndarray, q: np.ndarray, z: np.ndarray, y: np.ndarray, 
     """δq, δv (2n, k) of y, ζ (nt, k):  δR_β = ε × R_β,   δṘ_β = δω × R_β + ω × (ε × R_β)."""
     n, k = len(q), y.shape[1]
     out = np.empty((2 * n, k))
+    out[:n], out[n:] = natural_motions(body, q, y), natural_motions(body, q, zeta)
     for b in range(len(body)):
-        moving, n0, t0, modes = body[b, 0], body[b, 1], body[b, 2], body[b, 3]
-        for i in range(modes):
+        t0 = body[b, 2]
+        for beta in range(3 * body[b, 0]):
+            at = body[b, 1] + 3 + 3 * beta
             for c in range(k):
-                out[n0 + 12 * moving + i, c] = y[t0 + 6 * moving + i, c]
-                out[n + n0 + 12 * moving + i, c] = zeta[t0 + 6 * moving + i, c]
-        if moving == 0:
-            continue
-        w0, w1, w2 = z[t0 + 3], z[t0 + 4], z[t0 + 5]
-        for a in range(3):
-            for c in range(k):
-                out[n0 + a, c], out[n + n0 + a, c] = y[t0 + a, c], zeta[t0 + a, c]
-        for beta in range(3):
-            at = n0 + 3 + 3 * beta
-            R0, R1, R2 = q[at], q[at + 1], q[at + 2]
-            for c in range(k):
-                e0, e1, e2 = y[t0 + 3, c], y[t0 + 4, c], y[t0 + 5, c]
-                d0, d1, d2 = e1 * R2 - e2 * R1, e2 * R0 - e0 * R2, e0 * R1 - e1 * R0
-                o0, o1, o2 = zeta[t0 + 3, c], zeta[t0 + 4, c], zeta[t0 + 5, c]
-                out[at, c], out[at + 1, c], out[at + 2, c] = d0, d1, d2
-                out[n + at, c] = o1 * R2 - o2 * R1 + w1 * d2 - w2 * d1
-                out[n + at + 1, c] = o2 * R0 - o0 * R2 + w2 * d0 - w0 * d2
-                out[n + at + 2, c] = o0 * R1 - o1 * R0 + w0 * d1 - w1 * d0
+                d0, d1, d2 = out[at, c], out[at + 1, c], out[at + 2, c]
+                out[n + at, c] += z[t0 + 4] * d2 - z[t0 + 5] * d1
+                out[n + at + 1, c] += z[t0 + 5] * d0 - z[t0 + 3] * d2
+                out[n + at + 2, c] += z[t0 + 3] * d1 - z[t0 + 4] * d0
     return out
 
 
 @inner
 def _times_columns(body: np.ndarray, q: np.ndarray, W: np.ndarray, scale: np.ndarray, out: np.ndarray) -> None:
     """The first n columns of out (r, :) = W Tᵀ diag(scale), of W (r, nt)."""
+    moved = natural_motions(body, q, W.T)
     for i in range(len(W)):
-        for b in range(len(body)):
-            moving, n0, t0, modes = body[b, 0], body[b, 1], body[b, 2], body[b, 3]
-            for k in range(modes):
-                out[i, n0 + 12 * moving + k] = W[i, t0 + 6 * moving + k] * scale[n0 + 12 * moving + k]
-            if moving == 0:
-                continue
-            e0, e1, e2 = W[i, t0 + 3], W[i, t0 + 4], W[i, t0 + 5]
-            for a in range(3):
-                out[i, n0 + a] = W[i, t0 + a] * scale[n0 + a]
-            for beta in range(3):
-                at = n0 + 3 + 3 * beta
-                R0, R1, R2 = q[at], q[at + 1], q[at + 2]
-                out[i, at] = (e1 * R2 - e2 * R1) * scale[at]
-                out[i, at + 1] = (e2 * R0 - e0 * R2) * scale[at + 1]
-                out[i, at + 2] = (e0 * R1 - e1 * R0) * scale[at + 2]
+        for j in range(len(q)):
+            out[i, j] = moved[j, i] * scale[j]
 
 
 @inner

@@ -59,16 +59,10 @@ class Linearised:
 
         T (by_speed ẏ₀ + by_load c + by_constant f₀' + by_ramp B(u(h) − u₀)),    f₀' = f₀ + C ẏ₀ − B c
 
-    T (n, r), along (n, r) = D²T; mass, damping (r, r); push B (r, all inputs), of them unknown (r, k) by c;
-    by_speed, by_constant, by_ramp (2r, r), by_load (2r, k); left: what is left out where it was linearised.
+    flow: T, C and B; by_speed, by_constant, by_ramp (2r, r), by_load (2r, k); left: what is left out where it was linearised.
     """
 
-    T: np.ndarray
-    along: np.ndarray
-    mass: np.ndarray
-    damping: np.ndarray
-    push: np.ndarray
-    unknown: np.ndarray
+    flow: _Flow
     by_speed: np.ndarray
     by_load: np.ndarray
     by_constant: np.ndarray
@@ -77,9 +71,9 @@ class Linearised:
 
     def change(self, system: System, h: float, start: Start) -> np.ndarray:
         """`LeftOut.change` (2n,) of a step of h from start."""
-        speed, constant, ramp = _driven(system, h, start, self)
+        speed, constant, ramp = _driven(system, h, start, self.flow)
         found = self.by_speed @ speed + self.by_load @ start.c + self.by_constant @ constant + self.by_ramp @ ramp
-        return _out(self.T, found[:, None])[:, 0]
+        return _out(self.flow.T, found[:, None])[:, 0]
 
 
 class Plant(NamedTuple):
@@ -106,7 +100,7 @@ def linearised(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]
     system, method, loads, _ = plant
     h, n, k = loads.h, system.size, loads.size
     flow = _flow(plant, start, middle)
-    T, M, C, K, B, unknown = flow.T, flow.mass, flow.damping, flow.stiffness, flow.push, flow.unknown
+    T, unknown = flow.T, flow.unknown
     r = T.shape[1]
     G = np.zeros((len(flow.F), r))
     G[r : 2 * r] = flow.yields
@@ -116,20 +110,16 @@ def linearised(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]
     z, c = slice(0, 2 * r), slice(2 * r, 2 * r + k)
     constant, ramp = units[z, None] * constant[z], units[z, None] * ramp[z]
 
-    through, first, last = linear_step(M, C, K, h, method)
+    through, first, last = linear_step(flow.mass, flow.damping, flow.stiffness, h, method)
     by_state = phi[z, z] - through
     by_load = phi[z, c] - first @ unknown - last @ (unknown @ loads.transition)
     known = _by_ends(gathered[z, c], loads.drawn)
     by_drawn = known - last @ unknown
     noise = _semidefinite(gathered[z, z] - known @ gathered[c, z], np.diag(gathered)[z])
     bridge = _out(T, noise)
-    along = flow.along
-    left = LeftOut(
-        np.zeros(2 * n), _out(T, _back(by_state, along)), _out(T, by_load), _out(T, by_drawn), bridge @ bridge.T
-    )
-    found = Linearised(
-        T, along, M, C, B, unknown, by_state[:, r:], by_load, constant - first - last, ramp / h - last, left
-    )
+    by_start = _out(T, _back(by_state, flow.along))
+    left = LeftOut(np.zeros(2 * n), by_start, _out(T, by_load), _out(T, by_drawn), bridge @ bridge.T)
+    found = Linearised(flow, by_state[:, r:], by_load, constant - first - last, ramp / h - last, left)
     return replace(found, left=replace(left, change=found.change(system, h, start)))
 
 
@@ -195,9 +185,7 @@ def _flow(plant: Plant, start: Start, middle: tuple[np.ndarray, np.ndarray]) -> 
     return _Flow(T, T * (d * d)[:, None], M, C, K, B, unknown, F, Q, per[:, -r:], units, doublings)
 
 
-def _driven(
-    system: System, h: float, start: Start, at: _Flow | Linearised
-) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _driven(system: System, h: float, start: Start, at: _Flow) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """ẏ₀, f₀' = f₀ + C ẏ₀ − B c and B(u(h) − u₀) (r,) of a step from start."""
     p_second = (start.u_end - start.u)[system.drives.rates] / h
     moving = instant(system, start.q, start.v, start.u, start.theta, p_second)

@@ -67,13 +67,8 @@ def linear_bench(
 ) -> LinearBench:
     """The system about the equilibrium q (n,) under u (all inputs) and θ; inputs: places of the unknown ones; by_xi (nθ, p):
     ∂θ/∂ξ of the unknown parameters, whose columns B_ξ = −Tᵀ ∂f/∂θ ∂θ/∂ξ and increments follow those of the inputs."""
-    T, M, C, K, B = linearised(system, q, u, theta)
-    B = B[:, list(inputs)]
-    if by_xi is not None and by_xi.shape[1]:
-        still = np.zeros(system.size)
-        tangent = tangent_space(system, q, still, u, theta)
-        slopes = parameter_slopes(system, tangent.at, np.asarray(q, dtype=float), still)
-        B = np.hstack([B, tangent.pushes(slopes) @ by_xi])
+    T, M, C, K, B = linearised(system, q, u, theta, by_xi)
+    B = np.hstack([B[:, list(inputs)], B[:, len(system.inputs) :]])
     bench = in_modes(T, M, C, K, B, np.asarray(increment, float), white_force(system, 1.0), h, method)
     return replace(bench, corrected=corrected, printed=printed)
 
@@ -101,19 +96,23 @@ def in_modes(
 
 
 def linearised(
-    system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray
+    system: System, q: np.ndarray, u: np.ndarray, theta: np.ndarray, by_xi: np.ndarray | None = None
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """T (n, r), M, C, K (r, r), B_u (r, nu) of small motions about an equilibrium q (n,) under u (nu,), θ (nθ,):
 
         q + T y,   B(q) T = 0,      M ÿ + C ẏ + K y = B_u Δu
         M = TᵀM(q)T,   C = Tᵀ(∂f/∂v)T,   K = Tᵀ(∂f/∂q − Σ λ ∇²φ)T symmetrised,   B_u = −Tᵀ ∂f/∂u
 
-    T orthonormal in the metric of the mass, so y is in m √kg. u holds all inputs of the system, B_u a column for each.
+    T orthonormal in the metric of the mass, so y is in m √kg. u holds all inputs of the system, B_u a column for each, and behind
+    them for each of ξ, by_xi (nθ, p) = ∂θ/∂ξ.
     """
-    tangent = tangent_space(system, q, np.zeros(system.size), u, theta)
+    q, still = np.asarray(q, dtype=float), np.zeros(system.size)
+    tangent = tangent_space(system, q, still, u, theta)
     M, C, K = tangent.matrices
-    B = tangent.pushes(input_slopes(system, tangent.at, np.asarray(q, dtype=float)))
-    return tangent.T, 0.5 * (M + M.T), C, 0.5 * (K + K.T), B
+    slopes = input_slopes(system, tangent.at, q)
+    if by_xi is not None:
+        slopes = np.hstack([slopes, parameter_slopes(system, tangent.at, q, still) @ by_xi])
+    return tangent.T, 0.5 * (M + M.T), C, 0.5 * (K + K.T), tangent.pushes(slopes)
 
 
 def in_time(bench: LinearBench, acceleration: float, drawn: np.ndarray | None = None) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 
 from strainsight.errors import NumericalError, UserError
-from strainsight.multibody.accelerations import measured
+from strainsight.multibody.accelerations import measured, unit_rows
 from strainsight.multibody.initial import constraints_at, nearest_state, static_equilibrium
 from strainsight.multibody.inverse.left_out import Begun, Plant, Start, begun
 from strainsight.multibody.inverse.loads import LoadProcess
@@ -249,7 +249,7 @@ class AugmentedStep:
             phi, B, _ = constraints_at(self.system, own[self.q], self.known[k])
             if len(phi):
                 d = self.system.metric
-                off[run] = np.max(np.abs(phi) / np.linalg.norm(B / d, axis=1)) / np.linalg.norm(d * own[self.q])
+                off[run] = np.max(np.abs(phi) * unit_rows(B, 1 / d)[1]) / np.linalg.norm(d * own[self.q])
         return off
 
     @property

@@ -108,10 +108,6 @@ class ParameterCoordinates:
             xi[k] = np.log(inside)
         return xi
 
-    def std(self, theta: np.ndarray, std_of_theta: np.ndarray) -> np.ndarray:
-        """Standard deviation (p,) of ξ, to first order, from that of the free parameters (p,) at θ (nθ,)."""
-        return np.sqrt(np.diag(self.covariance(theta, std_of_theta)))
-
     def covariance(self, theta: np.ndarray, std_of_theta: np.ndarray) -> np.ndarray:
         """Covariance (p, p) of ξ, to first order, of free parameters that are independent in θ with these deviations (p,).
 
