@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from strainsight.experiment.bench.inverse import verdicts
 from strainsight.runner.artefact import Artefact
-from strainsight.stages.bench import estimate
 from strainsight_cli.main import app
 
 from ..models import ended, project
@@ -139,7 +139,7 @@ def test_a_suite_with_such_a_record_ends_with_3_too(record):
 
 def test_what_leaves_its_range_does_not_hide_that_the_record_contradicts_the_model(record, tmp_path, monkeypatch):
     beyond = "E came out at 2 Pa, and reduce made the model for 0 to 1"
-    monkeypatch.setattr(estimate, "bench_out_of_range", lambda *_: {"E": beyond})
+    monkeypatch.setattr(verdicts, "bench_out_of_range", lambda *_: {"E": beyond})
     sensors = json.dumps(SENSORS | {"tip": {"noise": 1e-6, "bias": 1e-6}})
     changes = (f"estimate.sensors={sensors}", f"estimate.measured={json.dumps(MEASURED)}", EACH)
     words = ["estimate", str(project(RIG, csv(scaled(record)))), "--results", str(tmp_path), *(f"--set={own}" for own in changes)]

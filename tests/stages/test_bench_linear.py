@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from scipy.linalg import block_diag, eig, solve_discrete_are
 
-from strainsight.experiment.bench.layout.strained import expected_std, scenario_of
+from strainsight.experiment.bench.layout.expectation import expected_std, scenario_of
 from strainsight.multibody.inverse.linear import LinearBench, in_modes, in_steps
 from strainsight.multibody.step import Method
 

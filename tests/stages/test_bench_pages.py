@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import ConfigError
-from strainsight.pages.bench.data import BenchEstimate, BenchPageRun
+from strainsight.pages.bench.data import BenchPageRun
 from strainsight.stages import suite
 from strainsight.stages.suite import statements_of
 
@@ -79,9 +79,7 @@ def test_a_claim_on_a_number_that_a_run_does_not_have_is_refused(claim, key, wha
 
 
 def test_a_number_to_draw_that_no_run_of_the_study_has_is_refused():
-    none = np.zeros(0)
-    estimate = BenchEstimate(none, (), (), {}, none, none)
-    run = BenchPageRun("h0", "h0", study="Steps", numbers={"estimate": {"slope.F": 1.0}}, estimate=estimate)
+    run = BenchPageRun("h0", "h0", study="Steps", numbers={"estimate": {"slope.F": 1.0}})
     study = SimpleNamespace(name="Steps", note="", over="h", numbers=["slope.F", "slpoe.F"])
     with pytest.raises(ConfigError, match="no run of the study 'Steps' has a number 'slpoe") as caught:
         suite._studies([study], [run])

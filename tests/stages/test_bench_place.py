@@ -13,8 +13,7 @@ from vtkmodules.vtkIOHDF import vtkHDFReader
 from strainsight.config.bench.bench import SurfaceField
 from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
-from strainsight.experiment.bench.reduction import BodyMotion, instants, points
-from strainsight.experiment.bench.reduction import pictures as field_of
+from strainsight.experiment.bench.reduction import BodyMotion, field_output, instants, points
 from strainsight.experiment.resources import silent
 from strainsight.parallel import serial
 from strainsight.records.bench import ReducedBodies
@@ -333,11 +332,14 @@ def test_an_estimated_modulus_scales_the_stress_of_its_instant(loaded):
     mesh, reduced = read(Meshes, done["import"]).bodies["beam"], read(ReducedBodies, done["reduce"]).bodies["beam"]
     time, q = np.array([0.0, 1.0]), np.tile(done["simulate"]["/q"][0], (2, 1))
     alone = SimpleNamespace(files={}, progress=silent, sweep=serial)
-    found = field_of(config, mesh, reduced, BodyMotion(time, q, {"E": MODULUS * np.array([1.0, 1.1])}), alone).record
-    assert found.von_mises[1] == pytest.approx(1.1 * found.von_mises[0], rel=1e-6)
-    plain = field_of(config, mesh, reduced, BodyMotion(time, q, {}), alone).record
-    np.testing.assert_array_equal(plain.moduli["E"], [MODULUS, MODULUS])
-    np.testing.assert_allclose(plain.von_mises, found.von_mises[0], rtol=1e-6)
+    scaled, plain = (
+        field_output(config, mesh, reduced, BodyMotion(time, q, moduli), alone).datasets
+        for moduli in ({"E": MODULUS * np.array([1.0, 1.1])}, {})
+    )
+    found = scaled["/von_mises"].array
+    assert found[1] == pytest.approx(1.1 * found[0], rel=1e-6)
+    np.testing.assert_array_equal(plain["/moduli/E"].array, [MODULUS, MODULUS])
+    np.testing.assert_allclose(plain["/von_mises"].array, found[0], rtol=1e-6)
 
 
 @pytest.mark.parametrize(

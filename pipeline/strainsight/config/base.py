@@ -80,10 +80,14 @@ def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
         yield Problem(key, what, f"give exactly one of {', '.join(listed)}", at_key=True)
 
 
-def undivided(key: str, duration: float, step: float, other: str = "") -> Iterator[Problem]:
-    """A problem unless the duration [s] is a whole number of steps [s]; other: key of the duration, where it may change too."""
+def step_problems(key: str, duration: float, step: float, fewest: int, most: int, other: str = "") -> Iterator[Problem]:
+    """A problem unless the duration [s] is a whole number of steps [s], of fewest to most; other: key of the duration, where it
+    may change too."""
     steps = duration / step
-    if abs(steps - round(steps)) > 1e-6 * steps:
+    if not fewest * (1 - 1e-9) <= steps <= most:
+        limit = f"at least {fewest}" if steps < fewest else f"at most {most}"
+        yield Problem(key, f"{duration:g} s are {steps:.3g} steps of {step:g} s", f"take {limit} steps")
+    elif abs(steps - round(steps)) > 1e-6 * steps:
         what = f"{step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
         longer = f", or {other}: {step * round(steps):.9g}" if other else ""
         yield Problem(key, what, f"take {duration / round(steps):.9g} s{longer}")

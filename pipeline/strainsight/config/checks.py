@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 
-from strainsight.config.base import Problem, known, named_twice, section_problems, undivided
+from strainsight.config.base import Problem, known, named_twice, section_problems, step_problems
 from strainsight.config.checks_model import gauge_problems, model_problems
 from strainsight.config.estimate import Estimate, GaugeChannel
 from strainsight.config.layout import layout_problems
@@ -49,12 +49,8 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
 
 
 def _time(section: str, duration: float, step: float, signals: Mapping[str, LoadSignal]) -> Iterator[Problem]:
-    key, steps = f"{section}.time_step", duration / step
-    if not FEWEST_STEPS * (1 - 1e-9) <= steps <= MOST_STEPS:
-        limit = f"at least {FEWEST_STEPS}" if steps < FEWEST_STEPS else f"at most {MOST_STEPS}"
-        yield Problem(key, f"{duration:g} s are {steps:.3g} steps of {step:g} s", f"take {limit} steps")
-    else:
-        yield from undivided(key, duration, step)
+    key = f"{section}.time_step"
+    yield from step_problems(key, duration, step, FEWEST_STEPS, MOST_STEPS)
     for name, signal in signals.items():
         highest = _highest(signal)
         if highest is not None and step * highest * FEWEST_STEPS_A_PERIOD > 1:

@@ -25,3 +25,15 @@ class Resources(Protocol):
 
 def silent(doing: str, share: float) -> None:
     """Say nothing."""
+
+
+def of_steps(
+    progress: Callable[[str, float], None], doing: str, steps: int, *, first: int = 0, share: float = 1.0
+) -> Callable[[int], None]:
+    """Called with the number of a step, counted from `first`, reports every fiftieth; share of the whole that all steps are."""
+
+    def report(step: int) -> None:
+        if step % 50 == 0:
+            progress(doing, share * (first + step) / steps)
+
+    return report

@@ -270,10 +270,10 @@ def _run(run: SuiteRun) -> Mapping[str, Any]:
 def _unknowns(run: SuiteRun) -> Iterator[dict[str, Any]]:
     """Numbers and verdict of every unknown by the names of `UnknownRows`."""
     if isinstance(run, BenchPageRun):
-        for name, history in ((unknown.name, unknown.history) for unknown in run.unknowns):
-            numbers = {key: run.number(f"{key}.{name}") for key in OF_A_LOAD}
-            word = ", ".join(run.faults(name)) or str(run.summary.get(f"claim.{name}", ""))
-            yield {"name": name, "unit": history.unit, "verdict": word} | numbers
+        for entry in run.unknowns:
+            numbers = {key: run.number(f"{key}.{entry.name}") for key in OF_A_LOAD}
+            word = ", ".join(run.faults(entry.name)) or str(run.summary.get(f"claim.{entry.name}", ""))
+            yield {"name": entry.name, "unit": entry.unit, "verdict": word} | numbers
         return
     for result in results_of(run):
         unknown, repeats = result.unknown, result.unknown.repeats

@@ -10,16 +10,7 @@ import numpy as np
 import pytest
 
 from strainsight.estimation.decision import FAULTS
-from strainsight.pages.arrays import History
-from strainsight.pages.bench.data import (
-    BenchEstimate,
-    BenchMotion,
-    BenchPageRun,
-    BenchSensor,
-    BenchStress,
-    BenchUnknown,
-    PlacedGauges,
-)
+from strainsight.pages.bench.data import BenchPageRun, BenchSensor, BenchStress, BenchUnknown, PlacedGauges
 from strainsight.pages.bench.figures import components_figure, mismatch, sensor_figure
 from strainsight.pages.bench.page import bench_figures, bench_page
 from strainsight.pages.bench.tables import placement_table
@@ -37,8 +28,8 @@ TRUE = 1e4 * np.sin(3 * TIME)
 
 
 def load(error=0.01, there=None, truth=True):
-    history = History("F$z", "N", TIME, TRUE if truth else None, TRUE * (1 + error), np.full(len(TIME), 50.0))
-    return BenchUnknown("input", history, there=there)
+    history = ("F$z", "N", TIME, TRUE if truth else None, TRUE * (1 + error), np.full(len(TIME), 50.0))
+    return BenchUnknown(*history, kind="input", there=there)
 
 
 def sensor(name="relative", off=0.0, used=True):
@@ -48,10 +39,13 @@ def sensor(name="relative", off=0.0, used=True):
 
 def run(label="a", error=0.01, **more):
     numbers = {"error.F$z": error, "std.F$z": 0.02, "nis": 0.9, "expected_nis": 0.8, "method": "iterated"} | more
-    estimate = BenchEstimate(
-        TIME, (load(error),), (sensor(off=error),), {}, np.ones(len(TIME) - 1), np.full(len(TIME), 1e-16)
+    record = SimpleNamespace(
+        time=TIME, bearings={}, nis=np.ones(len(TIME) - 1), violation=np.full(len(TIME), 1e-16)
     )
-    return BenchPageRun(label, label, study="s", reached="estimate", numbers={"estimate": numbers}, estimate=estimate)
+    return BenchPageRun(
+        label, label, study="s", reached="estimate", numbers={"estimate": numbers},
+        estimated=record, unknowns=(load(error),), sensors=(sensor(off=error),),
+    )  # fmt: skip
 
 
 def suite(runs, claims=(), over=None, numbers=()):
@@ -156,9 +150,9 @@ def test_a_layout_stands_beside_random_ones_and_one_that_loses_a_load_is_reporte
 
 
 def test_a_stress_beyond_the_allowable_comes_first_and_is_in_the_title():
-    motion, largest = BenchMotion(TIME, {}, (), {}), np.where(TIME == 1.0, 58.68e6, 1e7)
+    motion, largest = SimpleNamespace(time=TIME, bearings={}, drives={}), np.where(TIME == 1.0, 58.68e6, 1e7)
     stress, numbers = BenchStress("hub", TIME, largest, 6338, 40e6), {"simulate": {"band": 0.39642}}
-    hubs = BenchPageRun("hubs", "hubs", numbers=numbers, motion=motion, stress=stress)
+    hubs = BenchPageRun("hubs", "hubs", numbers=numbers, simulated=motion, stress=stress)
     page = bench_page(hubs, compute_once(bench_figures, hubs), {})
     assert "✕ stress beyond the allowable – hubs" in page
     answer = page[page.index('class="answer"') :]

@@ -25,8 +25,8 @@ from strainsight.config.base import (
     TimeSpan,
     expert,
 )
-from strainsight.config.bench.bodies import BearingLoads, BearingSection, Body, FrameSection
-from strainsight.config.bench.connections import AtFrame, Between, Force, Joint
+from strainsight.config.bench.bodies import BearingLoads, BearingSection, Body, FlexibleBodySection, FrameSection
+from strainsight.config.bench.connections import AtFrame, Between, Driven, Force, Joint
 from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.config.gauges import BondedGauge, Direction, GaugeSites, Priced, PrincipalDirection, Snapped
 from strainsight.config.layout import Keep, LayoutSettings
@@ -144,6 +144,22 @@ Sensor = Annotated[
 ]
 
 
+UNITS = {
+    "strain": ("strain",),
+    "relative": ("m", "m", "m", "rad", "rad"),
+    "acceleration": ("m/s²",) * 3,
+    "reaction": ("N", "N", "N", "N m", "N m", "N m"),
+    "position": ("m",) * 3,
+    "velocity": ("m/s",) * 3,
+}
+"""Kind of sensor, or quantity of a motion → unit of every component, of a strain sensor of every gauge."""
+
+
+def units_of(sensor: Sensor) -> tuple[str, ...]:
+    """Unit of every component of a sensor, of a strain sensor of every gauge."""
+    return UNITS.get(sensor.quantity, ("1",) * 3) if isinstance(sensor, MotionSensor) else UNITS[sensor.type]
+
+
 class Simulate(TimeSpan):
     """The simulation in time."""
 
@@ -209,3 +225,29 @@ class BenchConfig(NamedRun, BearingLoads):
     place: BenchPlace | None = Field(None, description="Gauges placed for the unknown loads.")
     field: SurfaceField | None = Field(None, description="Strain and stress of a body's surface in time.")
     estimate: BenchEstimateSection | None = Field(None, description="Loads and parameters from the sensors.")
+
+    @property
+    def flexible(self) -> dict[str, FlexibleBodySection]:
+        """The flexible bodies, by name."""
+        return {name: body for name, body in self.bodies.items() if isinstance(body, FlexibleBodySection)}
+
+    @property
+    def driven(self) -> bool:
+        """Whether a joint follows a history."""
+        return any(isinstance(joint, Driven) for joint in self.joints.values())
+
+    @property
+    def estimator(self) -> BenchEstimateSection:
+        """The section `estimate`, where there is one."""
+        assert self.estimate is not None
+        return self.estimate
+
+    @property
+    def filter_step(self) -> float:
+        """Time step of filter and samples [s]."""
+        return (self.estimate and self.estimate.time_step) or self.simulate.time_step
+
+    @property
+    def filter_duration(self) -> float:
+        """Length of the estimate [s]."""
+        return (self.estimate and self.estimate.duration) or self.simulate.duration

@@ -263,6 +263,10 @@ class OfBearings(Section):
 
     bearing: Bearings = Field(None, description="Name of the bearing, or a list of them; null: every one.")
 
+    def includes(self, name: str) -> bool:
+        """Whether it holds for this bearing."""
+        return self.bearing is None or name in ((self.bearing,) if isinstance(self.bearing, str) else self.bearing)
+
 
 class LoadCase(OfBearings):
     """A load on the inner ring, the outer ring held."""

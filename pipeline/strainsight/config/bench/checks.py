@@ -2,11 +2,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from strainsight.config.base import GROUND, Names, Problem, known, marked, name_problems, section_problems, undivided
+from strainsight.config.base import (
+    GROUND,
+    Names,
+    Problem,
+    known,
+    marked,
+    name_problems,
+    section_problems,
+    step_problems,
+)
 from strainsight.config.bench.bench import (
     AccelerationSensor,
     BenchConfig,
@@ -19,24 +28,24 @@ from strainsight.config.bench.bodies import (
     BearingConfig,
     BearingSection,
     CurveSection,
-    FlexibleBodySection,
-    LoadCase,
     RigidBodySection,
 )
-from strainsight.config.bench.checks_estimate import estimate_problems
+from strainsight.config.bench.checks_estimate import disturbed, estimate_problems
+from strainsight.config.bench.connections import PointInput
 from strainsight.config.checks_model import RESERVED
 from strainsight.config.layout import layout_problems
+
+RANDOM = ("no layout is drawn at random", "set place.random to 1 or more")
 
 
 def place_problems(config: BenchConfig) -> Iterator[Problem]:
     """What `place` and the sensors that use it demand of the rest of a bench."""
-    place = config.place
+    place, estimate = config.place, config.estimate
     if place is not None:
-        if config.estimate is None or not config.estimate.inputs:
-            yield Problem(
-                "place", "no input is unknown", "name the loads to place for under estimate.inputs", at_key=True
-            )
-        parameters = {} if config.estimate is None else config.estimate.parameters
+        inputs, parameters = ({}, {}) if estimate is None else (estimate.inputs, estimate.parameters)
+        if not inputs:
+            remedy = "name the loads to place for under estimate.inputs"
+            yield Problem("place", "no input is unknown", remedy, at_key=True)
         if place.pool + place.bonded < place.keep:
             yield Problem("place.pool", f"{place.pool} candidates for {place.keep} gauges", "take a larger pool")
         if list(place.poses) != sorted(set(place.poses)):
@@ -44,33 +53,24 @@ def place_problems(config: BenchConfig) -> Iterator[Problem]:
         if max(place.poses) > config.simulate.duration:
             what = f"{max(place.poses):g} s is beyond the run of {config.simulate.duration:g} s"
             yield Problem("place.poses", what, "take instants of the run")
-        if (
-            config.estimate is not None
-            and config.estimate.method.noise == "as_printed"
-            and config.estimate.disturbance > 0
-        ):
-            yield Problem(
-                "estimate.disturbance",
-                "place does not know the disturbance as printed, which is on every velocity, whatever the joints",
-                "set it to 0, or method.noise: before_step, or place in a run of its own",
-            )
-        inputs = () if config.estimate is None else tuple(config.estimate.inputs)
+        if estimate is not None and estimate.method.noise == "as_printed" and estimate.disturbance > 0:
+            what = "place does not know the disturbance as printed, which is on every velocity, whatever the joints"
+            remedy = "set it to 0, or method.noise: before_step, or place in a run of its own"
+            yield Problem("estimate.disturbance", what, remedy)
         free = [name for name, entry in parameters.items() if entry.std is not None]
         among = "estimate.inputs and estimate.parameters" if free else "estimate.inputs"
         yield from layout_problems(place, (*inputs, *free), among, place.bonded, "place.fixed")
         yield from _candidates(config, place)
-    sensors = {} if config.estimate is None else config.estimate.sensors
-    for name, entry in sensors.items():
+    for name, entry in {} if estimate is None else estimate.sensors.items():
+        key = f"estimate.sensors.{name}.layout"
         if entry.layout is not None and (place is None or name not in place.sensors):
             what, remedy = (
                 "it is not among the candidates of place",
                 f"name it under place.sensors: {{{name}: {{noise: …}}}}",
             )
-            yield Problem(f"estimate.sensors.{name}.layout", what, remedy)
+            yield Problem(key, what, remedy)
         elif entry.layout == "random" and place is not None and place.random == 0:
-            yield Problem(
-                f"estimate.sensors.{name}.layout", "no layout is drawn at random", "set place.random to 1 or more"
-            )
+            yield Problem(key, *RANDOM)
     for name, sensor in config.sensors.items():
         if isinstance(sensor, StrainSensorSection):
             yield from _layout(f"sensors.{name}", sensor, place)
@@ -81,15 +81,10 @@ def _candidates(config: BenchConfig, place: BenchPlace) -> Iterator[Problem]:
     for name in place.sensors:
         key, sensor = f"place.sensors.{name}", config.sensors.get(name)
         yield from known(key, name, config.sensors, "sensor")
-        if isinstance(sensor, AccelerationSensor) and config.estimate is not None and config.estimate.disturbance > 0:
-            what = f"{name} would feel the white acceleration, which is no motion between samples"
-            yield Problem("estimate.disturbance", what, f"set it to 0, or take {name} out of place.sensors")
+        yield from disturbed(config.estimate, sensor, name, f"or take {name} out of place.sensors")
         moves = isinstance(sensor, RelativeSensor | AccelerationSensor)
-        if (
-            sensor is not None
-            and not moves
-            and not (isinstance(sensor, MotionSensor) and sensor.quantity == "position")
-        ):
+        moves |= isinstance(sensor, MotionSensor) and sensor.quantity == "position"
+        if sensor is not None and not moves:
             what = "it is no displacement sensor and no accelerometer"
             yield Problem(key, what, "name one of type relative, acceleration, or motion with quantity: position")
 
@@ -105,7 +100,7 @@ def _layout(key: str, sensor: StrainSensorSection, place: BenchPlace | None) -> 
     elif sensor.body != place.body:
         yield Problem(f"{key}.body", f"gauges are placed on '{place.body}'", f"name '{place.body}', or give gauges")
     elif sensor.layout == "random" and place.random == 0:
-        yield Problem(f"{key}.layout", "no layout is drawn at random", "set place.random to 1 or more")
+        yield Problem(f"{key}.layout", *RANDOM)
 
 
 MOST_STEPS = 10_000_000
@@ -116,74 +111,51 @@ LEAST_REACH = 1e-9
 """Share of the ball diameter below which a displacement is rounding."""
 
 
-def bearing_problems(config: BearingConfig) -> Iterator[Problem]:
+def bearing_problems(config: BearingConfig | BenchConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of bearings."""
     yield from name_problems(config)
     yield from section_problems(config)
-    yield from bearings_alone(config.bearings, config.cases, config.curves)
+    for key in ("cases", "curves"):
+        if getattr(config, key) and not config.bearings:
+            yield Problem(key, "there is no bearing", f"leave {key} out, or give bearings", at_key=True)
+    for i, curve in enumerate(config.curves):
+        yield from _curve(i, curve, config.bearings)
 
 
 def bench_problems(config: BenchConfig) -> Iterator[Problem]:
     """Every contradiction between the fields of a bench."""
-    yield from name_problems(config)
-    yield from section_problems(config)
-    yield from bearings_alone(config.bearings, config.cases, config.curves)
+    yield from bearing_problems(config)
     if GROUND in config.bodies:
         yield Problem(f"bodies.{GROUND}", f"'{GROUND}' is the ground", "give the body another name", at_key=True)
-    yield from _masses(config)
-    yield from _frames(config)
-    yield from _apart(config)
-    yield from _loads(config)
-    yield from _moduli(config)
-    yield from _time(config)
-    yield from estimate_problems(config)
-    yield from place_problems(config)
-    yield from _field(config)
+    for check in (_masses, _frames, _apart, _loads, _moduli, _time, estimate_problems, place_problems):
+        yield from check(config)
+    if config.field is not None and config.field.of == "estimate" and config.estimate is None:
+        yield Problem("field.of", "nothing is estimated", "give the section estimate, or say simulate")
 
 
 def _time(config: BenchConfig) -> Iterator[Problem]:
-    duration, h = config.simulate.duration, config.simulate.time_step
-    steps = duration / h
-    if not 1 - 1e-9 <= steps <= MOST_STEPS:
-        yield Problem("simulate.time_step", f"{steps:.3g} steps", f"take 1 to {MOST_STEPS} steps")
-    else:
-        yield from undivided("simulate.time_step", duration, h)
+    yield from step_problems("simulate.time_step", config.simulate.duration, config.simulate.time_step, 1, MOST_STEPS)
     if config.simulate.start == "equilibrium":
         for name, body in config.bodies.items():
             for key in ("velocity", "spin"):
                 if any(getattr(body, key)):
-                    yield Problem(
-                        f"bodies.{name}.{key}",
-                        "a bench that starts from its equilibrium is at rest",
-                        "set simulate.start: as_given",
-                    )
-
-
-def _field(config: BenchConfig) -> Iterator[Problem]:
-    """What `field` demands of the rest of a bench."""
-    field = config.field
-    if field is None:
-        return
-    if field.of == "estimate" and config.estimate is None:
-        yield Problem("field.of", "nothing is estimated", "give the section estimate, or say simulate")
+                    what = "a bench that starts from its equilibrium is at rest"
+                    yield Problem(f"bodies.{name}.{key}", what, "set simulate.start: as_given")
 
 
 def _moduli(config: BenchConfig) -> Iterator[Problem]:
     """A modulus of one name is one unknown, whatever bodies it scales."""
     first: dict[str, tuple[str, float]] = {}
-    for name, body in config.bodies.items():
-        if isinstance(body, FlexibleBodySection):
-            for key, modulus in body.moduli.items():
-                if key in RESERVED:
-                    where = f"bodies.{name}.moduli.{key}"
-                    yield Problem(where, f"the name '{key}' is taken", "choose another name", at_key=True)
-                owner, value = first.setdefault(key, (name, modulus.value))
-                if value != modulus.value:
-                    yield Problem(
-                        f"bodies.{name}.moduli.{key}.value",
-                        f"{modulus.value:g} Pa here, {value:g} Pa in '{owner}'",
-                        "a modulus of one name is one parameter: give the two different names, or one value",
-                    )
+    for name, body in config.flexible.items():
+        for key, modulus in body.moduli.items():
+            where = f"bodies.{name}.moduli.{key}"
+            if key in RESERVED:
+                yield Problem(where, f"the name '{key}' is taken", "choose another name", at_key=True)
+            owner, value = first.setdefault(key, (name, modulus.value))
+            if value != modulus.value:
+                what = f"{modulus.value:g} Pa here, {value:g} Pa in '{owner}'"
+                remedy = "a modulus of one name is one parameter: give the two different names, or one value"
+                yield Problem(f"{where}.value", what, remedy)
 
 
 def _masses(config: BenchConfig) -> Iterator[Problem]:
@@ -204,7 +176,7 @@ def _masses(config: BenchConfig) -> Iterator[Problem]:
 def _frames(config: BenchConfig) -> Iterator[Problem]:
     for name, frame in config.frames.items():
         key = f"frames.{name}"
-        flexible = frame.body in _flexible(config)
+        flexible = frame.body in config.flexible
         if flexible and frame.node is None:
             yield Problem(f"{key}.node", "missing", "a frame on a flexible body is at one of its nodes", at_key=True)
         if not flexible and frame.node is not None:
@@ -215,58 +187,29 @@ def _frames(config: BenchConfig) -> Iterator[Problem]:
 
 def _loads(config: BenchConfig) -> Iterator[Problem]:
     for name, force in config.forces.items():
-        key = f"forces.{name}"
-        if force.type not in ("force", "moment"):
-            continue
-        if force.frame in config.frames and config.frames[force.frame].body == GROUND:
+        frame = config.frames.get(force.frame) if isinstance(force, PointInput) else None
+        if isinstance(force, PointInput) and frame is not None and frame.body == GROUND:
             what = f"frame '{force.frame}' is on the ground, where a load moves nothing"
-            yield Problem(f"{key}.frame", what, "name a frame on a body")
+            yield Problem(f"forces.{name}.frame", what, "name a frame on a body")
 
 
 def _apart(config: BenchConfig) -> Iterator[Problem]:
     """Where a joint, a force or a sensor is between two frames, these are on two bodies."""
     for section in ("joints", "forces", "sensors"):
         for name, entry in getattr(config, section).items():
-            named = [
-                (frame_name.field, frame_name.value)
-                for frame_name in marked(entry, Names, f"{section}.{name}")
-                if frame_name.mark.section == "frames"
-            ]
-            bodies = [config.frames[frame].body for _, frame in named if frame in config.frames]
+            frames = [one for one in marked(entry, Names, f"{section}.{name}") if one.mark.section == "frames"]
+            bodies = [config.frames[one.value].body for one in frames if one.value in config.frames]
             if len(bodies) == 2 and bodies[0] == bodies[1]:
-                keys = {key for key, _ in named}
+                keys = {one.field for one in frames}
                 where = keys.pop() if len(keys) == 1 else f"{section}.{name}"
                 yield Problem(where, f"both frames are on '{bodies[0]}'", "name frames of two bodies")
 
 
-def _flexible(config: BenchConfig) -> list[str]:
-    return [name for name, body in config.bodies.items() if isinstance(body, FlexibleBodySection)]
-
-
-def bearings_alone(
-    bearings: Mapping[str, BearingSection], cases: Mapping[str, LoadCase], curves: Sequence[CurveSection]
-) -> Iterator[Problem]:
-    """Bearings that cannot be built, cases and curves without any, curves that reach too far."""
-    for key, entries in (("cases", cases), ("curves", curves)):
-        if entries and not bearings:
-            yield Problem(key, "there is no bearing", f"leave {key} out, or give bearings", at_key=True)
-    if bearings:
-        for i, curve in enumerate(curves):
-            yield from _curve(i, curve, bearings)
-
-
-def _chosen(entry: CurveSection, bearings: Mapping[str, BearingSection]) -> tuple[str, ...]:
-    if entry.bearing is None:
-        return tuple(bearings)
-    return (entry.bearing,) if isinstance(entry.bearing, str) else entry.bearing
-
-
 def _curve(i: int, curve: CurveSection, bearings: Mapping[str, BearingSection]) -> Iterator[Problem]:
     """A ring moves by no more than a ball, at the pitch circle, and by more than rounding."""
-    for name in _chosen(curve, bearings):
-        if name not in bearings:
+    for name, bearing in bearings.items():
+        if not curve.includes(name):
             continue
-        bearing = bearings[name]
         tilts = curve.along.startswith("tilt")
         arm, unit = (bearing.pitch_diameter / 2, "rad") if tilts else (1.0, "m")
         most, least = bearing.ball_diameter / arm, LEAST_REACH * bearing.ball_diameter / arm

@@ -5,10 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 
-from strainsight.config.base import Problem, known, undivided
-from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor
+from strainsight.config.base import Problem, known, step_problems
+from strainsight.config.bench.bench import AccelerationSensor, BenchConfig, ReactionSensor, Sensor, units_of
 from strainsight.config.bench.bodies import RADII
-from strainsight.config.bench.connections import Driven, Load
+from strainsight.config.bench.connections import Load
 from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter, FromFile
 
 KEYS_OF_OTHER = ("step", "duration", "histories", "within")
@@ -22,23 +22,21 @@ def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Itera
     truth, key = estimate.truth, "estimate.truth"
     if truth.model == "walk" and estimate.tolerances is not None and estimate.measured is None:
         what = "a truth of the filter's own model has exact gauges"
-        yield Problem(
-            "estimate.tolerances", what, "take truth.model: fine or other, or leave tolerances out", at_key=True
-        )
+        remedy = "take truth.model: fine or other, or leave tolerances out"
+        yield Problem("estimate.tolerances", what, remedy, at_key=True)
     if truth.model != "other":
         for name in KEYS_OF_OTHER:
             if name in truth.model_fields_set and getattr(truth, name) != type(truth).model_fields[name].default:
                 what = f"a truth '{truth.model}' has none"
                 yield Problem(f"{key}.{name}", what, "leave it out, or set estimate.truth.model: other", at_key=True)
         return
-    if any(isinstance(joint, Driven) for joint in config.joints.values()):
+    if config.driven:
         yield Problem(f"{key}.model", "a driven joint has no such truth", "take fine")
-    h = estimate.time_step or config.simulate.time_step
+    h, duration = config.filter_step, config.filter_duration
     every = round(h / truth.step)
     if every < 1 or abs(every * truth.step - h) > CLOCK_SHARE * truth.step:
         what = f"steps of {truth.step:g} s do not divide the filter's step of {h:g} s"
         yield Problem(f"{key}.step", what, "divide estimate.time_step by a whole number", at_key=True)
-    duration = estimate.duration or config.simulate.duration
     if truth.duration is not None and truth.duration < duration * (1 - CLOCK_SHARE):
         what = f"it ends after {truth.duration:g} s, the estimate after {duration:g} s"
         yield Problem(f"{key}.duration", what, f"make it {duration:g} or more, or leave it out", at_key=True)
@@ -54,7 +52,6 @@ FEW = 3
 FEWEST_STEPS, MOST_STEPS = 2, 1_000_000
 FARTHEST = 100.0
 """Ratio of a guess to the bench's own value beyond which it is in another unit: GPa for Pa, mm for m."""
-COMPONENTS = {"relative": 5, "motion": 3, "acceleration": 3, "reaction": 6}
 
 
 def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
@@ -66,31 +63,26 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     for name in estimate.inputs:
         yield from known(f"estimate.inputs.{name}", name, loads, "force or moment")
     yield from _load_models(config, estimate)
-    if estimate.method.step_error == "estimated" and any(isinstance(j, Driven) for j in config.joints.values()):
-        yield Problem(
-            "estimate.method.step_error",
-            "what a step leaves out is not estimated beside driven joints",
-            "leave it out, and take a step that follows the loads and the drive",
-        )
+    if estimate.method.step_error == "estimated" and config.driven:
+        what = "what a step leaves out is not estimated beside driven joints"
+        remedy = "leave it out, and take a step that follows the loads and the drive"
+        yield Problem("estimate.method.step_error", what, remedy)
     if estimate.method.step_error == "estimated" and estimate.method.noise == "as_printed":
-        yield Problem(
-            "estimate.method.step_error",
-            "what a step leaves out follows from how the loads change within it, and as printed they change after it",
-            "leave it out, or set estimate.method.noise: before_step",
-        )
+        what = "what a step leaves out follows from how the loads change within it, and as printed they change after it"
+        remedy = "leave it out, or set estimate.method.noise: before_step"
+        yield Problem("estimate.method.step_error", what, remedy)
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
         yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
     if estimate.accept and not isinstance(estimate.measured, FromFile):
-        yield Problem(
-            "estimate.accept",
-            "there is no record of a test that could contradict the model",
-            "leave it out (--accept), or name the record under estimate.measured",
-        )
+        what = "there is no record of a test that could contradict the model"
+        remedy = "leave it out (--accept), or name the record under estimate.measured"
+        yield Problem("estimate.accept", what, remedy)
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
     yield from _bank(estimate)
-    yield from _times(config, estimate)
+    times = config.filter_duration, config.filter_step
+    yield from step_problems("estimate.time_step", *times, FEWEST_STEPS, MOST_STEPS, "estimate.duration")
     yield from truth_problems(config, estimate)
     yield from _elsewhere(config, estimate)
 
@@ -98,56 +90,53 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
 def _load_models(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     """What a model of an unknown load needs."""
     for name, entry in estimate.inputs.items():
-        key, force = f"estimate.inputs.{name}", config.forces.get(name)
-        walks = entry.model == "random_walk"
+        key, force, walks = f"estimate.inputs.{name}", config.forces.get(name), entry.model == "random_walk"
         if not walks and entry.increment is not None:
             what = f"increment is of a random walk, and the model is {entry.model}"
             yield Problem(f"{key}.increment", what, "leave it out: amplitude and frequency say how the load moves")
-        if walks and entry.increment is not None:
-            continue
-        if isinstance(force, Load) and force.signal.type != "sine":
-            for field, value in (("frequency", entry.frequency), ("amplitude", entry.amplitude)):
-                if value is None:
-                    need = "a random walk without increment" if walks else entry.model
-                    what = f"{need} needs the load's typical {field}, and its history is no sine"
-                    yield Problem(key, what, f"give {field}" + (", or increment" if walks else ""), at_key=True)
         if not walks and config.place is not None:
             what = f"{entry.model}: place takes unknown loads of a bench for random walks"
-            yield Problem(
-                f"{key}.model", what, "take random_walk where gauges are placed, and this model in a run of its own"
-            )
+            remedy = "take random_walk where gauges are placed, and this model in a run of its own"
+            yield Problem(f"{key}.model", what, remedy)
+        if (walks and entry.increment is not None) or not isinstance(force, Load) or force.signal.type == "sine":
+            continue
+        need = "a random walk without increment" if walks else entry.model
+        for field in ("frequency", "amplitude"):
+            if getattr(entry, field) is None:
+                what = f"{need} needs the load's typical {field}, and its history is no sine"
+                yield Problem(key, what, f"give {field}" + ", or increment" * walks, at_key=True)
+
+
+def disturbed(
+    estimate: BenchEstimateSection | None, sensor: Sensor | None, name: str, remedy: str
+) -> Iterator[Problem]:
+    """A problem of an accelerometer beside a white acceleration."""
+    if isinstance(sensor, AccelerationSensor) and estimate is not None and estimate.disturbance > 0:
+        what = f"{name} would feel the white acceleration, which is no motion between samples"
+        yield Problem("estimate.disturbance", what, f"set it to 0, {remedy}")
 
 
 def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
+    counts = []
     for name, entry in estimate.sensors.items():
-        key = f"estimate.sensors.{name}"
+        key, sensor = f"estimate.sensors.{name}", config.sensors.get(name)
         yield from known(key, name, config.sensors, "sensor")
-        if name not in config.sensors:
+        if sensor is None:
             return
-        if isinstance(config.sensors[name], ReactionSensor):
-            yield Problem(
-                key, "the filter has no equations for this kind of sensor", "take it out: it is simulated only"
-            )
-        if isinstance(config.sensors[name], AccelerationSensor) and estimate.disturbance > 0:
-            yield Problem(
-                "estimate.disturbance",
-                f"{name} would feel the white acceleration, which is no motion between samples",
-                f"set it to 0, and put what the model has wrong into the noise of {name}",
-            )
+        if isinstance(sensor, ReactionSensor):
+            what = "the filter has no equations for this kind of sensor"
+            yield Problem(key, what, "take it out: it is simulated only")
+        yield from disturbed(estimate, sensor, name, f"and put what the model has wrong into the noise of {name}")
         count = channels_of(config, name)
         for field, many in (("noise", "noises"), ("bias", "offsets"), ("drift", "drifts")):
             values = getattr(entry, field)
             if count is not None and isinstance(values, tuple) and len(values) != count:
                 what = f"{len(values)} {many} for {count} components"
                 yield Problem(f"{key}.{field}", what, f"give one number, or {count}")
-    counts = [_given(config, estimate, name) for name in estimate.sensors]
-    known_counts = [count for count in counts if count is not None]
-    if len(known_counts) == len(counts) and sum(known_counts) < len(estimate.inputs):
-        yield Problem(
-            "estimate.sensors",
-            f"{sum(known_counts)} channels for {len(estimate.inputs)} unknown loads",
-            "give the filter more sensors, or make a load known",
-        )
+        counts.append(_given(config, estimate, name))
+    if None not in counts and (channels := sum(filter(None, counts))) < len(estimate.inputs):
+        what = f"{channels} channels for {len(estimate.inputs)} unknown loads"
+        yield Problem("estimate.sensors", what, "give the filter more sensors, or make a load known")
 
 
 def _given(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> int | None:
@@ -163,53 +152,41 @@ def channels_of(config: BenchConfig, name: str) -> int | None:
     """How many components a sensor has; None where a placed layout says it later."""
     sensor = config.sensors[name]
     if sensor.type != "strain":
-        return COMPONENTS[sensor.type]
+        return len(units_of(sensor))
     gauges = sensor.gauges
     return sum(len(gauge.angles) if gauge.angles else 1 for gauge in gauges) if gauges else None
 
 
 def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
-    moduli = {
-        name: m.value for body in config.bodies.values() if body.type == "flexible" for name, m in body.moduli.items()
-    }
+    moduli = {name: m.value for body in config.flexible.values() for name, m in body.moduli.items()}
     taken: dict[tuple[str, str], str] = {}
     used = {force.bearing for force in config.forces.values() if force.type == "bearing"}
     for name, entry in estimate.parameters.items():
-        key = f"estimate.parameters.{name}"
+        key, bearing, part = f"estimate.parameters.{name}", entry.bearing, str(entry.property)
         if name in estimate.inputs:
-            yield Problem(
-                key, "a load of the estimate has the same name", "give the parameter another one", at_key=True
-            )
-        if (entry.bearing is None) != (entry.property is None):
-            yield Problem(
-                key, "bearing and property belong together", "give both, or neither for a modulus", at_key=True
-            )
-            continue
-        if entry.bearing is None:
-            yield from known(key, name, moduli, "modulus under bodies.*.moduli")
-        else:
-            if entry.bearing in config.bearings and entry.bearing not in used:
-                yield Problem(
-                    f"{key}.bearing", f"no force is of '{entry.bearing}'", "name a bearing of this bench's forces"
-                )
-            other = taken.setdefault((entry.bearing, str(entry.property)), name)
-            if other != name:
-                yield Problem(key, f"'{other}' is the same property", "name it once", at_key=True)
-        if entry.starts and entry.std is None:
-            yield Problem(f"{key}.starts", "it is not estimated", "give std, or leave starts out")
+            what = "a load of the estimate has the same name"
+            yield Problem(key, what, "give the parameter another one", at_key=True)
         if entry.starts and estimate.truth.model == "walk":
             what = "a drawn truth starts where the filter's own belief puts it"
             yield Problem(f"{key}.starts", what, "leave starts out, or take another truth")
-        if entry.property != "preload":
-            for field, value in (("guess", entry.guess), *(("starts", start) for start in entry.starts)):
-                if value is not None and not value > 0:
-                    yield Problem(f"{key}.{field}", f"{value:g} is not positive", "give a positive value")
-        if entry.std is None and entry.guess is None:
-            yield Problem(
-                key, "neither guess nor std: nothing is wrong with it", "give one, or leave it out", at_key=True
-            )
-        nominal = moduli.get(name) if entry.bearing is None else _of_bearing(config, entry)
-        yield from _units(key, entry, nominal)
+        if (bearing is None) != (entry.property is None):
+            continue
+        nominal = moduli.get(name)
+        if bearing is None:
+            yield from known(key, name, moduli, "modulus under bodies.*.moduli")
+        else:
+            if bearing in config.bearings and bearing not in used:
+                yield Problem(f"{key}.bearing", f"no force is of '{bearing}'", "name a bearing of this bench's forces")
+            if (other := taken.setdefault((bearing, part), name)) != name:
+                yield Problem(key, f"'{other}' is the same property", "name it once", at_key=True)
+            # a preload may be of any sign and size
+            sized = bearing in config.bearings and part != "preload"
+            nominal = float(getattr(config.bearings[bearing], part)) if sized else None
+        unit = "Pa" if bearing is None else "m"
+        for field, value in entry.guesses():
+            if nominal and value > 0 and not 1 / FARTHEST <= value / nominal <= FARTHEST:
+                what = f"{value:g} {unit} beside {nominal:g} {unit} in the bench"
+                yield Problem(f"{key}.{field}", what, f"give it in {unit}, within a factor of {FARTHEST:g}")
     for bearing in config.bearings:
         yield from _grooves(config, bearing, estimate.parameters)
         for name, entry in estimate.parameters.items():
@@ -219,41 +196,20 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
                     yield replace(problem, key=f"estimate.parameters.{name}.starts")
 
 
-def _of_bearing(config: BenchConfig, entry: EstimatedParameter) -> float | None:
-    """The bench's own value of a bearing's property; None for a preload, which may be of any sign and size."""
-    if entry.bearing not in config.bearings or entry.property == "preload":
-        return None
-    return float(getattr(config.bearings[entry.bearing], str(entry.property)))
-
-
-def _units(key: str, entry: EstimatedParameter, nominal: float | None) -> Iterator[Problem]:
-    """A guess far from the bench's own value is in another unit."""
-    unit = "Pa" if entry.bearing is None else "m"
-    for field, value in (("guess", entry.guess), *(("starts", start) for start in entry.starts)):
-        if nominal and value is not None and value > 0 and not 1 / FARTHEST <= value / nominal <= FARTHEST:
-            what = f"{value:g} {unit} beside {nominal:g} {unit} in the bench"
-            yield Problem(f"{key}.{field}", what, f"give it in {unit}, within a factor of {FARTHEST:g}")
-
-
 def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, EstimatedParameter]) -> Iterator[Problem]:
     """A groove has to be wider than its ball at every guess."""
-    estimated = {str(e.property): (name, e) for name, e in parameters.items() if e.bearing == bearing}
-    entry = config.bearings[bearing]
-
-    def guess(field: str) -> float:
-        stated = estimated[field][1].guess if field in estimated else None
-        return float(getattr(entry, field) if stated is None else stated)
-
-    ball = guess("ball_diameter") / 2 + max(guess("preload"), 0.0)
-    for radius in RADII:
-        if guess(radius) <= ball and estimated:
-            blamed = estimated.get("ball_diameter") or estimated.get(radius) or next(iter(estimated.values()))
-            yield Problem(
-                f"estimate.parameters.{blamed[0]}.guess",
-                f"{radius} of {guess(radius):g} m would not pass a ball of {ball:g} m in radius",
-                "a groove is wider than its ball: change the radii with it, or guess nearer",
-            )
-            return
+    names = {str(entry.property): name for name, entry in parameters.items() if entry.bearing == bearing}
+    sizes = dict(config.bearings[bearing])
+    sizes |= {part: guess for part, name in names.items() if (guess := parameters[name].guess) is not None}
+    ball = sizes["ball_diameter"] / 2 + max(sizes["preload"], 0.0)
+    narrow = [radius for radius in RADII if sizes[radius] <= ball]
+    if narrow and names:
+        blamed = names.get("ball_diameter") or names.get(narrow[0]) or next(iter(names.values()))
+        yield Problem(
+            f"estimate.parameters.{blamed}.guess",
+            f"{narrow[0]} of {sizes[narrow[0]]:g} m would not pass a ball of {ball:g} m in radius",
+            "a groove is wider than its ball: change the radii with it, or guess nearer",
+        )
 
 
 def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
@@ -263,28 +219,22 @@ def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Ite
             str(e.property): n for n, e in estimate.parameters.items() if e.bearing == bearing and e.std is not None
         }
         if entry.groove_centres == "fixed" and {"ball_diameter", "preload"} <= free.keys():
-            yield Problem(
-                f"estimate.parameters.{free['preload']}",
-                "with groove_centres: fixed, ball diameter and preload are the same unknown",
-                "estimate one of them",
-                at_key=True,
-            )
+            what = "with groove_centres: fixed, ball diameter and preload are the same unknown"
+            yield Problem(f"estimate.parameters.{free['preload']}", what, "estimate one of them", at_key=True)
 
 
 def _bank(estimate: BenchEstimateSection) -> Iterator[Problem]:
     """A bank is of few constants, and of iterated filters."""
     if estimate.method.parameters != "bank":
         return
-    if estimate.tolerances is not None:
-        what = "a bank has no errors of gauges"
-        yield Problem(
-            "estimate.tolerances", what, "leave it out, or set estimate.method.parameters: extended", at_key=True
-        )
-    if estimate.hold_out is not None:
-        what = "a bank says nothing of channels that are left out"
-        yield Problem("estimate.hold_out", what, "leave it out, or set estimate.method.parameters: extended")
     key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
     extended = "or set estimate.method.parameters: extended"
+    if estimate.tolerances is not None:
+        what = "a bank has no errors of gauges"
+        yield Problem("estimate.tolerances", what, f"leave it out, {extended}", at_key=True)
+    if estimate.hold_out is not None:
+        what = "a bank says nothing of channels that are left out"
+        yield Problem("estimate.hold_out", what, f"leave it out, {extended}")
     if not free:
         yield Problem(key, "no parameter is estimated", "give one of estimate.parameters a std, or leave it out")
     if len(free) > FEW:
@@ -297,17 +247,6 @@ def _bank(estimate: BenchEstimateSection) -> Iterator[Problem]:
         if estimate.parameters[name].increment > 0:
             what = "in a bank parameters are constants"
             yield Problem(f"estimate.parameters.{name}.increment", what, f"leave increment out, {extended}")
-
-
-def _times(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
-    duration = estimate.duration or config.simulate.duration
-    h = estimate.time_step or config.simulate.time_step
-    steps = duration / h
-    if not FEWEST_STEPS * (1 - 1e-9) <= steps <= MOST_STEPS:
-        what = f"{duration:g} s are {steps:.3g} steps of {h:g} s"
-        yield Problem("estimate.time_step", what, f"take {FEWEST_STEPS} to {MOST_STEPS} steps")
-    else:
-        yield from undivided("estimate.time_step", duration, h, "estimate.duration")
 
 
 def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
@@ -355,8 +294,5 @@ def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: From
             yield Problem(key, "no component is measured", "leave the sensor out of estimate.sensors")
     for name in estimate.sensors:
         if name not in measured.channels:
-            yield Problem(
-                "estimate.measured.channels",
-                f"the sensor '{name}' has none",
-                f"add {name}, or take it from estimate.sensors",
-            )
+            remedy = f"add {name}, or take it from estimate.sensors"
+            yield Problem("estimate.measured.channels", f"the sensor '{name}' has none", remedy)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from typing import Annotated, Literal
 
 from pydantic import Field, Tag
@@ -18,6 +19,7 @@ from strainsight.config.base import (
     ParameterValue,
     Plausible,
     Positive,
+    Problem,
     Section,
     Text,
     TimeStep,
@@ -97,6 +99,26 @@ class EstimatedParameter(Section):
     starts: Annotated[tuple[float, ...], PARAMETER] = Field(
         (), description="Further guesses, a run each: do all end alike? [m or Pa]."
     )
+
+    def guesses(self) -> list[tuple[str, float]]:
+        """Every value that a filter starts from, with its key."""
+        stated = (("guess", self.guess), *(("starts", start) for start in self.starts))
+        return [(key, value) for key, value in stated if value is not None]
+
+    def problems(self) -> Iterator[Problem]:
+        if (self.bearing is None) != (self.property is None):
+            yield Problem(
+                "", "bearing and property belong together", "give both, or neither for a modulus", at_key=True
+            )
+        if self.starts and self.std is None:
+            yield Problem("starts", "it is not estimated", "give std, or leave starts out")
+        if self.std is None and self.guess is None:
+            yield Problem(
+                "", "neither guess nor std: nothing is wrong with it", "give one, or leave it out", at_key=True
+            )
+        for key, value in self.guesses():
+            if self.property != "preload" and not value > 0:
+                yield Problem(key, f"{value:g} is not positive", "give a positive value")
 
 
 class BenchTruth(Section):

@@ -20,19 +20,14 @@ USUAL_REACH, USUAL_POINTS = 1e-4, 41
 """[m] of the curves where the config asks for none: at the pitch circle, whether it slides or tilts."""
 
 
-def bearing_of(entry: BearingSection) -> Bearing:
-    """A bearing of the config; angles there are in degrees."""
-    angles = {"contact_angle": np.deg2rad(entry.contact_angle), "first_ball": np.deg2rad(entry.first_ball)}
-    geometry = {key: value for key, value in dict(entry).items() if key != "pressure_limit"}
-    return Bearing(**(geometry | angles))
-
-
 def bearings_of(stated: Mapping[str, BearingSection]) -> dict[str, Bearing]:
-    """All bearings of a config, by name."""
+    """All bearings of a config, by name; angles there are in degrees."""
     bearings = {}
     for name, entry in stated.items():
+        values = dict(entry) | {key: np.deg2rad(getattr(entry, key)) for key in ("contact_angle", "first_ball")}
+        del values["pressure_limit"]
         with blame(f"bearings.{name}"):
-            bearings[name] = bearing_of(entry)
+            bearings[name] = Bearing(**values)
     return bearings
 
 
@@ -57,15 +52,15 @@ def beyond_limit(what: str, pressure: float, bearing: BearingSection) -> list[st
     ]
 
 
-def loaded(bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase]) -> dict[str, dict[str, BearingCase]]:
+def load_cases(bearings: Mapping[str, Bearing], cases: Mapping[str, LoadCase]) -> dict[str, dict[str, BearingCase]]:
     """Bearing → load case → its equilibrium, for the bearings that each case is of."""
     return {
-        name: {case: _loaded(name, bearing, case, entry) for case, entry in cases.items() if _is_of(name, entry)}
+        name: {case: _load_case(name, bearing, case, entry) for case, entry in cases.items() if entry.includes(name)}
         for name, bearing in bearings.items()
     }
 
 
-def _loaded(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingCase:
+def _load_case(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingCase:
     load = np.array([*entry.force, *entry.moment], dtype=float)
     try:
         q = displacement(bearing, load)
@@ -78,7 +73,7 @@ def _loaded(name: str, bearing: Bearing, case: str, entry: LoadCase) -> BearingC
     )
 
 
-def displaced(bearings: Mapping[str, Bearing], curves: Sequence[CurveSection]) -> list[BearingDisplaced]:
+def displacement_curves(bearings: Mapping[str, Bearing], curves: Sequence[CurveSection]) -> list[BearingDisplaced]:
     """The curves of every bearing; usual ones along and across its axis, and tilted, where the config asks for none."""
     each = []
     for name, bearing in bearings.items():
@@ -101,11 +96,5 @@ def _asked(name: str, bearing: Bearing, curves: Sequence[CurveSection]) -> list[
     return [
         (f"curves.{i}", ALONG.index(curve.along), curve.reach, curve.points)
         for i, curve in enumerate(curves)
-        if _is_of(name, curve)
+        if curve.includes(name)
     ]
-
-
-def _is_of(name: str, entry: LoadCase | CurveSection) -> bool:
-    """Whether a load case or a curve is of this bearing; null means every one."""
-    chosen = entry.bearing
-    return chosen is None or name in ((chosen,) if isinstance(chosen, str) else chosen)

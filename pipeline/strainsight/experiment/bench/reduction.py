@@ -19,10 +19,12 @@ from strainsight.fem.recovery import facet_strain, surface_model, surface_state
 from strainsight.mesh.additions import region_ids
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
-from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
+from strainsight.mesh.vtkhdf import facet_cells, unstructured_grid
 from strainsight.multibody.bodies import RIGID
 from strainsight.ordering import first_of_largest
-from strainsight.records.bench import ReducedBody, SurfaceInTime
+from strainsight.records.bench import ReducedBodies, ReducedBody, SurfaceInTime
+from strainsight.records.mesh import vtkhdf_datasets
+from strainsight.records.record import written
 from strainsight.rom.craig_bampton import (
     CraigBampton,
     craig_bampton,
@@ -34,6 +36,7 @@ from strainsight.rom.craig_bampton import (
 )
 from strainsight.rom.inertia import inertia_invariants
 from strainsight.rom.model import Damping
+from strainsight.runner.output import Output, Scalar, Table
 
 USUAL_MODES = 10
 HELD = 2.0
@@ -41,32 +44,38 @@ HELD = 2.0
 0.5 % (test_craig_bampton.py)."""
 
 
-@dataclass(frozen=True)
-class BodyReduction:
-    """body; unknowns: of the finite-element model; frequency [Hz]: of the modes that deform it, its interfaces free."""
-
-    body: ReducedBody
-    unknowns: int
-    frequency: np.ndarray
-
-
-def flexible(config: BenchConfig) -> dict[str, FlexibleBodySection]:
-    """The flexible bodies of a config, by name."""
-    return {name: body for name, body in config.bodies.items() if isinstance(body, FlexibleBodySection)}
-
-
-def reductions(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> dict[str, BodyReduction]:
-    """Body → its reduction."""
-    reduced, bodies = {}, flexible(config)
-    for i, (name, entry) in enumerate(bodies.items()):
-        using.progress(name, i / len(bodies))
+def reduce_output(config: BenchConfig, meshes: Mapping[str, Mesh], using: Resources) -> Output:
+    """The reduced bodies, and their natural frequencies for a look."""
+    reduced: dict[str, ReducedBody] = {}
+    summary: dict[str, Scalar] = {}
+    text, tables = [], []
+    for i, (name, entry) in enumerate(config.flexible.items()):
+        using.progress(name, i / len(config.flexible))
         with blame(f"bodies.{name}"):
-            reduced[name] = _reduction(name, entry, config.frames, meshes[name])
-    return reduced
+            body, unknowns, frequency = _reduction(name, entry, config.frames, meshes[name])
+        reduced[name], first, size = body, float(frequency[0]), len(body.mass)
+        summary |= {f"unknowns.{name}": unknowns, f"coordinates.{name}": size, f"first_frequency.{name}": first}
+        text.append(f"{name} {unknowns} unknowns → {size}, first mode {first:.4g} Hz, cut {body.cut:.4g} Hz")
+        text += [
+            f"{name} is good for {key} from {low:.4g} to {high:.4g} Pa"
+            for key, (low, high) in body.reach.items()
+            if np.isfinite(high)
+        ]
+        rows = tuple((str(k), f"{f:.4g}") for k, f in enumerate(frequency[:12], start=1))
+        tables.append(Table(f"natural frequencies of {name}, its interfaces free", ("mode", "Hz"), rows))
+    return Output(
+        datasets=written(ReducedBodies(bodies=reduced)),
+        summary=summary,
+        message="; ".join(text) or "no flexible body",
+        tables=tuple(tables),
+    )
 
 
-def _reduction(name: str, entry: FlexibleBodySection, frames: Mapping[str, FrameSection], mesh: Mesh) -> BodyReduction:
-    """Assemble, constrain, reduce after Craig and Bampton; the inertia of the body in its floating frame."""
+def _reduction(
+    name: str, entry: FlexibleBodySection, frames: Mapping[str, FrameSection], mesh: Mesh
+) -> tuple[ReducedBody, int, np.ndarray]:
+    """Assemble, constrain, reduce after Craig and Bampton, with the inertia of the body in its floating frame; number of unknowns
+    of the finite-element model; frequencies [Hz] of the modes that deform the body, its interfaces free."""
     model = build_model(mesh, moduli_of(name, entry.moduli, mesh), supported=False)
     loose = rigid_motions(model).shape[1]
     if loose not in (0, 6):
@@ -85,7 +94,7 @@ def _reduction(name: str, entry: FlexibleBodySection, frames: Mapping[str, Frame
     lam = eigh(body.stiffness.at(reference), body.mass, eigvals_only=True)
     if loose:
         stay = np.flatnonzero(~rows_of(body, nodes[0]).any(axis=0))
-        damping = _cut(damping, stay)
+        damping = damping.of_all(lambda matrix: matrix[np.ix_(stay, stay)])
         body = floating_basis(body, nodes[0])
     reduced = ReducedBody(
         clamped=loose == 0,
@@ -99,7 +108,7 @@ def _reduction(name: str, entry: FlexibleBodySection, frames: Mapping[str, Frame
         interface={str(node): rows for node, rows in body.interface.items()},
         inertia=inertia_invariants(model, body.basis),
     )
-    return BodyReduction(reduced, model.size, np.sqrt(np.maximum(lam, 0.0))[loose:] / (2 * np.pi))
+    return reduced, model.size, np.sqrt(np.maximum(lam, 0.0))[loose:] / (2 * np.pi)
 
 
 def moduli_of(name: str, moduli: Mapping[str, Modulus], mesh: Mesh) -> tuple[Parameter, ...]:
@@ -144,11 +153,6 @@ def body_damping(body: CraigBampton, law: Damping, reference: Mapping[str, float
     return AffineOperator((MPhi * (2 * law.ratio * omega)) @ MPhi.T, {})
 
 
-def _cut(X: AffineOperator, stay: np.ndarray) -> AffineOperator:
-    square = np.ix_(stay, stay)
-    return X.of_all(lambda matrix: matrix[square])
-
-
 PICTURES = 50
 
 
@@ -161,18 +165,7 @@ class BodyMotion:
     moduli: Mapping[str, np.ndarray]
 
 
-@dataclass(frozen=True)
-class Pictures:
-    """facets: how many; worst: number of the picture of the largest stress, element: where."""
-
-    record: SurfaceInTime
-    grid: VtkHdf
-    facets: int
-    worst: int
-    element: int
-
-
-def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: BodyMotion, using: Resources) -> Pictures:
+def field_output(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: BodyMotion, using: Resources) -> Output:
     """The surface at some instants: displacement and strain in body axes, stress with the moduli of those instants."""
     settings = config.field
     assert settings is not None
@@ -185,7 +178,7 @@ def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Body
             key="field.of",
             remedy="correct the estimate, or set field.of: simulate",
         )
-    parameters = moduli_of(settings.body, flexible(config)[settings.body].moduli, mesh)
+    parameters = moduli_of(settings.body, config.flexible[settings.body].moduli, mesh)
     theta = {p.name: motion.moduli.get(p.name, np.full(len(time), p.reference))[at] for p in parameters}
     facets = exterior_facets(mesh)
     with mesh.located():
@@ -199,7 +192,7 @@ def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Body
         for key, values in data.items():
             values.append(getattr(state, key)[order].astype(np.float32))
     shapes = reduced.basis.reshape(len(mesh.position), 3, -1)[used]
-    grid = unstructured_grid(
+    surface_grid = unstructured_grid(
         mesh.position[used],
         blocks,
         point_data=points(mesh.position[used], shapes, q[at], modes),
@@ -208,8 +201,21 @@ def pictures(config: BenchConfig, mesh: Mesh, reduced: ReducedBody, motion: Body
     )
     mises = np.stack(data["von_mises"])
     worst, where = np.unravel_index(first_of_largest(mises.astype(float).ravel()), mises.shape)
-    record = SurfaceInTime(time=time[at], von_mises=mises.max(axis=1), moduli=theta)
-    return Pictures(record, grid, len(order), int(worst), int(facets.element_id[order][where]))
+    element, largest, instant = int(facets.element_id[order][where]), float(mises.max()), float(time[at][worst])
+    grid, attributes = vtkhdf_datasets(surface_grid)
+    return Output(
+        datasets=grid | written(SurfaceInTime(time=time[at], von_mises=mises.max(axis=1), moduli=theta)),
+        attributes=attributes,
+        summary={
+            "pictures": len(at),
+            "facets": len(order),
+            "von_mises": largest,
+            "time": instant,
+            "element": element,
+        },
+        message=f"{settings.body}: {len(at)} pictures of {len(order)} facets, at most {largest / 1e6:.4g} MPa von Mises at "
+        f"t = {instant:.4g} s in element {element}",
+    )
 
 
 def instants(count: int, settings: SurfaceField) -> np.ndarray:

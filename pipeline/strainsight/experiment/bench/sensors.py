@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -14,10 +14,12 @@ from strainsight.config.bench.bench import (
     ReactionSensor,
     RelativeSensor,
     StrainSensorSection,
+    units_of,
 )
 from strainsight.config.bench.bench import Sensor as StatedSensor
 from strainsight.errors import blame
 from strainsight.experiment.bench.bench import Bench
+from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.system import installation_std
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
@@ -47,18 +49,29 @@ from strainsight.sensors.installation import (
 )
 from strainsight.sensors.rows import channel_rows
 
-MOTION_UNITS = {"position": "m", "velocity": "m/s"}
+
+@dataclass(frozen=True)
+class BondedGauges:
+    """Gauges of a strain sensor on the nearest places of its body's surface: mesh and facets of that, basis (3 nodes, r); moved
+    (gauges,) [m]: how far each was moved there."""
+
+    body: str
+    mesh: Mesh
+    facets: Facets
+    basis: np.ndarray
+    gauges: Candidates
+    moved: np.ndarray
 
 
 @dataclass(frozen=True)
 class Sensors:
     """readings: all compiled, strains first; channels: sensor → its rows there; zeroed (k,): channels that are zeroed at the
-    start; moved: strain sensor → how far (gauges,) [m] each of its gauges was moved to the surface."""
+    start; bonded: the gauges of every strain sensor."""
 
     readings: CompiledSensors
     channels: Mapping[str, slice]
     zeroed: np.ndarray
-    moved: Mapping[str, np.ndarray]
+    bonded: Mapping[str, BondedGauges]
 
     def count(self, name: str) -> int:
         """Channels of a sensor."""
@@ -67,40 +80,43 @@ class Sensors:
 
 def sensors_of(bench: Bench) -> Sensors:
     """All sensors of the config that see the state."""
-    strains, others, moved = [], [], {}
-    zeroed: list[bool] = []
+    strains, others, bonded_gauges = [], [], {}
     for name, entry in bench.config.sensors.items():
-        if isinstance(entry, ReactionSensor):
-            continue
-        if not isinstance(entry, StrainSensorSection):
+        if isinstance(entry, StrainSensorSection):
+            on = bonded_gauges[name] = _bonded(bench, name, entry)
+            with blame(f"sensors.{name}.{'gauges' if entry.layout is None else 'layout'}"):
+                rows = channel_rows(on.mesh.position, on.gauges, on.basis, facets=on.facets)
+                strains.append(StrainRows(name, on.body, rows))
+        elif not isinstance(entry, ReactionSensor):
             others.append(motion_sensor(name, entry, bench.frames))
-            continue
-        sensor, moved[name] = _strain(bench, name, entry)
-        strains.append(sensor)
-        zeroed += [entry.zeroed] * len(sensor.rows)
     # in the order of their rows
     others.sort(key=lambda sensor: isinstance(sensor, Accelerometer))
-    compiled = readings(bench.system, [*strains, *others])
-    still = np.zeros(len(compiled.channels), dtype=bool)
-    still[: len(zeroed)] = zeroed
-    return Sensors(compiled, _channels(compiled), still, moved)
+    return _compiled(bench, [*strains, *others], bonded_gauges)
 
 
 def some_of(bench: Bench, sensors: Sensors, names: Collection[str]) -> Sensors:
     """Those of these names."""
-    compiled = readings(bench.system, [sensor for sensor in sensors.readings.sensors if sensor.name in names])
-    channels = _channels(compiled)
-    zeroed = np.concatenate([sensors.zeroed[sensors.channels[name]] for name in channels])
-    return Sensors(compiled, channels, zeroed, {})
+    some = [sensor for sensor in sensors.readings.sensors if sensor.name in names]
+    return _compiled(bench, some, {name: on for name, on in sensors.bonded.items() if name in names})
 
 
-def gauges_of(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[Candidates, Facets, np.ndarray]:
-    """The gauges of a sensor on the nearest places of the body's surface, its facets, and how far (gauges,) [m] each was moved
-    there."""
+def _compiled(bench: Bench, sensors: Sequence[Sensor], bonded_gauges: Mapping[str, BondedGauges]) -> Sensors:
+    compiled, channels, at = readings(bench.system, sensors), {}, 0
+    zeroed = np.zeros(len(compiled.channels), dtype=bool)
+    for sensor in compiled.sensors:
+        count = len(sensor.rows) if isinstance(sensor, StrainRows) else 3
+        if isinstance(sensor, RelationSensor):
+            count = len(sensor.relations)
+        channels[sensor.name] = slice(at, at + count)
+        zeroed[channels[sensor.name]] = getattr(bench.config.sensors[sensor.name], "zeroed", False)
+        at += count
+    return Sensors(compiled, channels, zeroed, bonded_gauges)
+
+
+def _bonded(bench: Bench, name: str, entry: StrainSensorSection) -> BondedGauges:
     key, mesh = f"sensors.{name}.gauges", bench.meshes[entry.body]
-    if entry.layout is None:
-        entries = [BondedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
-    else:
+    entries = [BondedEntry(g.position, g.direction, g.length or 0.0, g.angles) for g in entry.gauges]
+    if entry.layout is not None:
         assert bench.placed is not None
         key, layout = f"sensors.{name}.layout", bench.placed.layout(entry.layout)
         columns = (getattr(layout, part)[layout.bonded] for part in ("position", "direction", "length"))
@@ -108,15 +124,7 @@ def gauges_of(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[Cand
     facets = exterior_facets(mesh)
     with blame(key):
         gauges, moved = bonded(mesh, facets, entries, entry.snap_tolerance, key)
-    return gauges, facets, moved
-
-
-def _strain(bench: Bench, name: str, entry: StrainSensorSection) -> tuple[StrainRows, np.ndarray]:
-    """The rows of its gauges, and how far (gauges,) [m] each was moved."""
-    gauges, facets, moved = gauges_of(bench, name, entry)
-    position, basis = bench.meshes[entry.body].position, bench.reduced[entry.body].basis
-    with blame(f"sensors.{name}.{'gauges' if entry.layout is None else 'layout'}"):
-        return StrainRows(name, entry.body, channel_rows(position, gauges, basis, facets=facets)), moved
+    return BondedGauges(entry.body, mesh, facets, bench.reduced[entry.body].basis, gauges, moved)
 
 
 def instants_of(bench: Bench, q: np.ndarray, v: np.ndarray, u: np.ndarray, second: np.ndarray) -> list[Instant]:
@@ -144,20 +152,16 @@ def motion_sensor(name: str, entry: StatedSensor, frames: Mapping[str, Frame]) -
     frame = frames[entry.frame]
     if isinstance(entry, AccelerationSensor):
         return Accelerometer(name, frame, entry.axes == "own", entry.gravity)
-    if entry.quantity in MOTION_UNITS:
+    if entry.quantity in ("position", "velocity"):
         return position_sensor(name, frame, rate=entry.quantity == "velocity")
     return axis_sensor(name, frame, "xyz".index(entry.quantity[0]))
 
 
-def _channels(compiled: CompiledSensors) -> dict[str, slice]:
-    channels, at = {}, 0
-    for sensor in compiled.sensors:
-        count = len(sensor.rows) if isinstance(sensor, StrainRows) else 3
-        if isinstance(sensor, RelationSensor):
-            count = len(sensor.relations)
-        channels[sensor.name] = slice(at, at + count)
-        at += count
-    return channels
+def frame_at(bench: Bench, frame: Frame, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Place and axes of a frame (12,), and their slopes by q (12, n)."""
+    sensors = [position_sensor(frame.name, frame), *(axis_sensor(frame.name, frame, k) for k in range(3))]
+    y, by_q, _ = readings(bench.system, sensors).read(q, np.zeros_like(q))
+    return y, by_q
 
 
 def channel_labels(sensors: Sensors) -> tuple[str, ...]:
@@ -169,27 +173,20 @@ def channel_units(config: BenchConfig, sensors: Sensors) -> tuple[str, ...]:
     """Unit of every channel."""
     units: list[str] = []
     for name in sensors.channels:
-        entry = config.sensors[name]
-        relative = isinstance(entry, RelativeSensor)
-        units += ("m", "m", "m", "rad", "rad") if relative else (unit_of(entry),) * sensors.count(name)
+        of_one = units_of(config.sensors[name])
+        units += of_one * (sensors.count(name) // len(of_one))
     return tuple(units)
 
 
 def unit_of(entry: StatedSensor) -> str:
     """Unit of a sensor's readings."""
-    if isinstance(entry, StrainSensorSection):
-        return "strain"
-    if isinstance(entry, ReactionSensor):
-        return "N or N m"
-    if isinstance(entry, AccelerationSensor):
-        return "m/s²"
-    return "m or rad" if isinstance(entry, RelativeSensor) else MOTION_UNITS.get(entry.quantity, "1")
+    return " or ".join(dict.fromkeys(units_of(entry)))
 
 
-def dataset_units(config: BenchConfig, loads: Mapping[str, str]) -> dict[str, str]:
+def dataset_units(config: BenchConfig, loads: Iterable[str]) -> dict[str, str]:
     """What records of a bench ask the unit of: its sensors, and these loads."""
     units = {f"sensor {name}": unit_of(entry) for name, entry in config.sensors.items()}
-    return units | {f"input {name}": unit for name, unit in loads.items()}
+    return units | {f"input {name}": unit for name, unit in load_units(config, loads).items()}
 
 
 DRAWN = 5
@@ -198,15 +195,11 @@ DRAWN = 5
 
 @dataclass(frozen=True)
 class Toleranced:
-    """A strain sensor of the filter: its name and body, gauges, mesh and facets of that, basis (3 nodes, r); slope
-    (channels, k, r): σ times what each of k errors adds to its rows; zeroed."""
+    """A strain sensor of the filter: where its gauges are; slope (channels, k, r): σ times what each of k errors adds to its
+    rows; zeroed."""
 
     name: str
-    body: str
-    gauges: Candidates
-    mesh: Mesh
-    facets: Facets
-    basis: np.ndarray
+    on: BondedGauges
     slope: np.ndarray
     zeroed: bool
 
@@ -216,27 +209,28 @@ def tolerances_of_gauges(config: BenchConfig) -> InstallationStd:
     return installation_std(None if config.estimate is None else config.estimate.tolerances)
 
 
+def linear_tolerances(config: BenchConfig) -> dict[str, float]:
+    """Error of installation → its σ, of those that `estimate.tolerances` leaves open, to first order."""
+    std = tolerances_of_gauges(config).by_name
+    return {name: value for name, value in std.items() if value > 0 and name not in SECOND}
+
+
 def toleranced(bench: Bench, used: Sensors) -> tuple[Toleranced, ...]:
-    """Of every strain sensor of the filter the errors that `estimate.tolerances` leaves open, to first order: place and turn of a
-    gauge, all grids of which move as one, gain and transverse sensitivity of each grid."""
-    std = tolerances_of_gauges(bench.config)
-    sigma = {name: value for name, value in std.by_name.items() if value > 0 and name not in SECOND}
+    """Of every strain sensor of the filter its `linear_tolerances`: place and turn of a gauge, all grids of which move as one,
+    gain and transverse sensitivity of each grid."""
+    sigma, position = linear_tolerances(bench.config), tolerances_of_gauges(bench.config).position
     errors = []
-    for name in used.channels if sigma else ():
-        entry = bench.config.sensors[name]
-        if not isinstance(entry, StrainSensorSection):
-            continue
-        mesh, basis = bench.meshes[entry.body], bench.reduced[entry.body].basis
-        gauges, facets, _ = gauges_of(bench, name, entry)
+    for name, on in used.bonded.items() if sigma else ():
+        gauges = on.gauges
         with blame(f"sensors.{name}.gauges"):
-            felt = sensitivity_rows(mesh.position, gauges, basis, std.position, facets=facets)
-        slope: list[np.ndarray] = []
+            felt = sensitivity_rows(on.mesh.position, gauges, on.basis, position, facets=on.facets)
+        slope = [np.zeros((0, len(gauges), on.basis.shape[1]))]
         for key, value in sigma.items():
             rows, owner = value * getattr(felt, key), gauges.gauge if key in COMMON else np.arange(len(gauges))
-            slope += [np.where((owner == each)[:, None], rows, 0.0) for each in np.unique(owner)]
-        felt_at_all = [rows for rows in slope if rows.any()]
-        whole = np.stack(felt_at_all, axis=1) if felt_at_all else np.zeros((len(gauges), 0, basis.shape[1]))
-        errors.append(Toleranced(name, entry.body, gauges, mesh, facets, basis, whole, entry.zeroed))
+            every = np.array([np.where((owner == each)[:, None], rows, 0.0) for each in np.unique(owner)])
+            slope.append(every[every.any(axis=(1, 2))])
+        zeroed = bool(used.zeroed[used.channels[name]].any())
+        errors.append(Toleranced(name, on, np.swapaxes(np.concatenate(slope), 0, 1), zeroed))
     return tuple(errors)
 
 
@@ -249,9 +243,9 @@ def rows_of(
     D, o = [np.zeros((m, 0, n))], [np.zeros((m, 0))]
     for sensor in sensors:
         rows = np.zeros((m, sensor.slope.shape[1], n))
-        rows[used.channels[sensor.name], :, bench.system.modal(sensor.body)] = sensor.slope
+        rows[used.channels[sensor.name], :, bench.system.modal(sensor.on.body)] = sensor.slope
         D.append(rows)
-        o.append(-rows @ zero if sensor.zeroed else np.zeros(rows.shape[:2]))
+        o.append(-rows @ zero * sensor.zeroed)
     return np.concatenate(D, axis=1), np.concatenate(o, axis=1)
 
 
@@ -263,14 +257,13 @@ def misread(bench: Bench, used: Sensors, errors: tuple[Toleranced, ...], q: np.n
     for run in range(runs):
         draw = np.random.default_rng((bench.config.seed, run, DRAWN))
         for error in errors:
-            free = replace(error.gauges, bonded=np.zeros(len(error.gauges), dtype=bool))
-            eta = q[:, min(run, q.shape[1] - 1), bench.system.modal(error.body)]
-            rows, plain = (
-                installed_rows(error.mesh.position, free, error.basis, installation, facets=error.facets)[0]
-                for installation in (
-                    drawn_installation(free, std, draw),
-                    drawn_installation(free, InstallationStd(), draw),
-                )
+            on, count = error.on, len(error.on.gauges)
+            free = replace(on.gauges, bonded=np.zeros(count, dtype=bool))
+            eta = q[:, min(run, q.shape[1] - 1), bench.system.modal(on.body)]
+            as_drawn, plain = (drawn_installation(free, sigma, draw) for sigma in (std, InstallationStd()))
+            rows, meant = (
+                installed_rows(on.mesh.position, free, on.basis, installation, facets=on.facets)[0]
+                for installation in (as_drawn, plain)
             )
-            added[:, run, used.channels[error.name]] += (eta - eta[0] * error.zeroed)[1:] @ (rows - plain).T
+            added[:, run, used.channels[error.name]] += (eta - eta[0] * error.zeroed)[1:] @ (rows - meant).T
     return added

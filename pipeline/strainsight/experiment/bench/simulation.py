@@ -2,29 +2,38 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.bench import AccelerationSensor, ReactionSensor
-from strainsight.config.bench.connections import BearingForce, Driven
-from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
-from strainsight.experiment.bench.bench import Bench, start_of
-from strainsight.experiment.bench.loads import drives_of, loads_of
-from strainsight.experiment.bench.sensors import Sensors, instants_of, read_in_time, sensors_of
-from strainsight.experiment.resources import Resources
+from strainsight.config.bench.bench import ReactionSensor, Simulate
+from strainsight.config.bench.connections import Driven
+from strainsight.errors import ConfigError, NumericalError, blame
+from strainsight.experiment.bench.bearings import overloaded
+from strainsight.experiment.bench.bench import Bench, explained, start_of
+from strainsight.experiment.bench.loads import doubtful_drives, drives_of, loads_of
+from strainsight.experiment.bench.sensors import (
+    Sensors,
+    dataset_units,
+    frame_at,
+    instants_of,
+    read_in_time,
+    sensors_of,
+)
+from strainsight.experiment.resources import Resources, of_steps
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid
 from strainsight.multibody.accelerations import Instant, measured, reaction
 from strainsight.multibody.bearing.element import ball_loads, bearing_load
 from strainsight.multibody.bodies import Frame, RigidBody
-from strainsight.multibody.coupled import CoupledModes, coupled_modes, growth
-from strainsight.multibody.initial import constraints_at, project_position
-from strainsight.multibody.laws import Friction, TurningGravity
-from strainsight.multibody.sensors import RelationSensor, axis_sensor, position_sensor, readings
+from strainsight.multibody.coupled import SHARE, CoupledModes, coupled_modes, followed, growth, missed
+from strainsight.multibody.initial import constraints_at
+from strainsight.multibody.laws import TurningGravity
+from strainsight.multibody.sensors import RelationSensor, readings
 from strainsight.multibody.simulate import Trajectory, simulate, simulate_controlled
+from strainsight.multibody.step import GAIN, LAG
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench import (
     AtRest,
@@ -39,19 +48,15 @@ from strainsight.records.bench import (
     Violation,
     WorstInstant,
 )
-from strainsight.records.record import record_from
+from strainsight.records.record import record_from, written
+from strainsight.runner.output import Output, Scalar, Table, warnings_table
 
 
 def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
     """Displacement and load of every bearing in time, and its balls at the instant of the highest pressure."""
     rings = {}
-    for element in bench.system.elements:
-        force = element.force
-        stated = bench.config.forces[force.name]
-        if not isinstance(stated, BearingForce):
-            continue
-        bearing = bench.bearings[stated.bearing]
-        displacements = readings(bench.system, [RelationSensor(force.name, force.relations[:5])])
+    for name, (element, bearing) in bench.rings.items():
+        displacements = readings(bench.system, [RelationSensor(name, element.force.relations[:5])])
         q = np.array([displacements.read(a, b)[0] for a, b in zip(run.q, run.v, strict=True)])
         balls = [ball_loads(bearing, each) for each in q]
         pressure = np.array([ball.pressure.max() for ball in balls])
@@ -60,10 +65,10 @@ def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
         if ellipse > bearing.ball_diameter / 2:
             raise ConfigError(
                 f"a contact ellipse reaches {1e3 * ellipse:.4g} mm at t = {run.time[worst]:g} s, beyond the ball",
-                key=f"forces.{force.name}",
+                key=f"forces.{name}",
                 remedy="no such bearing carries these loads: check their size and the preload",
             )
-        rings[force.name] = RingMotion(
+        rings[name] = RingMotion(
             displacement=q,
             load=np.array([bearing_load(bearing, each, slopes=False).force for each in q]),
             pressure=pressure,
@@ -72,126 +77,147 @@ def rings_in_time(bench: Bench, run: Trajectory) -> dict[str, RingMotion]:
     return rings
 
 
-Reading = Callable[[np.ndarray, np.ndarray, Instant], np.ndarray]
-"""q, u and what (1.3) says there → the components of a sensor."""
-
-
-def felt(
-    bench: Bench, run: Trajectory, instants: Sequence[Instant], drives: np.ndarray
-) -> tuple[dict[str, np.ndarray], dict[str, DriveMotion]]:
-    """Sensors of reaction (T, components), and the driven joints, drives (nd, 3, T) p, ṗ, p̈."""
-    read: dict[str, np.ndarray] = {}
-    for name, entry in bench.config.sensors.items():
-        if isinstance(entry, ReactionSensor):
-            reaction_of = _reaction(bench, entry)
-            read[name] = np.array([reaction_of(*now) for now in zip(run.q, run.u, instants, strict=True)])
-    force = np.array([now.drive for now in instants])
-    return read, {
-        name: DriveMotion(position=drives[i, 0], rate=drives[i, 1], force=force[:, i])
-        for i, name in enumerate(bench.system.drives.names)
-    }
-
-
-def feels(bench: Bench) -> bool:
-    """Whether anything of the config asks for what (1.3) says of every instant."""
-    sensors = bench.config.sensors.values()
-    return any(isinstance(entry, ReactionSensor | AccelerationSensor) for entry in sensors) or bool(
-        bench.system.drives.names
-    )
-
-
-def _reaction(bench: Bench, entry: ReactionSensor) -> Reading:
-    joint = next(joint for joint in bench.system.joints if joint.name == entry.joint)
-    i, j = (bench.frames[frame] for frame in bench.config.joints[entry.joint].frames)
-    return lambda q, u, now: reaction(bench.system, joint, i, j, q, now.lam, u)
+def reactions_in_time(bench: Bench, name: str, run: Trajectory, instants: Sequence[Instant]) -> np.ndarray:
+    """Force and moment (T, 6) of a joint on its second frame, in the axes of the first, about the second's origin."""
+    joint = next(joint for joint in bench.system.joints if joint.name == name)
+    i, j = (bench.frames[frame] for frame in bench.config.joints[name].frames)
+    states = zip(run.q, run.u, instants, strict=True)
+    return np.array([reaction(bench.system, joint, i, j, q, now.lam, u) for q, u, now in states])
 
 
 SPUN = 1.0
 """[rad] a step up to which a driven angle is followed."""
 TILT = 0.1
 """[rad] up to which the displacements of a force law that takes angles to be small are what they are called."""
-LOCKED = 0.02
-"""Share of what the start has of the independence of its constraints, below which they are near a dead centre."""
 
 
-@dataclass(frozen=True)
-class Simulation:
-    """turn [rad]: the largest angle that any body turns in a step; parts: the most that a step was divided into."""
-
-    record: Simulated
-    bench: Bench
-    sensors: Sensors
-    turn: float
-    parts: int
-
-
-def simulation(bench: Bench, using: Resources) -> Simulation:
-    """Bring the bench to its start, step through the loads, read the sensors."""
-    h, steps = (settings := bench.config.simulate).time_step, round(settings.duration / settings.time_step)
-    loads = loads_of(bench, using.files)
+def _simulated(bench: Bench, using: Resources) -> tuple[Simulated, Sensors, int]:
+    """Bring the bench to its start, step through the loads, read the sensors; the most parts that a step was divided into."""
+    settings, system, theta = bench.config.simulate, bench.system, bench.theta
+    h, steps = settings.time_step, round(settings.duration / settings.time_step)
+    loads, progress = loads_of(bench, using.files), of_steps(using.progress, "simulation", steps)
     u = loads(h * np.arange(steps + 1))
     refuse_spun(bench, u, "simulate")
     with blame("simulate"):
         q0, v0 = start_of(bench, u[0])
-        frequency = coupled_modes(bench.system, q0, v0, u[0], bench.theta).held_frequency
+        frequency = coupled_modes(system, q0, v0, u[0], theta).held_frequency
         try:
-            run, parts = _moved(bench, q0, v0, loads, u, lambda share: using.progress("simulation", share))
+            if settings.tolerance is None:
+                run, parts = simulate(system, q0, v0, u, h, theta, settings.method, progress), 1
+            else:
+                controlled = simulate_controlled(
+                    system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, progress
+                )
+                run, parts = controlled.run, int(controlled.parts.max())
         except NumericalError as error:
             raise explained(error, bench, q0, u, h) from error
-    moved = drives_of(bench, using.files)(run.time)
-    instants = instants_of(bench, run.q, run.v, run.u, moved[:, 2].T) if feels(bench) else []
-    carried, driven = felt(bench, run, instants, moved) if instants else ({}, {})
-    sensors = sensors_of(bench)
+    moved, sensors = drives_of(bench, using.files)(run.time), sensors_of(bench)
+    reacting = {key: entry.joint for key, entry in bench.config.sensors.items() if isinstance(entry, ReactionSensor)}
+    needed = reacting or len(moved) or sensors.readings.accelerometers
+    instants = instants_of(bench, run.q, run.v, run.u, moved[:, 2].T) if needed else []
     measured = read_in_time(bench, sensors.readings, run.q, run.v, run.u, instants)
     measured = measured - np.where(sensors.zeroed, measured[0], 0.0)
     _refuse_tilted(bench, run)
+    constraints = [constraints_at(system, q, u) for q, u in zip(run.q, run.u, strict=True)]
+    rates = [B @ v + rate for (_, B, rate), v in zip(constraints, run.v, strict=True)]
     record = Simulated(
         time=run.time,
         q=run.q,
         v=run.v,
-        violation=_violation(bench, run),
+        violation=Violation(
+            position=np.array([np.abs(phi).max(initial=0.0) for phi, *_ in constraints]),
+            velocity=np.array([np.abs(rate).max(initial=0.0) for rate in rates]),
+        ),
         frequency=frequency,
-        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
-        inputs=dict(zip(bench.system.inputs, u.T[: len(bench.system.inputs)], strict=True)),
-        sensors={name: measured[:, part] for name, part in sensors.channels.items()} | carried,
+        coordinates=bench.coordinates,
+        inputs=dict(zip(system.inputs, u.T[: len(system.inputs)], strict=True)),
+        sensors={name: measured[:, part] for name, part in sensors.channels.items()}
+        | {name: reactions_in_time(bench, joint, run, instants) for name, joint in reacting.items()},
         bearings=rings_in_time(bench, run),
-        drives=driven,
+        drives={
+            name: DriveMotion(position=p, rate=rate, force=np.array([now.drive[i] for now in instants]))
+            for i, (name, (p, rate, _)) in enumerate(zip(system.drives.names, moved, strict=True))
+        },
     )
-    turn = max(turns_in_a_step(bench, run.v, h).values(), default=0.0)
-    return Simulation(record, bench, sensors, turn, parts)
+    return record, sensors, parts
 
 
-def _moved(
-    bench: Bench,
-    q0: np.ndarray,
-    v0: np.ndarray,
-    loads: Callable[[np.ndarray], np.ndarray],
-    u: np.ndarray,
-    progress: Callable[[float], None],
-) -> tuple[Trajectory, int]:
-    """The run, by steps as they are or divided by their error, and the most parts of a step."""
-    settings, steps, system, theta = bench.config.simulate, len(u) - 1, bench.system, bench.theta
+TURN = {"second_order": 0.1, "thesis": 0.01}
+"""[rad] a step above which it shows in what turns freely."""
+
+MISSED = 0.05
+"""Share of a load that the step may get wrong before a warning says so."""
+
+
+def simulate_output(bench: Bench, using: Resources) -> Output:
+    """The bench in time, and up to which frequency it may be believed."""
+    config, settings, system = bench.config, bench.config.simulate, bench.system
+    (record, sensors, most), h = _simulated(bench, using), settings.time_step
+    turn = max(turns_in_a_step(bench, record.v, h).values(), default=0.0)
+    steps, worst = len(record.time) - 1, float(record.violation.position.max())
+    pressure = {name: float(ring.pressure.max()) for name, ring in record.bearings.items()}
+    summary: dict[str, Scalar] = {
+        "steps": steps,
+        "coordinates": system.size,
+        "constraints": system.constrained,
+        "violation": worst,
+        "violation_rate": float(record.violation.velocity.max()),
+        "turn": turn,
+        "parts": most,
+        **{f"pressure.{name}": highest for name, highest in pressure.items()},
+    }
+    text = f"{steps} steps of {h:g} s, {system.size} coordinates, {system.constrained} constraints held to {worst:.1e}"
+    if settings.tolerance is not None:
+        text += f", in up to {most} parts each: the motion is right to {settings.tolerance:g} of the coordinates"
+    doubts = []
+    if len(record.frequency) and record.frequency[0] > 0:
+        summary["first_frequency"] = float(record.frequency[0])
+        if settings.tolerance is None:
+            band = summary["band"] = followed(record.frequency, h, settings.method)
+            text += f"; follows loads up to {band:.3g} Hz to {100 * SHARE:g} %"
+            for name, load in record.inputs.items():
+                share = float(missed(load[:, None], record.frequency, h, settings.method)[0])
+                summary[f"missed.{name}"] = share
+                if share > MISSED:
+                    doubts.append(
+                        f"of {name} the step gets {100 * share:.2g} % wrong, what it has above {band:.3g} Hz; take a smaller "
+                        "simulate.time_step, or leave out what is so quick"
+                    )
+    doubts += [*doubtful_drives(config, using.files), *overloaded(config, pressure)]
+    if system.size > system.constrained and settings.tolerance is None and turn > TURN[settings.method]:
+        doubts.append(f"a body turns by {turn:.3g} rad a step: {_turning(turn, settings)}")
+    moved = tuple(
+        (name, str(i), f"{1e3 * distance:.3g} mm")
+        for name, on in sensors.bonded.items()
+        for i, distance in enumerate(on.moved, start=1)
+    )
+    rings = []
+    for name, ring in record.bearings.items():
+        force = ring.worst.force
+        balls = f"{int((force > 0).any(axis=1).sum())} of {len(force)}"
+        rings.append((name, f"{pressure[name] / 1e6:.5g} MPa", f"{ring.worst.time:.4g} s", balls))
+    tables = (
+        Table("gauges, moved to the surface by", ("sensor", "gauge", "moved"), moved),
+        Table("bearings at their highest pressure", ("bearing", "pressure", "at", "balls loaded"), tuple(rings)),
+        *warnings_table(doubts),
+    )
+    return Output(
+        datasets=written(record, dataset_units(config, system.inputs)),
+        summary=summary,
+        message=text,
+        tables=tuple(table for table in tables if table.rows),
+    )
+
+
+def _turning(turn: float, settings: Simulate) -> str:
     h = settings.time_step
-
-    def tell(k: int) -> None:
-        if k % 50 == 0:
-            progress(k / steps)
-
-    if settings.tolerance is None:
-        return simulate(system, q0, v0, u, h, theta, settings.method, tell), 1
-    controlled = simulate_controlled(system, q0, v0, loads, h, steps, theta, settings.method, settings.tolerance, tell)
-    return controlled.run, int(controlled.parts.max())
-
-
-def _violation(bench: Bench, run: Trajectory) -> Violation:
-    """Largest |φ| and |Bv| of every instant."""
-    if not bench.system.constrained:
-        return Violation(position=np.zeros(len(run.time)), velocity=np.zeros(len(run.time)))
-    pairs = [constraints_at(bench.system, q, u) for q, u in zip(run.q, run.u, strict=True)]
-    return Violation(
-        position=np.array([np.abs(phi).max() for phi, *_ in pairs]),
-        velocity=np.array([np.abs(B @ v + rate).max() for (_, B, rate), v in zip(pairs, run.v, strict=True)]),
-    )
+    if settings.method == "thesis":
+        loss = 1 - (1 + turn**2 / h) ** -0.5  # of dω/dt = −ω³h/2 over one second
+        what = f"implicit Euler brakes what turns freely, by {100 * loss:.2g} % in the first second"
+    else:
+        lag, gain = 100 * LAG * turn**2, 100 * GAIN * turn**4 / h
+        what = f"what turns freely lags by {lag:.2g} % of its angle and gains {gain:.2g} % of its spin in a second"
+    return f"{what}; take a smaller simulate.time_step"
 
 
 def _refuse_tilted(bench: Bench, run: Trajectory) -> None:
@@ -249,59 +275,6 @@ def turns_in_a_step(bench: Bench, v: np.ndarray, h: float) -> dict[str, float]:
     return {name: float(h * np.nanmax(np.linalg.norm(spin, axis=1)) / np.sqrt(2)) for name, spin in spins.items()}
 
 
-def explained(error: NumericalError, bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError:
-    """Drives that lead where the joints do not let them, friction that is too sharp for its step, or the error as it is.
-
-    q (n,) the start; u (T + 1, nu) at 0, h, 2h, …
-    """
-    return _out_of_reach(bench, q, u, h) or _sharp(error, bench) or error
-
-
-def _out_of_reach(bench: Bench, q: np.ndarray, u: np.ndarray, h: float) -> StrainsightError | None:
-    """φ(q, p(t)) = 0 from instant to instant, each from the last: does a configuration allow what the drives ask for, and is it
-    further from one where the constraints depend on each other, a dead centre, than LOCKED of the start?"""
-    drives = bench.system.drives
-    if not drives.names:
-        return None
-    first = 0.0
-    for k, inputs in enumerate(u):
-        try:
-            q = project_position(bench.system, q, inputs)
-            share = _independence(bench, q, inputs)
-            first = share if k == 0 else first
-            why = "stand at a dead centre" if share < LOCKED * first else ""
-        except InfeasibleError:
-            why = "do not let the drives go on"
-        if why:
-            asked = ", ".join(f"{name} {inputs[drives.at + i]:.4g}" for i, name in enumerate(drives.names))
-            return ConfigError(
-                f"at t = {k * h:g} s the joints {why}, at {asked} [m or rad]",
-                key=f"joints.{drives.names[0]}.drive" if len(drives.names) == 1 else "joints",
-                remedy="let it go less far, or move its frames",
-            )
-    return None
-
-
-def _independence(bench: Bench, q: np.ndarray, u: np.ndarray) -> float:
-    """Smallest singular value of the gradients of all constraints, each of length 1 in the metric."""
-    B = constraints_at(bench.system, q, u)[1] / bench.system.metric
-    return float(np.linalg.svd(B / np.linalg.norm(B, axis=1)[:, None], compute_uv=False)[-1])
-
-
-def _sharp(error: NumericalError, bench: Bench) -> StrainsightError | None:
-    laws = {e.force.name: e.force.law for e in bench.system.elements}
-    sharp = {name: law.speed for name, law in laws.items() if isinstance(law, Friction) and law.coulomb > 0}
-    if not sharp or "was not solved" not in error.what:
-        return None
-    name = min(sharp, key=lambda force: sharp[force])
-    return NumericalError(
-        error.what,
-        key=f"forces.{name}",
-        remedy=f"its friction may be too sharp for the step: raise its speed of {sharp[name]:g}, or take a smaller "
-        "simulate.time_step",
-    )
-
-
 DRAWN = 20
 """Most modes in the grid."""
 
@@ -333,28 +306,25 @@ def rest_of(bench: Bench, using: Resources, balanced: bool) -> BenchAtRest:
     return BenchAtRest(bench, q, v, u, modes, *growth(bench.system, modes))
 
 
-def at_rest(rest: BenchAtRest, using: Resources) -> AtRest:
+def at_rest(rest: BenchAtRest) -> AtRest:
     """The equilibrium in numbers: frames, sensors, reactions of every joint, drives, bearings."""
     bench, q, config = rest.bench, rest.q, rest.bench.config
-    every = {f"joint {name}": ReactionSensor(type="reaction", joint=name) for name in config.joints}
-    with_reactions = replace(bench, config=config.model_copy(update={"sensors": {**config.sensors, **every}}))
     still = Trajectory(np.zeros(1), q[None], 0 * q[None], rest.u[None], np.zeros((0, bench.system.constrained)))
-    moved = drives_of(bench, using.files)(still.time)
-    moved[:, 1:] = 0.0
-    instants = instants_of(bench, still.q, still.v, still.u, moved[:, 2].T)
-    reactions, drives = felt(with_reactions, still, instants, moved)
+    instants = instants_of(bench, still.q, still.v, still.u, np.zeros((1, len(bench.system.drives.names))))
+    reactions = {name: reactions_in_time(bench, name, still, instants)[0] for name in config.joints}
     sensors = sensors_of(bench)
     read = read_in_time(bench, sensors.readings, still.q, still.v, still.u, instants)[0]
+    frames = {name: frame_at(bench, frame, q)[0] for name, frame in bench.frames.items()}
     return AtRest(
         q=q,
         growth=rest.growth,
-        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
+        coordinates=bench.coordinates,
         inputs=dict(zip(bench.system.inputs, rest.u.tolist(), strict=False)),
-        frames={name: _frame_at_rest(bench, frame, q) for name, frame in bench.frames.items()},
+        frames={name: FrameAtRest(position=y[:3], axes=y[3:].reshape(3, 3).T) for name, y in frames.items()},
         sensors={name: read[part] for name, part in sensors.channels.items()}
-        | {name: values[0] for name, values in reactions.items() if name in config.sensors},
-        reactions={name: reactions[f"joint {name}"][0] for name in config.joints},
-        drives={name: float(drive.force[0]) for name, drive in drives.items()},
+        | {name: reactions[entry.joint] for name, entry in config.sensors.items() if isinstance(entry, ReactionSensor)},
+        reactions=reactions,
+        drives=dict(zip(bench.system.drives.names, instants[0].drive.tolist(), strict=True)),
         bearings={
             name: RingAtRest(displacement=ring.displacement[0], load=ring.load[0], pressure=float(ring.pressure[0]))
             for name, ring in rings_in_time(bench, still).items()
@@ -379,7 +349,7 @@ def coupled(rest: BenchAtRest) -> Coupled:
         shape=Phi.T,
         q=rest.q,
         growth=rest.growth,
-        coordinates={name: np.array([part.start, part.stop]) for name, part in bench.system.of.items()},
+        coordinates=bench.coordinates,
         frames={
             name: _frame_in_modes(bench, frame, rest.q, Phi)
             for name, frame in bench.frames.items()
@@ -397,25 +367,13 @@ def coupled(rest: BenchAtRest) -> Coupled:
     )
 
 
-def _frame_at_rest(bench: Bench, frame: Frame, q: np.ndarray) -> FrameAtRest:
-    y = _looked_at(bench, frame, q)[0]
-    return FrameAtRest(position=y[:3], axes=y[3:].reshape(3, 3).T)
-
-
 def _frame_in_modes(bench: Bench, frame: Frame, q: np.ndarray, Phi: np.ndarray) -> FrameInModes:
     """δp, and δθ = ½ Σ a_k × δa_k."""
-    y, by_q = _looked_at(bench, frame, q)
+    y, by_q = frame_at(bench, frame, q)
     moved = by_q @ Phi
     axes, turned = y[3:].reshape(3, 3), moved[3:].reshape(3, 3, -1)
     rotation = 0.5 * sum(np.cross(axes[k], turned[k].T) for k in range(3))
     return FrameInModes(displacement=moved[:3].T, rotation=np.asarray(rotation).reshape(-1, 3))
-
-
-def _looked_at(bench: Bench, frame: Frame, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Place and axes of a frame (12,), and their slopes by q (12, n)."""
-    sensors = [position_sensor(frame.name, frame), *(axis_sensor(frame.name, frame, k) for k in range(3))]
-    y, by_q, _ = readings(bench.system, sensors).read(q, np.zeros_like(q))
-    return y, by_q
 
 
 def modes_in_space(rest: BenchAtRest) -> VtkHdf:
@@ -426,7 +384,7 @@ def modes_in_space(rest: BenchAtRest) -> VtkHdf:
         if isinstance(body, RigidBody):
             at = [body.centre, *(f.origin for f in bench.frames.values() if f.body == body.name)]
             frames = [Frame(str(k), body.name, np.asarray(x, dtype=float)) for k, x in enumerate(at)]
-            seen = [_looked_at(bench, frame, rest.q) for frame in frames]
+            seen = [frame_at(bench, frame, rest.q) for frame in frames]
             points.append(np.array([y[:3] for y, _ in seen]))
             shapes.append(np.stack([by_q[:3] @ rest.modes.shapes[:, :count] for _, by_q in seen]))
             to = np.arange(1, len(at))

@@ -108,6 +108,12 @@ class ParameterCoordinates:
             xi[k] = np.log(inside)
         return xi
 
+    def with_std(self, xi: np.ndarray, P: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """θ and σ = √(s P sᵀ), s = ∂θ/∂ξ, of the free parameters (p,) at ξ (p,) of covariance P (p, p)."""
+        theta, slopes = self.theta(xi)
+        s = slopes[self.free]
+        return theta[self.free], np.sqrt(np.maximum(np.einsum("ij,jk,ik->i", s, P, s), 0.0))
+
     def covariance(self, theta: np.ndarray, std_of_theta: np.ndarray) -> np.ndarray:
         """Covariance (p, p) of ξ, to first order, of free parameters that are independent in θ with these deviations (p,).
 

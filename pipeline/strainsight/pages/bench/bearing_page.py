@@ -45,6 +45,16 @@ class LoadedBearing:
         """Of tables about it."""
         return f"{self.bearing} under {self.case}"
 
+    @property
+    def pressure(self) -> float:
+        """The highest contact pressure [Pa]."""
+        return float(self.state.pressure.max())
+
+    @property
+    def loaded(self) -> int:
+        """How many balls carry."""
+        return int((self.state.force > 0).any(axis=1).sum())
+
 
 def bearing_page(
     name: str, facts: Mapping[str, str], cases: Sequence[LoadedBearing], curves: Sequence[BearingDisplaced]
@@ -60,9 +70,8 @@ def bearing_page(
     ]
     answer = f"{len(curves)} load-displacement curves."
     if cases:
-        worst = max(cases, key=lambda case: float(case.state.pressure.max()))
-        pressure = number(float(worst.state.pressure.max()) / 1e6, 4)
-        answer = f"The highest contact pressure is {pressure} MPa, in {worst.title}."
+        worst = max(cases, key=lambda case: case.pressure)
+        answer = f"The highest contact pressure is {number(worst.pressure / 1e6, 4)} MPa, in {worst.title}."
     footer = (
         "Quasi-static contact after Hertz, rings rigid but for the contacts; the outer ring is held, x is the axis."
     )
@@ -115,7 +124,7 @@ def curve_figure(curve: BearingDisplaced) -> Drawing:
     """Load along and across one displacement."""
     a = curve.along
     unit = "mm" if a < 3 else "mrad"
-    load = np.where(np.abs(curve.curve.load) > ROUNDING * np.abs(curve.curve.load).max(), curve.curve.load, 0.0)
+    load = _cleared(curve.curve.load, np.abs(curve.curve.load).max())
     drawn, forces, moments = figure(4.6, (1.0, 1.0))
     for axes, which, what in ((forces, range(3), "force [kN]"), (moments, range(3, 5), "moment [kN m]")):
         for i in which:
@@ -134,20 +143,17 @@ def curve_figure(curve: BearingDisplaced) -> Drawing:
     return Drawing(f"curve-{curve.bearing}-{a}", f"{curve.bearing}: load over {name}", caption, alt, svg(drawn))
 
 
-def cleared(values: FloatArray) -> FloatArray:
-    """Numbers (5,), or a matrix (5, 5) beside its diagonal, without what is rounding."""
-    if values.ndim == 2:
-        scale = np.sqrt(np.abs(np.diag(values)))
-        return np.where(np.abs(values) > ROUNDING * np.outer(scale, scale), values, 0.0)
-    return np.where(np.abs(values) > ROUNDING * np.abs(values).max(), values, 0.0)
+def _cleared(values: FloatArray, size: FloatArray | float) -> FloatArray:
+    """Without what is rounding beside numbers of this size."""
+    return np.where(np.abs(values) > ROUNDING * size, values, 0.0)
 
 
 def case_rows(case: LoadedBearing) -> list[tuple[str, list[tuple[float, str, int]]]]:
     """Rows below CASE_HEAD: the displacement, and its cells as value, unit and significant digits."""
-    load, q, stiffness = cleared(case.state.load), cleared(case.state.displacement), cleared(case.state.stiffness)
-    columns = zip(
-        DISPLACEMENTS, load.tolist(), LOAD_UNITS, q.tolist(), DISPLACEMENT_UNITS, stiffness.tolist(), strict=True
-    )
+    state, scale = case.state, np.sqrt(np.abs(np.diag(case.state.stiffness)))
+    load, q = (_cleared(values, np.abs(values).max()).tolist() for values in (state.load, state.displacement))
+    stiffness = _cleared(state.stiffness, np.outer(scale, scale)).tolist()
+    columns = zip(DISPLACEMENTS, load, LOAD_UNITS, q, DISPLACEMENT_UNITS, stiffness, strict=True)
     return [
         (name, [(force, force_unit, 6), (moved, unit, 6), *((value, "", 4) for value in row)])
         for name, force, force_unit, moved, unit, row in columns

@@ -11,30 +11,25 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.estimation.decision import BEYOND, CONTRADICTED, DIVERGED, LOST, OVERCONFIDENT, WITHHELD, Claim, judged
+from strainsight.estimation.decision import DIVERGED, FAULTS, LOST, Claim, judged
 from strainsight.pages.arrays import FloatArray, History, Reading
 from strainsight.pages.placement.data import Criteria, MetricWords, Trend
-from strainsight.records.bench import BenchPlaced, DriveMotion, RingEstimate, RingMotion
+from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated
 from strainsight.runner.output import Scalar
 
 
 @dataclass(frozen=True)
-class BenchUnknown:
-    """A load or a parameter that was estimated: its history, a parameter's truth the same at every instant.
+class BenchUnknown(History):
+    """A load or a parameter that was estimated, a parameter's truth the same at every instant.
 
     errors, stds (runs,): error [unit] of every run over seeds and starts, and the parameter's claimed σ [unit] or None;
     there: the load [unit] on the bench that the measurements came from, where they came from one.
     """
 
-    kind: Literal["input", "parameter"]
-    history: History
+    kind: Literal["input", "parameter"] = "input"
     errors: FloatArray | None = None
     stds: FloatArray | None = None
     there: FloatArray | None = None
-
-    @property
-    def name(self) -> str:
-        return self.history.name
 
 
 @dataclass(frozen=True)
@@ -49,32 +44,6 @@ class BenchSensor:
     components: tuple[str, ...]
     units: tuple[str, ...]
     used: bool = True
-
-
-@dataclass(frozen=True)
-class BenchEstimate:
-    """What a filter made of a bench: unknowns, sensors, bearings; nis (T,) over the number of channels; violation (T+1,) of the
-    constraints at time (T+1,) [s]; hold_out: channels as the others predict them."""
-
-    time: FloatArray
-    unknowns: tuple[BenchUnknown, ...]
-    sensors: tuple[BenchSensor, ...]
-    bearings: Mapping[str, RingEstimate]
-    nis: FloatArray
-    violation: FloatArray
-    hold_out: tuple[Reading, ...] = ()
-
-
-@dataclass(frozen=True)
-class BenchMotion:
-    """A bench in time (T,) [s]: inputs, name → (unit, history (T,)); sensors; bearings; drives, name → (whether it turns, its
-    motion)."""
-
-    time: FloatArray
-    inputs: Mapping[str, tuple[str, FloatArray]]
-    sensors: tuple[BenchSensor, ...]
-    bearings: Mapping[str, RingMotion]
-    drives: Mapping[str, tuple[bool, DriveMotion]] = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -148,10 +117,19 @@ class PageRun:
 
 @dataclass(frozen=True)
 class BenchPageRun(PageRun):
-    """A run of a bench, as far as it went."""
+    """A run of a bench, as far as it went: what it wrote, and of an estimate unknowns, sensors and channels by the others.
 
-    motion: BenchMotion | None = None
-    estimate: BenchEstimate | None = None
+    loads: of the simulation, name → (unit, history (T,)); readings: of its sensors; turning: its drives whose motion is an angle.
+    """
+
+    simulated: Simulated | None = None
+    loads: Mapping[str, tuple[str, FloatArray]] = field(default_factory=dict)
+    readings: tuple[BenchSensor, ...] = ()
+    turning: tuple[str, ...] = ()
+    estimated: BenchEstimated | None = None
+    unknowns: tuple[BenchUnknown, ...] = ()
+    sensors: tuple[BenchSensor, ...] = ()
+    hold_out: tuple[Reading, ...] = ()
     placement: PlacedGauges | None = None
     stress: BenchStress | None = None
 
@@ -163,17 +141,7 @@ class BenchPageRun(PageRun):
     @property
     def is_estimated(self) -> bool:
         """Whether a filter has run."""
-        return self.estimate is not None
-
-    @property
-    def unknowns(self) -> tuple[BenchUnknown, ...]:
-        """What was estimated."""
-        return () if self.estimate is None else self.estimate.unknowns
-
-    @property
-    def sensors(self) -> tuple[BenchSensor, ...]:
-        """What the estimate was compared with."""
-        return () if self.estimate is None else self.estimate.sensors
+        return self.estimated is not None
 
     def claim(self, name: str) -> Claim | None:
         """Whether the estimate of an unknown keeps to its σ; None where no truth is known."""
@@ -181,16 +149,13 @@ class BenchPageRun(PageRun):
         return None if ratio is None or draws is None else judged(ratio, int(draws))
 
     def faults(self, name: str) -> tuple[str, ...]:
-        """What is wrong with the estimate of an unknown, empty where nothing is."""
-        wrong = [OVERCONFIDENT] * (self.summary.get(f"claim.{name}") == OVERCONFIDENT)
-        wrong += [LOST] * (self.summary.get(f"identified.{name}") is False)
-        word = str(self.summary.get(f"verdict.{name}"))
-        return (*wrong, *[word] * (word in (CONTRADICTED, BEYOND, WITHHELD)))
+        """What is wrong with the estimate of an unknown, the gravest first, empty where nothing is."""
+        words = {self.summary.get(f"{key}.{name}") for key in ("claim", "verdict")}
+        words |= {LOST} if self.summary.get(f"identified.{name}") is False else set()
+        return tuple(word for word in FAULTS if word in words and word != DIVERGED)
 
     @property
     def all_faults(self) -> tuple[str, ...]:
         """What is wrong with the run, each once."""
-        wrong = [DIVERGED] * bool(self.number("lost"))
-        return tuple(
-            dict.fromkeys([*wrong, *(fault for unknown in self.unknowns for fault in self.faults(unknown.name))])
-        )
+        wrong = {fault for unknown in self.unknowns for fault in self.faults(unknown.name)}
+        return tuple(word for word in FAULTS if word in wrong or (word == DIVERGED and self.number("lost")))

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray, History, largest, rms
-from strainsight.pages.bench.data import BenchEstimate, BenchSensor, BenchUnknown
+from strainsight.pages.bench.data import BenchSensor, BenchUnknown
 from strainsight.pages.chart.drawing import (
     BLUE,
     GREEN,
@@ -36,6 +36,7 @@ from strainsight.pages.chart.panels import (
     shown_unit,
     time_axis,
 )
+from strainsight.records.bench import BenchEstimated
 from strainsight.text import number, ratio, reading_unit, short
 
 if TYPE_CHECKING:
@@ -52,38 +53,37 @@ SAME = 0.02
 
 
 @styled()
-def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, History]]) -> Drawing:
+def unknown_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
     """Estimates of one unknown beside the truth; below, errors over the largest true value on a logarithmic axis.
 
     lines: label of the run and what is drawn of it. A single line has the band of ±2 claimed standard deviations and the claimed
     σ beside its error, unless σ is withheld, and what it is once it is smoothed.
     """
     (_, first), alone = lines[0], len(lines) == 1
+    name, load = first.name, first.kind == "input"
     factor, unit = shown_unit(*(history for _, history in lines))
     labels = [line_label(label, len(lines)) for label, _ in lines]
     known = [(place, history) for place, (_, history) in enumerate(lines) if history.truth is not None]
     claimed, smoothed = alone and bool(np.isfinite(first.std).any()), first.smoothed if alone else None
     drawn, axes, *more = figure((4.6 if known else 3.2) + legend_height(labels), (1.3, 1.0) if known else (1.0,))
     _truths(axes, [history for _, history in known], factor)
-    for place, (label, (_, history)) in enumerate(zip(labels, lines, strict=True)):
-        mean, std = drawable(history.mean) / factor, drawable(history.std) / factor
+    if claimed:
+        mean, std = drawable(first.mean) / factor, drawable(first.std) / factor
         index = visible_instants(np.column_stack([mean, std]), 240)
-        if claimed:
-            band(axes, history.time[index], mean[index], std[index], BLUE, "±2σ")
-        axes.plot(history.time[index], mean[index], **line_style(place), label=label)
+        band(axes, first.time[index], mean[index], std[index], BLUE, "±2σ")
+    for place, (label, (_, history)) in enumerate(zip(labels, lines, strict=True)):
+        line(axes, history.time, history.mean / factor, **line_style(place), label=label)
     if smoothed is not None:
-        index = visible_instants(drawable(smoothed)[:, None], 240)
-        axes.plot(first.time[index], drawable(smoothed)[index] / factor, color=GREEN, lw=1.2, label="smoothed")
-    if alone and kind == "input":
+        line(axes, first.time, smoothed / factor, color=GREEN, lw=1.2, label="smoothed")
+    if alone and load:
         _bulk(axes, first, factor)
     plain_axis(axes)
-    axes.set_ylabel(f"{short(first.name, 24)} [{short(unit)}]")
+    axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
     for below in more:
         _errors(below, known, alone=alone)
     time_axis((axes, *more)[-1])
     legend_of_lines(axes, labels)
-    name = first.name
-    caption = f"{name}, {'load' if kind == 'input' else kind}: estimate" + " beside the truth (dashed)" * bool(known)
+    caption = f"{name}, {'load' if load else 'parameter'}: estimate" + " beside the truth (dashed)" * bool(known)
     caption += ", with ±2 claimed standard deviations" * claimed + ", and smoothed (green)" * (smoothed is not None)
     caption += "; below, the size of the error over the largest true value" * bool(known)
     caption += ", and the claimed σ (dotted)" * (bool(known) and claimed)
@@ -95,20 +95,19 @@ def unknown_figure(key: str, title: str, kind: str, lines: Sequence[tuple[str, H
 def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]) -> Drawing:
     """A load over the one on the bench that was measured: both above, their quotient below where the other is large."""
     name = lines[0][1].name
-    factor, unit = shown_unit(*(unknown.history for _, unknown in lines))
+    factor, unit = shown_unit(*(unknown for _, unknown in lines))
     labels = [line_label(label, len(lines)) for label, _ in lines]
     drawn, axes, below = figure(4.6 + legend_height(labels), (1.0, 1.0))
     text = []
     for place, (label, (run, unknown)) in enumerate(zip(labels, lines, strict=True)):
-        measured, history, style = unknown.there, unknown.history, line_style(place)
+        measured, style = unknown.there, line_style(place)
         assert measured is not None
         large = np.abs(measured) > LARGE * largest(measured)
         large[0] = False  # the first guess
         quotient = np.full(len(measured), np.nan)
-        quotient[large] = history.mean[large] / measured[large]
-        index = visible_instants(np.column_stack([history.mean, drawable(quotient)]), 240)
-        axes.plot(history.time[index], history.mean[index] / factor, **style, label=label)
-        below.plot(history.time[index], drawable(quotient)[index], **style)
+        quotient[large] = unknown.mean[large] / measured[large]
+        line(axes, unknown.time, unknown.mean / factor, **style, label=label)
+        line(below, unknown.time, quotient, **style)
         if (known := quotient[np.isfinite(quotient)]).size:
             text.append(f"{run or name} {number(float(known.min()), 4)} to {number(float(known.max()), 4)}")
     axes.set_ylabel(f"{short(name, 24)} [{short(unit)}]")
@@ -128,7 +127,7 @@ def ratio_figure(key: str, title: str, lines: Sequence[tuple[str, BenchUnknown]]
 def runs_figure(unknown: BenchUnknown) -> Drawing:
     """A parameter's error in every run over seeds and starts on bars of the claimed σ, relative, on a logarithmic axis."""
     assert unknown.errors is not None
-    scale = 1.0 if unknown.history.truth is None else largest(unknown.history.truth)
+    scale = 1.0 if unknown.truth is None else largest(unknown.truth)
     errors = np.abs(unknown.errors) / scale
     drawn, axes = figure(3.0)
     at = np.arange(1, len(errors) + 1)
@@ -147,6 +146,13 @@ def runs_figure(unknown: BenchUnknown) -> Drawing:
     what = "at the end" if unknown.kind == "parameter" else "over the second half"
     caption = f"Error of {unknown.name} {what} of {len(errors)} runs: {text}."
     return Drawing(f"runs-{unknown.name}", f"{unknown.name}: other seeds and starts", caption, caption, svg(drawn))
+
+
+def line(axes: Axes, time: FloatArray, values: FloatArray, **style: Any) -> None:
+    """At the instants that can be distinguished."""
+    values = drawable(values)
+    index = visible_instants(values[:, None], 240)
+    axes.plot(time[index], values[index], **style)
 
 
 def line_style(place: int) -> dict[str, Any]:
@@ -173,8 +179,8 @@ def _truths(axes: Axes, histories: Sequence[History], factor: float) -> None:
         assert truth is not None
         if any(np.allclose(np.interp(time, t, u), truth, rtol=0, atol=SAME * largest(u)) for t, u in shown):
             continue
-        index, label = visible_instants(truth[:, None], 240), None if shown else "truth"
-        axes.plot(time[index], truth[index] / factor, color=INK, lw=1, ls=(0, (4, 2)), zorder=3, label=label)
+        label = None if shown else "truth"
+        line(axes, time, truth / factor, color=INK, lw=1, ls=(0, (4, 2)), zorder=3, label=label)
         shown.append((time, truth))
 
 
@@ -182,21 +188,24 @@ def _errors(axes: Axes, histories: Sequence[tuple[int, History]], *, alone: bool
     for place, history in histories:
         assert history.truth is not None
         scale = largest(history.truth) or 1.0
-        curves = [(history.mean, line_style(place) | ({"lw": 1.1} if alone else {}))]
+        _error(axes, history, history.mean, **line_style(place) | ({"lw": 1.1} if alone else {}))
         if alone and history.smoothed is not None:
-            curves.append((history.smoothed, {"color": GREEN, "lw": 1.0}))
-        for values, style in curves:
-            error = np.abs(drawable(values - history.truth)) / scale
-            error = np.where(error > ROUNDING, error, np.nan)
-            index = visible_instants(np.log(error)[:, None], 240)
-            axes.plot(history.time[index], error[index], **style)
+            _error(axes, history, history.smoothed, color=GREEN, lw=1.0)
         if alone:
-            index = visible_instants(drawable(history.std)[:, None], 240)
-            std = np.where(history.std[index] > 0, history.std[index] / scale, np.nan)
-            axes.plot(history.time[index], std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
+            std = np.where(drawable(history.std) > 0, drawable(history.std) / scale, np.nan)
+            line(axes, history.time, std, color=MUTED, lw=1.2, ls=(0, (1, 1.5)))
     axes.set_yscale("log")
     log_ticks(axes)
     axes.set_ylabel("|error| over\nlargest truth")
+
+
+def _error(axes: Axes, history: History, values: FloatArray, **style: Any) -> None:
+    """Size of the error over the largest true value, none that is rounding."""
+    assert history.truth is not None
+    error = np.abs(drawable(values - history.truth)) / (largest(history.truth) or 1.0)
+    error = np.where(error > ROUNDING, error, np.nan)
+    index = visible_instants(np.log(error)[:, None], 240)
+    axes.plot(history.time[index], error[index], **style)
 
 
 def _bulk(axes: Axes, history: History, factor: float) -> None:
@@ -238,11 +247,9 @@ def sensor_figure(key: str, title: str, component: int, lines: Sequence[tuple[st
             shown.append(values)
         if sensor.expected is None:
             continue
-        expected, style = drawable(sensor.expected[:, component]), line_style(place)
-        axes.plot(sensor.time[index], expected[index] / factor, **style, label=label)
-        difference = (values - expected) / factor
-        index = visible_instants(difference[:, None], 240)
-        below.plot(sensor.time[index], difference[index], **{**style, "lw": 0.7 * style["lw"]})
+        expected, style = sensor.expected[:, component], line_style(place)
+        line(axes, sensor.time, expected / factor, **style, label=label)
+        line(below, sensor.time, (values - expected) / factor, **{**style, "lw": 0.7 * style["lw"]})
     plain_axis(axes)
     axes.set_ylabel(f"{short(first.components[component], 20)} [{short(unit)}]")
     below.set_ylabel(f"measured −\nestimated [{short(unit)}]")
@@ -271,13 +278,13 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
         if sensor.expected is None and size[i] <= SILENT * size.max():
             measured = np.zeros_like(measured)
         factor, unit = sensor_unit(largest(measured), sensor.units[i])
-        index = visible_instants(measured[:, None], 240)
         if sensor.expected is None:
-            axes.plot(sensor.time[index], measured[index] / factor, color=BLUE)
+            line(axes, sensor.time, measured / factor, color=BLUE)
         else:
+            index = visible_instants(measured[:, None], 240)
             dots(axes, sensor.time[index], measured[index] / factor, "measured" * (i == kept[0]))
-            expected = drawable(sensor.expected[:, i])[index] / factor
-            axes.plot(sensor.time[index], expected, color=BLUE, label="estimated" if i == kept[0] else None)
+            label = "estimated" if i == kept[0] else None
+            line(axes, sensor.time, sensor.expected[:, i] / factor, color=BLUE, label=label)
         plain_axis(axes)
         axes.locator_params(axis="y", nbins=3)
         axes.set_ylabel(f"{short(sensor.components[i], 9)}\n[{short(unit)}]")
@@ -293,13 +300,13 @@ def components_figure(key: str, title: str, sensor: BenchSensor) -> Drawing:
 
 
 @styled()
-def consistency_figure(estimate: BenchEstimate, expected: float | None) -> Drawing:
+def consistency_figure(estimate: BenchEstimated, expected: float | None) -> Drawing:
     """NIS over the number of channels at every step, and the violation of the constraints after every correction; expected: NIS,
     where it is known."""
     drawn, axes, below = figure(4.2, (1.4, 1.0))
-    index = visible_instants(estimate.nis[:, None], 240)
+    index, known = visible_instants(estimate.nis[:, None], 240), np.isfinite(estimate.nis)
     dots(axes, estimate.time[1:][index], estimate.nis[index], "NIS over channels")
-    mean = float(np.mean(estimate.nis[np.isfinite(estimate.nis)])) if np.isfinite(estimate.nis).any() else np.nan
+    mean = float(np.mean(estimate.nis[known])) if known.any() else np.nan
     axes.axhline(mean, color=BLUE, label="mean")
     if expected is not None:
         axes.axhline(expected, color=INK, lw=1, ls=(0, (4, 2)), label="expected")
@@ -317,10 +324,10 @@ def consistency_figure(estimate: BenchEstimate, expected: float | None) -> Drawi
     time_axis(below)
     legend_above(axes)
     worst = number(float(np.nanmax(estimate.violation, initial=0.0)), 2)
+    words = "" if expected is None else f", expected {number(expected, 3)}"
     caption = (
-        f"Above, normalised innovation squared over the number of channels: mean {number(mean, 3)}"
-        + (f", expected {number(expected, 3)}" if expected is not None else "")
-        + f". Below, how far the constraints are violated after every correction: at most {worst}."
+        f"Above, normalised innovation squared over the number of channels: mean {number(mean, 3)}{words}. Below, how far the "
+        f"constraints are violated after every correction: at most {worst}."
     )
     return Drawing("consistency", "Does the filter believe its sensors?", caption, caption, svg(drawn))
 

@@ -9,18 +9,19 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.bench.bearing_page import balls_figures
-from strainsight.pages.bench.data import BenchMotion, BenchPageRun, BenchStress
+from strainsight.pages.bench.data import BenchPageRun, BenchStress, PlacedGauges
 from strainsight.pages.bench.figures import (
     components_figure,
     consistency_figure,
+    line,
     line_style,
     ratio_figure,
     runs_figure,
     unknown_figure,
 )
-from strainsight.pages.bench.tables import bench_answer, mismatch_table, placement_table, runs_table
-from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg, visible_instants
-from strainsight.pages.chart.panels import drawable, legend_above, plain_axis, plain_ticks, time_axis
+from strainsight.pages.bench.tables import bench_answer, mismatch_table, placement_table, runs_table, stress_words
+from strainsight.pages.chart.drawing import BLUE, MUTED, VERMILION, Drawing, figure, styled, svg
+from strainsight.pages.chart.panels import legend_above, plain_axis, plain_ticks, time_axis
 from strainsight.pages.page.markup import bullets, figures, measure, picture, plain, table
 from strainsight.pages.page.markup import figure as card
 from strainsight.pages.page.sections import advice_card, document, notes_card, panel, rests_on, section
@@ -29,22 +30,23 @@ from strainsight.pages.placement.figures import trend_figure
 from strainsight.pages.placement.gauge_table import criteria_meaning, criteria_table
 from strainsight.pages.tested.figures import hold_out_figures, hold_out_section
 from strainsight.records.bench import BenchPlaced, DriveMotion, RingMotion
+from strainsight.runner.output import Scalar
 from strainsight.text import number, percent, prefix, quantity, short
 
 
-def loads_figure(motion: BenchMotion) -> Drawing:
-    """Forces above, moments below, as they act on the bench."""
-    largest = {name: float(np.max(np.abs(values), initial=0.0)) for name, (_, values) in motion.inputs.items()}
+def loads_figure(time: FloatArray, every: Mapping[str, tuple[str, FloatArray]]) -> Drawing:
+    """Forces above, moments below, as they act on the bench; every: name → (unit, history (T,))."""
+    largest = {name: float(np.max(np.abs(values), initial=0.0)) for name, (_, values) in every.items()}
     panels, listed = [], []
-    for unit in dict.fromkeys(unit for unit, _ in motion.inputs.values()):
-        loads = {name: values for name, (other, values) in motion.inputs.items() if other == unit}
+    for unit in dict.fromkeys(unit for unit, _ in every.values()):
+        loads = {name: values for name, (other, values) in every.items() if other == unit}
         shown_unit = unit.replace("N m", "N·m")
         factor, shown = prefix(max(largest[name] for name in loads), shown_unit)
         panels.append(
             (f"load [{short(shown)}]", np.column_stack(list(loads.values())) / factor, tuple(map(short, loads)))
         )
         listed += [f"{name} at most {quantity(largest[name], shown_unit, 3)}" for name in loads]
-    return _stacked("loads", "Loads", motion.time, panels, f"Loads on the bench in time: {'; '.join(listed)}.", 1.8)
+    return _stacked("loads", "Loads", time, panels, f"Loads on the bench in time: {'; '.join(listed)}.", 1.8)
 
 
 def bearing_figures(time: FloatArray, name: str, ring: RingMotion) -> list[Drawing]:
@@ -102,16 +104,10 @@ def stress_figure(stress: BenchStress) -> Drawing:
     axes.set_ylabel("von Mises stress [MPa]")
     legend_above(axes)
     time_axis(axes)
-    caption = f"Largest von Mises stress anywhere on {stress.body}, at {len(stress.time)} instants: {stress_in_words(stress)}."
+    words = stress_words(stress, quantity, percent, f", in element {stress.element}")
+    words += "; no allowable is stated" * (stress.allowable is None)
+    caption = f"Largest von Mises stress anywhere on {stress.body}, at {len(stress.time)} instants: {words}."
     return Drawing("stress", f"{stress.body}: stress in time", caption, f"Line chart: {caption}", svg(drawn))
-
-
-def stress_in_words(stress: BenchStress) -> str:
-    """The largest stress, where it is, and how much of the allowable."""
-    text = f"at most {quantity(float(np.max(stress.largest)), 'Pa')}, in element {stress.element}"
-    if stress.allowable is None or stress.share is None:
-        return f"{text}; no allowable is stated"
-    return f"{text}, {percent(stress.share)} of the allowable {quantity(stress.allowable, 'Pa')}"
 
 
 @styled()
@@ -153,9 +149,8 @@ def _stacked(
     """Panels one above the other, each with its label, the columns of an array and their names; height of one [inch]."""
     drawn, *all_axes = figure(1.3 + height * len(panels), (1.0,) * len(panels))
     for axes, (label, columns, names) in zip(all_axes, panels, strict=True):
-        index = visible_instants(columns, 240)
         for place, (column, name) in enumerate(zip(columns.T, names, strict=True)):
-            axes.plot(time[index], drawable(column)[index], **line_style(place), label=name)
+            line(axes, time, column, **line_style(place), label=name)
         plain_axis(axes)
         axes.set_ylabel(label)
         legend_above(axes)
@@ -176,42 +171,47 @@ FOOTER = (
 def bench_figures(run: BenchPageRun) -> dict[str, tuple[Drawing, ...]]:
     """Section of the page → its figures: "unknowns", "sensors", "hold-out", "placement", "motion"."""
     shown: dict[str, tuple[Drawing, ...]] = {}
-    if (estimate := run.estimate) is not None:
-        unknowns, ratios, runs = [], [], []
-        for i, unknown in enumerate(estimate.unknowns):
-            name, kind = unknown.name, "load" if unknown.kind == "input" else "parameter"
-            lines = [("", unknown.history)]
-            unknowns.append(unknown_figure(f"unknown-{i}", f"{name}, {kind}", unknown.kind, lines))
-            if unknown.there is not None:
-                ratios.append(ratio_figure(f"ratio-{i}", f"{name}: ratio of the loads", [("", unknown)]))
-            if unknown.errors is not None:
-                runs.append(runs_figure(unknown))
-        balls = [drawn for name, ring in estimate.bearings.items() for drawn in balls_figures(name, ring)]
-        shown["unknowns"] = (*unknowns, *ratios, *balls, *runs)
+    kinds = {"input": "load", "parameter": "parameter"}
+    if (estimate := run.estimated) is not None:
+        every = list(enumerate(run.unknowns))
+        shown["unknowns"] = (
+            *(unknown_figure(f"unknown-{i}", f"{one.name}, {kinds[one.kind]}", [("", one)]) for i, one in every),
+            *(
+                ratio_figure(f"ratio-{i}", f"{one.name}: ratio of the loads", [("", one)])
+                for i, one in every
+                if one.there is not None
+            ),
+            *(drawing for name, ring in estimate.bearings.items() for drawing in balls_figures(name, ring)),
+            *(runs_figure(one) for _, one in every if one.errors is not None),
+        )
         shown["sensors"] = (
             *(
                 components_figure(f"sensor-{i}", f"{sensor.name}: measured against estimated", sensor)
-                for i, sensor in enumerate(estimate.sensors)
+                for i, sensor in enumerate(run.sensors)
             ),
             consistency_figure(estimate, run.number("expected_nis")),
         )
-        shown["hold-out"] = tuple(hold_out_figures(estimate.hold_out))
+        shown["hold-out"] = tuple(hold_out_figures(run.hold_out))
     if (placement := run.placement) is not None:
         random = [random_figure(placement.placed)] if placement.placed.random_std.size else []
         shown["placement"] = (trend_figure(placement.trend), *random)
-    if (motion := run.motion) is not None:
-        drawings = [loads_figure(motion)] if motion.inputs else []
-        drawings += [stress_figure(run.stress)] if run.stress is not None else []
-        drawings += [drive_figure(motion.time, name, *drive) for name, drive in motion.drives.items()]
-        for name, ring in motion.bearings.items():
-            drawings += bearing_figures(motion.time, name, ring)
+    if (motion := run.simulated) is not None:
         estimated = {sensor.name for sensor in run.sensors}
-        drawings += [
-            components_figure(f"motion-{i}", f"{sensor.name}: reading", sensor)
-            for i, sensor in enumerate(motion.sensors)
-            if sensor.name not in estimated
-        ]
-        shown["motion"] = tuple(drawings)
+        shown["motion"] = (
+            *([loads_figure(motion.time, run.loads)] if run.loads else []),
+            *([stress_figure(run.stress)] if run.stress is not None else []),
+            *(drive_figure(motion.time, name, name in run.turning, drive) for name, drive in motion.drives.items()),
+            *(
+                drawing
+                for name, ring in motion.bearings.items()
+                for drawing in bearing_figures(motion.time, name, ring)
+            ),
+            *(
+                components_figure(f"motion-{i}", f"{sensor.name}: reading", sensor)
+                for i, sensor in enumerate(run.readings)
+                if sensor.name not in estimated
+            ),
+        )
     return shown
 
 
@@ -230,19 +230,20 @@ def bench_page(
         return [card(entry, keys.index(entry.key)) for entry in drawings.get(key, ())]
 
     sections = [notes_card("Warnings", bullets(run.warnings), kind="warnings")]
-    if run.estimate is not None:
+    if run.is_estimated:
         listed = runs_table("unknowns", [(escape(run.name), run)])
         sections.append(f'<section id="answer" aria-label="answer" class="card">{listed}</section>')
         sections.append(figures(each("unknowns"), "<h2>What was estimated</h2>"))
         sections.append(section("Does it explain the sensors?", mismatch_table(run)) + figures(each("sensors")))
-        sections.append(hold_out_section(run.estimate.hold_out, each("hold-out")))
+        sections.append(hold_out_section(run.hold_out, each("hold-out")))
     if pictures:
         head = "Gauges and stress on the body" if run.stress is not None else "Gauges on the body"
         sections.append(f"<h2>{head}</h2>" + "".join(_picture(*entry) for entry in pictures))
     sections.append(turned)
     if run.placement is not None:
-        sections.append(f"<h2>Where the gauges go</h2>{_placed(run)}{figures(each('placement'))}")
-    if run.motion is not None:
+        placed = _placed(run.placement, run.numbers.get("place", {}))
+        sections.append(f"<h2>Where the gauges go</h2>{placed}{figures(each('placement'))}")
+    if run.simulated is not None:
         lead = '<p class="lead">Simulated under the loads of the config.</p>'
         sections.append(f"<h2>How the bench moves</h2>{lead}{figures(each('motion'))}")
     sections.append(rests_on({}, provenance, panel("Numbers", table("numbers", (), _facts(run)))))
@@ -253,11 +254,9 @@ def bench_page(
     return document("bench", run.name, title, bench_answer(run), sections, FOOTER, STYLE, turned=bool(turned))
 
 
-def _placed(run: BenchPageRun) -> str:
-    """The layout, what to do with it, and the same by other rules."""
-    placement = run.placement
-    assert placement is not None
-    text = f'<div class="card">{placement_table(placement, run.numbers.get("place", {}))}</div>'
+def _placed(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> str:
+    """The layout, what to do with it, and the same by other rules; numbers: the summary of place."""
+    text = f'<div class="card">{placement_table(placement, numbers)}</div>'
     text += advice_card(placement.placed.advice, "h3")
     if not placement.criteria:
         return text
@@ -270,35 +269,35 @@ def _picture(caption: str, png: bytes) -> str:
     return f'<figure class="card picture">{shown}<figcaption>{escape(caption)}</figcaption></figure>'
 
 
-NAMES: Sequence[tuple[str, str, str]] = (
-    ("coordinates", "coordinates", ""),
-    ("constraints", "constraints", ""),
-    ("steps", "steps", ""),
-    ("violation", "constraints violated by at most", ""),
-    ("violation_rate", "their rates by at most", ""),
-    ("first_frequency", "first coupled frequency", "Hz"),
-    ("band", "follows loads up to", "Hz"),
-    ("turn", "largest turn of a body in a step", "rad"),
-)
+NAMES = {
+    "coordinates": ("coordinates", ""),
+    "constraints": ("constraints", ""),
+    "steps": ("steps", ""),
+    "violation": ("constraints violated by at most", ""),
+    "violation_rate": ("their rates by at most", ""),
+    "first_frequency": ("first coupled frequency", "Hz"),
+    "band": ("follows loads up to", "Hz"),
+    "turn": ("largest turn of a body in a step", "rad"),
+}
+"""Number of the simulation → what it is called, and its unit."""
+OF_ESTIMATE = {
+    "method": "correction",
+    "truth": "truth",
+    "channels": "channels",
+    "unknowns": "unknowns",
+    "violation": "constraints violated by, corrected",
+}
 
 
 def _facts(run: BenchPageRun) -> list[tuple[str, str]]:
     simulated, placed = run.numbers.get("simulate", {}), run.numbers.get("place", {})
-    rows = [(name, measure(float(simulated[key]), unit)) for key, name, unit in NAMES if _is_number(simulated.get(key))]
-    for key, name in (("method", "correction"), ("truth", "truth")):
-        if isinstance(word := run.summary.get(key), str):
-            rows.append((name, escape(word)))
-    violation = "constraints violated by, corrected"
-    for key, name in (("channels", "channels"), ("unknowns", "unknowns"), ("violation", violation)):
-        if (value := run.number(key)) is not None:
-            rows.append((name, plain(value, 3)))
+    rows = [(NAMES[key][0], measure(float(simulated[key]), NAMES[key][1])) for key in NAMES if key in simulated]
+    for key, name in OF_ESTIMATE.items():
+        if (value := run.summary.get(key)) is not None:
+            rows.append((name, escape(value) if isinstance(value, str) else plain(float(value), 3)))
     rows += [
         (escape(f"placement: {key}"), plain(float(value), 4))
         for key, value in placed.items()
-        if _is_number(value) and not isinstance(value, bool) and not key.startswith("std.")
+        if not isinstance(value, str | bool) and not key.startswith("std.")
     ]
     return rows
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float)

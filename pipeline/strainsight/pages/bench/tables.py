@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight import text
 from strainsight.estimation.decision import FAULTS, OVERCONFIDENT, UNTESTED, WEAK
-from strainsight.pages.bench.data import BenchMotion, BenchPageRun, BenchStress, BenchUnknown, PlacedGauges
+from strainsight.pages.bench.data import BenchPageRun, BenchStress, BenchUnknown, PlacedGauges
 from strainsight.pages.page.markup import (
     AXES,
     axes,
@@ -27,6 +27,7 @@ from strainsight.pages.page.markup import (
     verdict_mark,
 )
 from strainsight.pages.page.verdicts import accused
+from strainsight.records.bench import Simulated
 from strainsight.runner.output import Scalar
 from strainsight.text import number
 
@@ -39,7 +40,7 @@ def ratio(value: float | None, digits: int = 2) -> str:
 
 
 def _unit(unknown: BenchUnknown) -> str:
-    return unknown.history.unit.replace("N m", "N·m")
+    return unknown.unit.replace("N m", "N·m")
 
 
 def _shown(key: str, shown: Callable[[float], str]) -> Cell:
@@ -61,10 +62,6 @@ def _range(run: BenchPageRun, unknown: BenchUnknown) -> str:
     return "–" if low is None or high is None else f"{plain(low)} to {plain(high)}"
 
 
-def _yes(value: float) -> str:
-    return '<strong class="good">yes</strong>' if value else '<strong class="bad">no</strong>'
-
-
 def _verdict(run: BenchPageRun, unknown: BenchUnknown) -> str:
     word = run.summary.get(f"verdict.{unknown.name}", run.summary.get(f"claim.{unknown.name}"))
     if not isinstance(word, str):
@@ -72,13 +69,14 @@ def _verdict(run: BenchPageRun, unknown: BenchUnknown) -> str:
     return word if word == UNTESTED else verdict_mark(word, word not in (*FAULTS, WEAK))
 
 
+YES_NO = ('<strong class="bad">no</strong>', '<strong class="good">yes</strong>')
 COLUMNS: tuple[tuple[str, Cell], ...] = (
     ("error", _shown("error", ratio)),
     ("largest error", _shown("largest_error", ratio)),
     ("claimed σ", _shown("std", ratio)),
     ("error / σ, all runs", _shown("ratio", lambda value: plain(value, 3))),
     ("verdict", _verdict),
-    ("identified", _shown("identified", _yes)),
+    ("identified", _shown("identified", lambda value: YES_NO[bool(value)])),
     ("slope", _shown("slope", lambda value: plain(value, 5))),
     ("offset", _offset("offset")),
     ("load ratio: slope", _shown("ratio_slope", lambda value: plain(value, 5))),
@@ -116,10 +114,6 @@ def _nis(run: BenchPageRun) -> str:
     return plain(nis, 3) + ("" if expected is None else f" ({plain(expected, 3)})")
 
 
-def _iterations(run: BenchPageRun) -> str:
-    return plain(value, 3) if (value := run.number("iterations")) else ""
-
-
 def _lost(run: BenchPageRun) -> str:
     lost, runs = run.number("lost"), run.number("runs")
     many = "" if runs is None else f" of {number(runs)}"
@@ -130,7 +124,6 @@ SHARED: tuple[tuple[str, Callable[[BenchPageRun], str]], ...] = (
     ("mismatch", _mismatch(used=True)),
     ("of others", _mismatch(used=False)),
     ("NIS (expected)", _nis),
-    ("iterations", _iterations),
     ("lost", _lost),
 )
 """What stands once for a run; empty where it is not there."""
@@ -141,7 +134,7 @@ def runs_table(name: str, entries: Sequence[tuple[str, BenchPageRun]], *, explai
 
     name: as of `markup.table`; explained: whether a sentence before the table says what its columns mean.
     """
-    estimated = [run for _, run in entries if run.estimate is not None]
+    estimated = [run for _, run in entries if run.is_estimated]
     columns = [
         (heading, of)
         for heading, of in COLUMNS
@@ -151,7 +144,7 @@ def runs_table(name: str, entries: Sequence[tuple[str, BenchPageRun]], *, explai
     head = ["run", "unknown", *(heading for heading, _ in (*columns, *shared))]
     bodies = []
     for heading, run in entries:
-        if run.estimate is None:
+        if not run.is_estimated:
             ends = f"not estimated (ends after {escape(run.reached)})" if run.reached else "not estimated"
             bodies.append(block(heading, [[cell(ends, across=len(head) - 1)]]))
             continue
@@ -217,18 +210,16 @@ def placement_table(placement: PlacedGauges, numbers: Mapping[str, Scalar]) -> s
 
 def bench_answer(run: BenchPageRun) -> str:
     """What does not hold, what was found, up to which frequency, and how near the stress comes to the allowable."""
-    text = "Nothing was simulated."
-    if run.estimate is not None:
+    text = _moved(run.simulated) if run.simulated is not None else "Nothing was simulated."
+    if run.is_estimated:
         text = run_answer(run)
-    elif run.motion is not None:
-        text = _moved(run.motion)
     band = run.numbers.get("simulate", {}).get("band")
     if isinstance(band, int | float):
         shown = data(float(band), f"{number(float(band), 3)}\u00a0Hz", "Hz")
         text += f" The time step follows loads up to {shown}."
     if (stress := run.stress) is None:
         return text
-    words = f"on {escape(stress.body)}: {_stressed(stress)}."
+    words = f"on {escape(stress.body)}: {stress_words(stress, measure, share)}."
     if stress.too_high:
         return f'<strong class="bad">Stress {words}</strong> {text}'
     return f"{text} Von Mises stress {words}"
@@ -236,15 +227,14 @@ def bench_answer(run: BenchPageRun) -> str:
 
 def run_answer(run: BenchPageRun) -> str:
     """What does not hold, then what the filter made of the unknowns, of a load relative to its largest true value."""
-    estimate = run.estimate
-    if estimate is None:
+    if not run.is_estimated:
         return ""
-    parts, channels = [_estimated(run, unknown) for unknown in estimate.unknowns], run.number("channels")
-    used = sum(len(s.components) for s in estimate.sensors if s.used) if channels is None else int(channels)
+    parts, channels = [_estimated(run, unknown) for unknown in run.unknowns], run.number("channels")
+    used = sum(len(s.components) for s in run.sensors if s.used) if channels is None else int(channels)
     text = f"{count(used)} channels tell {', '.join(parts) or 'nothing'}."
-    elsewhere = [unknown.name for unknown in estimate.unknowns if unknown.there is not None]
+    elsewhere = [unknown.name for unknown in run.unknowns if unknown.there is not None]
     if elsewhere and all(run.number(f"error.{name}") is None for name in elsewhere):
-        off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in estimate.sensors if sensor.used}
+        off = {sensor.name: run.number(f"mismatch.{sensor.name}") for sensor in run.sensors if sensor.used}
         listed = [f"{escape(name)} to {ratio(value)}" for name, value in off.items() if value is not None]
         text = f"These loads make the bench read as the one that was measured, {', '.join(listed)}: {', '.join(parts)}."
     return _leading(run) + text
@@ -262,25 +252,27 @@ def _leading(run: BenchPageRun) -> str:
 
 
 def _estimated(run: BenchPageRun, unknown: BenchUnknown) -> str:
-    name, history = f"<strong>{escape(unknown.name)}</strong>", unknown.history
+    name, mean = f"<strong>{escape(unknown.name)}</strong>", unknown.mean
     error, std = run.number(f"error.{unknown.name}"), run.number(f"std.{unknown.name}")
     if error is not None:
         return f"{name} to {ratio(error)}" + (f" at a claimed σ of {ratio(std)}" if std is not None else "")
     if unknown.kind == "parameter":
-        return f"{name} as {measure(float(history.mean[-1]), _unit(unknown))}"
-    largest = np.max(np.abs(history.mean[len(history.mean) // 2 :]), initial=0.0)
+        return f"{name} as {measure(float(mean[-1]), _unit(unknown))}"
+    largest = np.max(np.abs(mean[len(mean) // 2 :]), initial=0.0)
     return f"{name} as at most {measure(float(largest), _unit(unknown))} in the second half"
 
 
-def _stressed(stress: BenchStress) -> str:
-    """The largest stress beside the allowable."""
-    largest = f"at most {measure(float(np.max(stress.largest)), 'Pa')}"
+def stress_words(
+    stress: BenchStress, shown: Callable[[float, str], str], share: Callable[[float], str], where: str = ""
+) -> str:
+    """The largest stress, where, and how much of the allowable; shown, share: how a number and a ratio are written."""
+    text = f"at most {shown(float(np.max(stress.largest)), 'Pa')}{where}"
     if stress.allowable is None or stress.share is None:
-        return largest
-    return f"{largest}, {share(stress.share)} of the allowable {measure(stress.allowable, 'Pa')}"
+        return text
+    return f"{text}, {share(stress.share)} of the allowable {shown(stress.allowable, 'Pa')}"
 
 
-def _moved(motion: BenchMotion) -> str:
+def _moved(motion: Simulated) -> str:
     steps = len(motion.time) - 1
     length = float(motion.time[-1] - motion.time[0])
     text = f"{number(length)} s in {steps} steps"

@@ -51,7 +51,9 @@ def study_figures(suite: Suite, study: SuiteStudy) -> tuple[Drawing, ...]:
     place = suite.studies.index(study)
     runs = [suite.runs[i] for i in study.runs]
     drawings = [] if study.over is None else _sweeps(f"study-{place}", study, runs)
-    for i, (group, part) in enumerate(_parts([run for run in runs if isinstance(run, BenchPageRun) and run.estimate])):
+    for i, (group, part) in enumerate(
+        _parts([run for run in runs if isinstance(run, BenchPageRun) and run.is_estimated])
+    ):
         drawings += _pair(f"study-{place}-{i}", group, part)
     return tuple(drawings)
 
@@ -72,11 +74,9 @@ def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
     """Estimates of every unknown, then every sensor as measured and as estimated."""
     drawings = []
     behind = f" ({group})" if group else ""
-    kinds = {unknown.name: unknown.kind for run in runs for unknown in run.unknowns}
-    for i, (name, kind) in enumerate(kinds.items()):
+    for i, name in enumerate(dict.fromkeys(unknown.name for run in runs for unknown in run.unknowns)):
         lines = [(run.label, unknown) for run in runs for unknown in run.unknowns if unknown.name == name]
-        histories = [(label, unknown.history) for label, unknown in lines]
-        drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", kind, histories))
+        drawings.append(unknown_figure(f"{key}-unknown-{i}", f"{name}: estimate{behind}", lines))
         if elsewhere := [(label, unknown) for label, unknown in lines if unknown.there is not None]:
             drawings.append(ratio_figure(f"{key}-ratio-{i}", f"{name}: ratio of the loads{behind}", elsewhere))
     sensors = [(run.label, sensor) for run in runs for sensor in run.sensors]

@@ -10,7 +10,6 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import InfeasibleError
 from strainsight.experiment.bench.bearings import overloaded
 from strainsight.experiment.bench.bench import unstable_in_words
-from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.bench.sensors import dataset_units
 from strainsight.experiment.bench.simulation import BenchAtRest, at_rest, coupled, modes_in_space, rest_of
 from strainsight.records.bench import Coupled
@@ -30,43 +29,38 @@ ROUNDING = 1e-12
 def statics(context: Context[BenchConfig]) -> Output:
     """Where the bench rests under the loads at t = 0, its drives held, and what joints, drives and bearings carry there."""
     config, rest = context.config, rest_of(inputs.bench(context), context, balanced=True)
-    if rest.growth > 0 and not config.simulate.allow_unstable:
-        raise InfeasibleError(
-            unstable_in_words(rest.growth, rest.body),
-            key="simulate",
-            remedy="start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true",
-        )
-    record = at_rest(rest, context)
+    unstable = [unstable_in_words(rest.growth, rest.body)] if rest.growth > 0 else []
+    if unstable and not config.simulate.allow_unstable:
+        remedy = "start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true"
+        raise InfeasibleError(unstable[0], key="simulate", remedy=remedy)
+    record = at_rest(rest)
     carried = max((float(np.abs(six).max()) for six in record.reactions.values()), default=0.0)
     far = max(float(np.abs(frame.position).max()) for frame in record.frames.values())
+    pressed = {name: ring.pressure for name, ring in record.bearings.items()}
     loads = [
         (name, *(_digits(value, 5, carried) for value in values), unit)
         for name, six in record.reactions.items()
         for values, unit in ((six[:3], "N"), (six[3:], "N m"))
     ]
     where = [(name, *(_digits(value, 6, far) for value in frame.position)) for name, frame in record.frames.items()]
-    pressed = {name: ring.pressure for name, ring in record.bearings.items()}
-    drawn = [(name, _digits(force, 6, carried)) for name, force in record.drives.items()]
+    drives = [(name, _digits(force, 6, carried)) for name, force in record.drives.items()]
     rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
-    warned = overloaded(config, pressed)
-    if rest.growth > 0:
-        warned.append(unstable_in_words(rest.growth, rest.body))
     tables = (
         Table("where the frames rest [m]", ("frame", "x", "y", "z"), tuple(where)),
         Table("what joints exert on their second frames", ("joint", "x", "y", "z", ""), tuple(loads)),
-        Table("drives [N or N m]", ("drive", "force"), tuple(drawn)),
+        Table("drives [N or N m]", ("drive", "force"), tuple(drives)),
         Table("bearings", ("bearing", "highest pressure"), tuple(rings)),
-        *warnings_table(warned),
+        *warnings_table([*overloaded(config, pressed), *unstable]),
     )
-    state = f"unstable, {rest.growth:.3g} 1/s" if rest.growth > 0 else "stable"
-    first = next((f for f in rest.modes.frequency if f > 0), 0.0)
+    state = f"unstable, {rest.growth:.3g} 1/s" if unstable else "stable"
+    first = next((float(f) for f in rest.modes.frequency if f > 0), 0.0)
+    lowest = f", lowest frequency {first:.4g} Hz" if first else ""
     return Output(
-        datasets=written(record, dataset_units(config, load_units(config, record.inputs))),
-        summary={"coordinates": len(record.q), "growth": rest.growth, "first_frequency": float(first)}
+        datasets=written(record, dataset_units(config, record.inputs)),
+        summary={"coordinates": len(record.q), "growth": rest.growth, "first_frequency": first}
         | {f"pressure.{name}": pressure for name, pressure in pressed.items()}
         | {f"force.{name}": force for name, force in record.drives.items()},
-        message=f"{len(record.q)} coordinates at rest, {state}"
-        + (f", lowest frequency {first:.4g} Hz" if first else ""),
+        message=f"{len(record.q)} coordinates at rest, {state}{lowest}",
         tables=tuple(table for table in tables if table.rows),
     )
 
@@ -113,19 +107,10 @@ def _row(rest: BenchAtRest, record: Coupled, k: int) -> tuple[str, str, str, str
 def _arrays(record: Coupled) -> bytes:
     """modes.npz: A, B, C, D with the names of inputs and outputs, frequencies and shapes, for NumPy alone."""
     system, file = record.system, io.BytesIO()
-    np.savez(
-        file,
-        A=system.A,
-        B=system.B,
-        C=system.C,
-        D=system.D,
-        inputs=np.array(system.inputs, dtype=str),
-        outputs=np.array(system.outputs, dtype=str),
-        frequency=record.frequency,
-        damping=record.damping,
-        shape=record.shape,
-        q=record.q,
-    )
+    arrays = {key: getattr(system, key) for key in "ABCD"}
+    arrays |= {key: np.array(getattr(system, key), dtype=str) for key in ("inputs", "outputs")}
+    arrays |= {key: getattr(record, key) for key in ("frequency", "damping", "shape", "q")}
+    np.savez(file, **arrays)
     return file.getvalue()
 
 

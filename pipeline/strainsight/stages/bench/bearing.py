@@ -6,7 +6,7 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.bodies import BearingConfig
-from strainsight.experiment.bench.bearings import bearings_of, beyond_limit, displaced, loaded
+from strainsight.experiment.bench.bearings import bearings_of, beyond_limit, displacement_curves, load_cases
 from strainsight.multibody.bearing.geometry import Bearing
 from strainsight.pages.bench.bearing_page import (
     CASE_HEAD,
@@ -16,7 +16,7 @@ from strainsight.pages.bench.bearing_page import (
     bearing_page,
     case_rows,
 )
-from strainsight.records.bench import BearingCases, BearingCurves, BearingsAlone
+from strainsight.records.bench import BearingCases, BearingCurve, BearingCurves, BearingsAlone
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table, warnings_table
 from strainsight.runner.stage import Context, Stage
@@ -26,34 +26,31 @@ def run(context: Context[BearingConfig | BenchConfig]) -> Output:
     """Load-displacement curves, and for every load case the displacement, the stiffness and what each ball carries."""
     config = context.config
     bearings = bearings_of(config.bearings)
-    under, along = loaded(bearings, config.cases), displaced(bearings, config.curves)
+    under, along = load_cases(bearings, config.cases), displacement_curves(bearings, config.curves)
+    curves: dict[str, dict[str, BearingCurve]] = {name: {} for name in bearings}
+    for i, entry in enumerate(along):
+        curves[entry.bearing][str(i)] = entry.curve
     alone = BearingsAlone(
-        cases={name: BearingCases(cases=own) for name, own in under.items()},
-        curves={
-            name: BearingCurves(curves={str(i): entry.curve for i, entry in enumerate(along) if entry.bearing == name})
-            for name in bearings
-        },
+        cases={name: BearingCases(cases=states) for name, states in under.items()},
+        curves={name: BearingCurves(curves=of_bearing) for name, of_bearing in curves.items()},
     )
     units = {str(i): DISPLACEMENT_UNITS[entry.along] for i, entry in enumerate(along)}
-    cases = [LoadedBearing(name, case, own) for name, found in under.items() for case, own in found.items()]
+    cases = [LoadedBearing(name, case, state) for name, states in under.items() for case, state in states.items()]
     page = bearing_page(config.name, {name: _facts(b) for name, b in bearings.items()}, cases, along).encode()
     summary: dict[str, Scalar] = {}
     for case in cases:
-        summary[f"pressure.{case.bearing}.{case.case}"] = float(case.state.pressure.max())
-        summary[f"loaded.{case.bearing}.{case.case}"] = int((case.state.force > 0).any(axis=1).sum())
-    worst = max(cases, key=lambda case: float(case.state.pressure.max()), default=None)
+        summary[f"pressure.{case.bearing}.{case.case}"] = case.pressure
+        summary[f"loaded.{case.bearing}.{case.case}"] = case.loaded
     counts = ((len(bearings), "bearing"), (len(cases), "load case"), (len(along), "curve"))
     text = ", ".join(f"{count} {what}{'s' * (count != 1)}" for count, what in counts)
-    if worst is not None:
-        text += f"; at most {worst.state.pressure.max() / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
-    said = [
-        words
-        for case in cases
-        for words in beyond_limit(case.title, case.state.pressure.max(), config.bearings[case.bearing])
+    if cases:
+        worst = max(cases, key=lambda case: case.pressure)
+        text += f"; at most {worst.pressure / 1e6:.0f} MPa ({worst.bearing}, {worst.case})"
+    warnings = [
+        words for case in cases for words in beyond_limit(case.title, case.pressure, config.bearings[case.bearing])
     ]
-    return Output(
-        written(alone, units), summary, text, (*_tables(cases), *warnings_table(said)), files={"bearing.html": page}
-    )
+    tables = (*_tables(cases), *warnings_table(warnings))
+    return Output(written(alone, units), summary, text, tables, files={"bearing.html": page})
 
 
 def _facts(bearing: Bearing) -> str:
@@ -73,7 +70,6 @@ def _tables(cases: list[LoadedBearing]) -> tuple[Table, ...]:
         ]
         tables.append(Table(case.title, CASE_HEAD, tuple(rows)))
         force, angle = case.state.force, np.rad2deg(case.state.contact_angle)
-        loaded = int((force > 0).any(axis=1).sum())
         rows_of_balls = [
             (
                 contact,
@@ -83,7 +79,7 @@ def _tables(cases: list[LoadedBearing]) -> tuple[Table, ...]:
             )
             for i, contact in enumerate(CONTACTS)
         ]
-        title = f"the balls of {case.title}: {loaded} of {len(case.state.station)} loaded"
+        title = f"the balls of {case.title}: {case.loaded} of {len(case.state.station)} loaded"
         tables.append(Table(title, ("contact", "largest force", "pressure", "angle there"), tuple(rows_of_balls)))
     return tuple(tables)
 

@@ -2,13 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 from strainsight.config.bench.bench import BenchConfig, SurfaceField
-from strainsight.experiment.bench.reduction import BodyMotion, pictures
+from strainsight.experiment.bench.reduction import BodyMotion, field_output
 from strainsight.records.bench import BenchEstimated, Simulated
-from strainsight.records.mesh import vtkhdf_datasets
-from strainsight.records.record import read, written
+from strainsight.records.record import read
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench import inputs
@@ -16,25 +13,10 @@ from strainsight.stages.bench import inputs
 
 def run(context: Context[BenchConfig]) -> Output:
     """Pictures of the simulated motion or of the estimated one."""
-    config, settings = context.config, context.config.field
+    settings = context.config.field
     assert settings is not None  # a bench without it has no such stage
-    name, motion = settings.body, _motion(settings, context)
-    own = pictures(config, inputs.meshes(context)[name], inputs.bodies(context)[name], motion, context)
-    grid, attributes = vtkhdf_datasets(own.grid)
-    count, largest, instant = len(own.record.time), float(own.record.von_mises.max()), float(own.record.time[own.worst])
-    return Output(
-        datasets=grid | written(own.record),
-        attributes=attributes,
-        summary={
-            "pictures": count,
-            "facets": own.facets,
-            "von_mises": largest,
-            "time": instant,
-            "element": own.element,
-        },
-        message=f"{name}: {count} pictures of {own.facets} facets, at most {largest / 1e6:.4g} MPa von Mises at "
-        f"t = {instant:.4g} s in element {own.element}",
-    )
+    mesh, body = inputs.meshes(context)[settings.body], inputs.bodies(context)[settings.body]
+    return field_output(context.config, mesh, body, _motion(settings, context), context)
 
 
 def _motion(settings: SurfaceField, context: Context[object]) -> BodyMotion:
@@ -51,8 +33,3 @@ def _motion(settings: SurfaceField, context: Context[object]) -> BodyMotion:
 FIELD = Stage(
     "field", version=3, reads=("field", "bodies.*.moduli"), upstream=("import", "reduce", "simulate"), files=(), run=run
 )
-
-
-def field_stage(of: str) -> Stage:
-    """The stage for `field.of`: an estimated motion is read from estimate.h5."""
-    return FIELD if of == "simulate" else replace(FIELD, upstream=(*FIELD.upstream, "estimate"))

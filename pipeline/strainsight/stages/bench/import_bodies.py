@@ -5,17 +5,14 @@ from __future__ import annotations
 from dataclasses import replace
 from pathlib import Path
 
-import numpy as np
-
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError
-from strainsight.experiment.bench.reduction import BodyReduction, flexible, reductions
+from strainsight.experiment.bench.reduction import reduce_output
 from strainsight.experiment.structure.mesh import checked, mesh_of, model_warnings
 from strainsight.experiment.structure.mesh_tables import found_tables
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.sanity import size_of
 from strainsight.mesh.units import scaled
-from strainsight.records.bench import ReducedBodies
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table
@@ -30,7 +27,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
     tables: list[Table] = []
     included: list[Path] = []
     parts = []
-    bodies = flexible(context.config)
+    bodies = context.config.flexible
     for i, (name, body) in enumerate(bodies.items()):
         context.progress(name, i / len(bodies))
         key = f"bodies.{name}.mesh"
@@ -81,30 +78,8 @@ IMPORT = Stage(
 
 
 def run_reduce(context: Context[BenchConfig]) -> Output:
-    """The reduced bodies, and their natural frequencies for a look."""
-    found = reductions(context.config, inputs.meshes(context), context)
-    summary: dict[str, Scalar] = {}
-    text = []
-    for name, own in found.items():
-        first, size = float(own.frequency[0]), len(own.body.mass)
-        summary |= {f"unknowns.{name}": own.unknowns, f"coordinates.{name}": size, f"first_frequency.{name}": first}
-        text.append(f"{name} {own.unknowns} unknowns → {size}, first mode {first:.4g} Hz, cut {own.body.cut:.4g} Hz")
-        text += [
-            f"{name} is good for {key} from {low:.4g} to {high:.4g} Pa"
-            for key, (low, high) in own.body.reach.items()
-            if np.isfinite(high)
-        ]
-    return Output(
-        datasets=written(ReducedBodies(bodies={name: own.body for name, own in found.items()})),
-        summary=summary,
-        message="; ".join(text) or "no flexible body",
-        tables=tuple(_table(name, own) for name, own in found.items()),
-    )
-
-
-def _table(name: str, own: BodyReduction) -> Table:
-    rows = tuple((str(k), f"{f:.4g}") for k, f in enumerate(own.frequency[:12], start=1))
-    return Table(f"natural frequencies of {name}, its interfaces free", ("mode", "Hz"), rows)
+    """The bodies reduced after Craig and Bampton."""
+    return reduce_output(context.config, inputs.meshes(context), context)
 
 
 REDUCE = Stage(

@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.experiment.bench.bench import Bench, bench_of
 from strainsight.mesh.model import Mesh
-from strainsight.records.bench import BenchPlaced, BenchTruths, ReducedBodies, ReducedBody
+from strainsight.records.bench import BenchPlaced, ReducedBodies, ReducedBody
 from strainsight.records.mesh import Meshes
 from strainsight.records.record import read
 from strainsight.runner.stage import Context
@@ -26,16 +26,9 @@ def bodies(context: Context[object]) -> dict[str, ReducedBody]:
     return read(ReducedBodies, context.upstream["reduce"]).bodies
 
 
-def placed(context: Context[object]) -> BenchPlaced | None:
-    """place.h5, of a stage that has it above it: where a sensor takes a layout of it."""
-    return read(BenchPlaced, context.upstream["place"]) if "place" in context.upstream else None
-
-
 def bench(context: Context[BenchConfig], free: Mapping[str, Sequence[str]] | None = None) -> Bench:
-    """The bench with what the stages above have made of its bodies; free: bearing → its properties that are parameters."""
-    return bench_of(context.config, bodies(context), meshes(context), placed(context), free)
-
-
-def truths(context: Context[object]) -> BenchTruths | None:
-    """truth.h5, of an estimate whose truth is made by another integrator."""
-    return read(BenchTruths, context.upstream["truth"]) if "truth" in context.upstream else None
+    """The bench with what the stages above have made of its bodies, and place.h5 where a sensor takes a layout of it; free:
+    bearing → its properties that are parameters."""
+    up = context.upstream
+    placed = read(BenchPlaced, up["place"]) if "place" in up else None
+    return bench_of(context.config, bodies(context), meshes(context), placed, free)

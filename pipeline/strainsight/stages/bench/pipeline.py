@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -18,30 +18,30 @@ def bench_stages(config: Mapping[str, Any]) -> tuple[Stage, ...]:
     """From the decks to a simulation in time and its page; with its bearings alone, a placement, a truth by another integrator,
     an estimate and a field where the config has them."""
     from strainsight.stages.bench.import_bodies import IMPORT, REDUCE
+    from strainsight.stages.bench.report import report_stage
     from strainsight.stages.bench.simulate import SIMULATE
 
     stages = [*((BEARING,) if config["bearings"] else ()), IMPORT, REDUCE]
     if config.get("place"):
-        stages.append(_place(config))
-    takes_over = _takes_over(config)
+        from strainsight.stages.bench.place import place_stage
+
+        stages.append(place_stage(config))
+    takes_over = _any_layout(config["sensors"])
     stages.append(_after(SIMULATE, "place") if takes_over else SIMULATE)
     if config.get("estimate"):
         from strainsight.stages.bench.estimate import ESTIMATE
         from strainsight.stages.bench.truth import truth_stage
 
-        given = config["estimate"]["sensors"].values()
-        estimate = _after(ESTIMATE, "place") if takes_over or _any_layout(given) else ESTIMATE
         truth = config["estimate"]["truth"]
+        estimate = _after(ESTIMATE, "place") if takes_over or _any_layout(config["estimate"]["sensors"]) else ESTIMATE
         if truth["model"] == "other" and config["estimate"]["measured"] is None:
             stages.append(truth_stage(truth["duration"] is not None))
             estimate = _after(estimate, "truth")
         stages.append(estimate)
     if config.get("field"):
-        from strainsight.stages.bench.field import field_stage
+        from strainsight.stages.bench.field import FIELD
 
-        stages.append(field_stage(config["field"]["of"]))
-    from strainsight.stages.bench.report import report_stage
-
+        stages.append(_after(FIELD, "estimate") if config["field"]["of"] == "estimate" else FIELD)
     stages.append(report_stage([stage.name for stage in stages]))
     return tuple(stages)
 
@@ -53,31 +53,18 @@ def demanded(stage: str, config: Mapping[str, Any]) -> tuple[Stage, ...]:
     from strainsight.stages.bench.at_rest import MODES, STATICS
     from strainsight.stages.bench.import_bodies import IMPORT, REDUCE
 
-    asked = MODES if stage == MODES.name else STATICS
-    if not _takes_over(config):
-        return (IMPORT, REDUCE, asked)
-    return (IMPORT, REDUCE, _place(config), _after(asked, "place"))
-
-
-def _place(config: Mapping[str, Any]) -> Stage:
+    last = MODES if stage == MODES.name else STATICS
+    if not _any_layout(config["sensors"]):
+        return (IMPORT, REDUCE, last)
     from strainsight.stages.bench.place import place_stage
 
-    estimate = config.get("estimate") or {}
-    constants = estimate.get("tolerances") is not None or any(
-        own.get("std") is not None for own in (estimate.get("parameters") or {}).values()
-    )
-    sensors = (config.get("place") or {}).get("sensors")
-    return place_stage(constants, bool(sensors))
+    return (IMPORT, REDUCE, place_stage(config), _after(last, "place"))
 
 
-def _takes_over(config: Mapping[str, Any]) -> bool:
+def _any_layout(sensors: Mapping[str, Mapping[str, Any]]) -> bool:
     """Whether a sensor takes its gauges from the placement; of one whose components a filter alone takes from there, a simulation
     has all."""
-    return _any_layout(config["sensors"].values())
-
-
-def _any_layout(sensors: Iterable[Mapping[str, Any]]) -> bool:
-    return any(sensor.get("layout") for sensor in sensors)
+    return any(sensor.get("layout") for sensor in sensors.values())
 
 
 def _after(stage: Stage, name: str) -> Stage:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.bodies import FlexibleBodySection
-from strainsight.experiment.bench.layout.placement import placement_of, placement_output
+from strainsight.experiment.bench.layout.placement import placement_output
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench.inputs import HISTORIES, bodies, meshes
@@ -14,12 +15,7 @@ from strainsight.stages.bench.inputs import HISTORIES, bodies, meshes
 
 def run(context: Context[BenchConfig]) -> Output:
     """The placement, with the pool as points of a grid."""
-    config, mesh_of = context.config, meshes(context)
-    placement = placement_of(config, mesh_of, bodies(context), context)
-    assert config.place is not None
-    body = config.bodies[config.place.body]
-    assert isinstance(body, FlexibleBodySection)
-    return placement_output(placement, mesh_of[config.place.body], body.mesh.length_unit)
+    return placement_output(context.config, meshes(context), bodies(context), context)
 
 
 PLACE = Stage(
@@ -64,12 +60,11 @@ IN_ITS_RUN = ("estimate.duration", "estimate.sensors", "simulate.duration", "sim
 by which gauges, what these are off by on the loads of the run."""
 
 
-OF_MOTION = ("sensors",)
-"""What it reads, too, where sensors of the bench are among its candidates."""
-
-
-def place_stage(constants: bool, sensors: bool) -> Stage:
-    """The stage, of a bench that has parameters to estimate or tolerances of gauges, or none, with its sensors among the
-    candidates or without."""
-    more = IN_ITS_RUN if constants else OF_MOTION if sensors else ()
+def place_stage(config: Mapping[str, Any]) -> Stage:
+    """The stage of a bench, which reads more where there are constants to estimate, or sensors among its candidates."""
+    estimate = config.get("estimate") or {}
+    constants = estimate.get("tolerances") is not None or any(
+        entry.get("std") is not None for entry in (estimate.get("parameters") or {}).values()
+    )
+    more = IN_ITS_RUN if constants else ("sensors",) if (config.get("place") or {}).get("sensors") else ()
     return replace(PLACE, reads=(*PLACE.reads, *more))

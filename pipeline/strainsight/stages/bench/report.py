@@ -2,25 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from strainsight import __version__
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.experiment.bench.reduction import flexible
 from strainsight.experiment.layout.gauge_list import layout_labels
-from strainsight.pages.arrays import History, Reading
-from strainsight.pages.bench.data import (
-    BenchEstimate,
-    BenchMotion,
-    BenchPageRun,
-    BenchSensor,
-    BenchStress,
-    BenchUnknown,
-    PlacedGauges,
-)
+from strainsight.pages.arrays import Reading
+from strainsight.pages.bench.data import BenchPageRun, BenchSensor, BenchStress, BenchUnknown, PlacedGauges
 from strainsight.pages.bench.page import bench_figures, bench_page
 from strainsight.pages.picture.scene import drawn_or_why
 from strainsight.pages.space.model import ShownState
@@ -42,89 +33,72 @@ COMPONENTS = {
 """Sensors whose components have different units: their names and units."""
 
 
-def estimate_of(artefact: Artefact) -> BenchEstimate:
-    """Everything that a page shows of estimate.h5."""
-    record, components = read(BenchEstimated, artefact), _components(artefact)
-    sensors, held_out = [], []
-    for name, match in record.sensors.items():
-        names, units = components(name, unit_of(match, "expected"), match.expected.shape[1])
-        measured = np.full_like(match.expected, np.nan) if match.measured is None else match.measured
-        sensors.append(BenchSensor(name, record.time[1:], measured, match.expected, names, units, match.used))
-        if match.measured is None or match.predicted is None or match.predicted_std is None or match.left_in is None:
-            continue
-        columns = zip(measured.T, match.predicted.T, match.predicted_std.T, match.left_in, units, strict=True)
-        for i, (reading, predicted, std, why, unit) in enumerate(columns, start=1):
-            if not why:
-                held_out.append(Reading(f"{name}.{i}", unit, record.time[1:], reading, predicted, std, i))
-    return BenchEstimate(
-        time=record.time,
-        unknowns=(
-            *(_input(record, name) for name in record.inputs),
-            *(_parameter(record, name) for name in record.parameters),
-        ),
-        sensors=tuple(sensors),
-        bearings=record.bearings,
-        nis=record.nis,
-        violation=record.violation,
-        hold_out=tuple(held_out),
-    )
-
-
-def motion_of(artefact: Artefact) -> BenchMotion:
-    """Everything that a page shows of simulate.h5."""
-    record, components, config = read(Simulated, artefact), _components(artefact), artefact.header.config
-    sensors = []
-    for name, values in record.sensors.items():
-        named = components(name, unit_of(record, "sensors", name), values.shape[1])
-        sensors.append(BenchSensor(name, record.time, values, None, *named))
-    return BenchMotion(
-        time=record.time,
-        inputs={name: (unit_of(record, "inputs", name), values) for name, values in record.inputs.items()},
-        sensors=tuple(sensors),
-        bearings=record.bearings,
-        drives={
-            name: (config["joints"][name]["type"] == "driven_angle", drive) for name, drive in record.drives.items()
-        },
-    )
-
-
 def run_of(up: Mapping[str, Artefact]) -> dict[str, Any]:
-    """What any page shows of a run, as far as it went."""
+    """What any page shows of a run, as far as it went: fields of `BenchPageRun`."""
     texts = dict.fromkeys(text for artefact in up.values() for text in artefact.warnings)
     return {
-        "motion": motion_of(up["simulate"]) if "simulate" in up else None,
-        "estimate": estimate_of(up["estimate"]) if "estimate" in up else None,
         "numbers": {stage: artefact.summary for stage, artefact in up.items()},
         "warnings": tuple(f"{text[:1].upper()}{text[1:].rstrip('.')}." for text in texts),
+        **(_simulated(up["simulate"]) if "simulate" in up else {}),
+        **(_estimated(up["estimate"]) if "estimate" in up else {}),
     }
 
 
-def _input(record: BenchEstimated, name: str) -> BenchUnknown:
-    load, runs = record.inputs[name], record.input_runs.get(name)
-    values = (load.true, load.estimate, load.std, load.smoothed, load.smoothed_std)
-    history = History(name, unit_of(load, "estimate"), record.time, *values)
-    return BenchUnknown("input", history, None if runs is None else runs.error, None, load.there)
+def _simulated(artefact: Artefact) -> dict[str, Any]:
+    record, config = read(Simulated, artefact), artefact.header.config
+    readings = []
+    for name, values in record.sensors.items():
+        components = _components(config, name, unit_of(record, "sensors", name), values.shape[1])
+        readings.append(BenchSensor(name, record.time, values, None, *components))
+    return {
+        "simulated": record,
+        "loads": {name: (unit_of(record, "inputs", name), values) for name, values in record.inputs.items()},
+        "readings": tuple(readings),
+        "turning": tuple(name for name in record.drives if config["joints"][name]["type"] == "driven_angle"),
+    }
 
 
-def _parameter(record: BenchEstimated, name: str) -> BenchUnknown:
-    parameter, runs = record.parameters[name], record.parameter_runs.get(name)
-    true = None if parameter.true is None else np.full(len(record.time), parameter.true)
-    history = History(name, unit_of(parameter, "estimate"), record.time, true, parameter.estimate, parameter.std)
-    return BenchUnknown("parameter", history, *((None, None) if runs is None else (runs.error, runs.std)))
+def _estimated(artefact: Artefact) -> dict[str, Any]:
+    record, unknowns, sensors, held_out = read(BenchEstimated, artefact), [], [], []
+    time, after = record.time, record.time[1:]
+    for name, load in record.inputs.items():
+        runs = record.input_runs.get(name)
+        values = (load.true, load.estimate, load.std, load.smoothed, load.smoothed_std)
+        errors = None if runs is None else runs.error
+        unknowns.append(
+            BenchUnknown(name, unit_of(load, "estimate"), time, *values, kind="input", errors=errors, there=load.there)
+        )
+    for name, parameter in record.parameters.items():
+        ends = record.parameter_runs.get(name)
+        errors, stds = (None, None) if ends is None else (ends.error, ends.std)
+        true = None if parameter.true is None else np.full(len(time), parameter.true)
+        history = (name, unit_of(parameter, "estimate"), time, true, parameter.estimate, parameter.std)
+        unknowns.append(BenchUnknown(*history, kind="parameter", errors=errors, stds=stds))
+    for name, match in record.sensors.items():
+        unit, count = unit_of(match, "expected"), match.expected.shape[1]
+        names, units = _components(artefact.header.config, name, unit, count)
+        measured = np.full_like(match.expected, np.nan) if match.measured is None else match.measured
+        sensors.append(BenchSensor(name, after, measured, match.expected, names, units, match.used))
+        if match.measured is None or match.predicted is None or match.predicted_std is None or match.left_in is None:
+            continue
+        columns = zip(measured.T, match.predicted.T, match.predicted_std.T, match.left_in, units, strict=True)
+        for i, (reading, predicted, std, why, unit_of_channel) in enumerate(columns, start=1):
+            if not why:
+                held_out.append(Reading(f"{name}.{i}", unit_of_channel, after, reading, predicted, std, i))
+    return {
+        "estimated": record,
+        "unknowns": tuple(unknowns),
+        "sensors": tuple(sensors),
+        "hold_out": tuple(held_out),
+    }
 
 
-def _components(artefact: Artefact) -> Callable[[str, str, int], tuple[tuple[str, ...], tuple[str, ...]]]:
-    """A function: name of a sensor, unit of all its components, where they have one, and their number → what the components are
-    called, and their units."""
-    sensors = artefact.header.config["sensors"]
-
-    def components(name: str, unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-        kind = str(sensors[name]["type"])
-        gauges = tuple(f"gauge {i}" for i in range(1, count + 1))
-        usual = (gauges if kind == "strain" else tuple("xyz")), ("–" if unit == "1" else unit,) * count
-        return COMPONENTS.get(kind, usual)
-
-    return components
+def _components(config: Any, name: str, unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """What the components of a sensor are called, and their units; unit of all of them, where they have one; count of them."""
+    kind = str(config["sensors"][name]["type"])
+    gauges = tuple(f"gauge {i}" for i in range(1, count + 1))
+    usual = (gauges if kind == "strain" else tuple("xyz")), ("–" if unit == "1" else unit,) * count
+    return COMPONENTS.get(kind, usual)
 
 
 SHOWN = ("import", "reduce", "place", "simulate", "estimate", "field")
@@ -141,13 +115,18 @@ def run(context: Context[BenchConfig]) -> Output:
         f"{stage} artefact": up[stage].digest[:16] for stage in up
     }
     context.progress("pictures", 0.6)
-    body = _body(context)
-    pictures, problem = ([], "") if body is None else _pictures(context, body)
-    turned = "" if body is None else _in_space(context, body)
+    pictures: list[tuple[str, bytes]] = []
+    problem = turned = ""
+    if (body := _body(context)) is not None:
+        kinds = ("layout", "modes", *(("field", "strain") if "field" in up else ()))
+        views = {what: bench_view(context.config, what, body, up, None) for what in kinds}
+        (pictures, problem), turned = _pictures(views), _in_space(views, body)
     page = bench_page(report, drawings, provenance, pictures, turned).encode()
     count = sum(len(entries) for entries in drawings.values())
+    # artefacts need at least one array
+    shown = report.simulated or report.estimated
     return Output(
-        datasets=_datasets(report),
+        datasets={} if shown is None else {"/time": Dataset(shown.time, "s", "time of the bench that the page shows")},
         summary={"figures": count, "pictures": len(pictures), "warnings": len(report.warnings)},
         message=f"report.html, {count} figures, {len(page) / 1024:.0f} KiB"
         + (f"; no 3D pictures: {problem}" if problem else ""),
@@ -158,32 +137,28 @@ def run(context: Context[BenchConfig]) -> Output:
 def _body(context: Context[BenchConfig]) -> str | None:
     """The flexible body to show: that of the field or of the placement, else the first with gauges, else the first."""
     config, up = context.config, context.upstream
-    if "import" not in up or not flexible(config):
+    if "import" not in up or not config.flexible:
         return None
     strain = [str(sensor.body) for sensor in config.sensors.values() if sensor.type == "strain"]
     return body_of(config, None if "field" in up or "place" in up else next(iter(strain), None))
 
 
-def _in_space(context: Context[BenchConfig], body: str) -> str:
+def _in_space(views: Mapping[str, View], body: str) -> str:
     """The body with its gauges, stress, strain and modes to turn round."""
-    config, up = context.config, context.upstream
-    modes = bench_view(config, "modes", body, up, None)
-    layout = bench_view(config, "layout", body, up, None).layout
-    fields = [bench_view(config, what, body, up, None) for what in ("field", "strain") if "field" in up]
+    layout, fields = views["layout"].layout, [views[what] for what in ("field", "strain") if what in views]
     shapes = [
         *(field_shape(view, layout) for view in fields),
-        *(ShownState(panel.title, panel.shift) for panel in modes.panels),
+        *(ShownState(panel.title, panel.shift) for panel in views["modes"].panels),
     ]
     return space_section([("", layout)], shapes, body, first=0 if fields else -1)
 
 
-def _pictures(context: Context[BenchConfig], body: str) -> tuple[list[tuple[str, bytes]], str]:
+def _pictures(views: Mapping[str, View]) -> tuple[list[tuple[str, bytes]], str]:
     """Captions and PNGs of the gauges on the body and of its stress, and why there are none."""
-    config, up = context.config, context.upstream
-    views = [bench_view(config, what, body, up, None) for what in ("layout", "field") if what == "layout" or what in up]
-    views = [view for view in views if view.layout.gauges or len(view.panels[0].values)]
+    shown = [views[what] for what in ("layout", "field") if what in views]
+    shown = [view for view in shown if view.layout.gauges or len(view.panels[0].values)]
     # The page says below the picture what it is of: not in it, too.
-    pictures, problem = drawn_or_why(lambda: [(_caption(view), screenshot(untitled(view))) for view in views])
+    pictures, problem = drawn_or_why(lambda: [(_caption(view), screenshot(untitled(view))) for view in shown])
     return pictures or [], problem
 
 
@@ -207,12 +182,6 @@ def bench_run(context: Context[BenchConfig]) -> BenchPageRun:
         field, element = read(SurfaceInTime, up["field"]), int(str(up["field"].summary["element"]))
         stress = BenchStress(settings.body, field.time, field.von_mises, element, settings.allowable)
     return BenchPageRun(context.config.name, **run_of(up), placement=placement, stress=stress)
-
-
-def _datasets(report: BenchPageRun) -> dict[str, Dataset]:
-    """What the page is about in time: artefacts need at least one array."""
-    shown = report.motion or report.estimate
-    return {} if shown is None else {"/time": Dataset(shown.time, "s", "time of the bench that the page shows")}
 
 
 def report_stage(stages: Sequence[str]) -> Stage:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.experiment.bench.inverse.truth import truths_of
-from strainsight.experiment.bench.loads import load_units
+from strainsight.experiment.bench.sensors import dataset_units
 from strainsight.records.record import written
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
@@ -15,17 +15,14 @@ from strainsight.stages.bench.inputs import HISTORIES
 def run(context: Context[BenchConfig]) -> Output:
     """One history or several, without noise, which is the estimate's."""
     config = context.config
-    estimate = config.estimate
-    assert estimate is not None  # a bench without it has no such stage
-    truth = estimate.truth
-    duration = truth.duration or estimate.duration or config.simulate.duration
-    truths = truths_of(inputs.bench(context), truth, duration, context)
+    truth = config.estimator.truth
+    truths = truths_of(inputs.bench(context), truth, truth.duration or config.filter_duration, context)
     steps, histories = len(truths.time) - 1, len(truths.begin)
     text = (
         f"{histories} histor{'y' if histories == 1 else 'ies'} of {steps} steps of {truth.step:g} s by Radau's method"
     )
     return Output(
-        datasets=written(truths, {f"input {name}": unit for name, unit in load_units(config, truths.inputs).items()}),
+        datasets=written(truths, dataset_units(config, truths.inputs)),
         summary={"histories": histories, "steps": steps},
         message=text,
     )

@@ -11,8 +11,6 @@ import numpy as np
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ArtefactError, UserError, did_you_mean
-from strainsight.experiment.bench.bench import unit_vector
-from strainsight.experiment.bench.reduction import flexible
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.pages.picture.layout import Gauge, PictureLayout
@@ -26,6 +24,7 @@ from strainsight.records.training import Training
 from strainsight.records.validated import Validated
 from strainsight.runner.artefact import Artefact
 from strainsight.sensors.candidates import STRAIN
+from strainsight.sensors.surface import unit_vector
 from strainsight.stages.pages.page_layout import bare, layout_of_page
 from strainsight.stages.view.surface import modes_view, moment_view, strain_view, strains_of, surface_view
 
@@ -35,7 +34,7 @@ def body_of(config: BenchConfig, asked: str | None) -> str:
 
     Raises UserError where there is none, or none of that name.
     """
-    bodies = list(flexible(config))
+    bodies = list(config.flexible)
     if not bodies:
         raise UserError("no body of this bench is flexible", remedy="there is no mesh to show: see report.html")
     if asked is not None and asked not in bodies:
@@ -113,7 +112,9 @@ def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefac
         if entry.layout is not None:
             gauges = _bonded(up, entry.layout)
         else:
-            gauges = [(np.array(g.position, dtype=float), unit_vector(g.direction)) for g in entry.gauges]
+            gauges = [
+                (np.array(g.position, dtype=float), unit_vector(g.direction, "the direction")) for g in entry.gauges
+            ]
         places += [(f"{name} {i}", x, d) for i, (x, d) in enumerate(gauges, start=1)]
     if not places and "place" in up:
         places = [(f"G{i}", x, d) for i, (x, d) in enumerate(_bonded(up, PLACED), start=1)]

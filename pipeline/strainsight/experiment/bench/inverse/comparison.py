@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -54,15 +54,6 @@ def smoothed_name(name: str) -> str:
     return f"smoothed.{name}"
 
 
-def smoothed_numbers(name: str, true: np.ndarray, estimate: np.ndarray, std: np.ndarray) -> Numbers:
-    """The rms error and the mean σ of a smoothed load over the second half, over the largest |true|: the same as of the filter's
-    estimate. true, estimate, std (T,) after the start."""
-    numbers = load_numbers(name, true, estimate, std)
-    return {
-        f"smoothed_{key}.{name}": numbers[f"{key}.{name}"] for key in ("error", "std") if f"{key}.{name}" in numbers
-    }
-
-
 def history_numbers(name: str, estimate: np.ndarray, std: np.ndarray) -> Numbers:
     """Of a load that nobody knows: RMS and largest size of its estimate, and RMS of σ [N, N m], settled. (T,) each."""
     estimate, std = _settled(estimate, std)
@@ -91,52 +82,38 @@ def ratio_numbers(name: str, elsewhere: np.ndarray, estimate: np.ndarray) -> Num
     }
 
 
-def parameter_numbers(name: str, true: np.ndarray, last: np.ndarray, std: np.ndarray) -> Numbers:
-    """Error and σ at the end of the first run, relative to the truth; rms of error/σ over all runs.
-
-    true, last, std (runs,)."""
-    size = abs(float(true[0]))
-    size = size if size > 0 else 1.0
-    numbers: Numbers = {
-        f"error.{name}": abs(float(last[0] - true[0])) / size,
-        f"std.{name}": float(std[0]) / size,
-    }
-    if len(last) > 1:
-        numbers[f"ratio.{name}"] = float(np.sqrt(np.mean(((last - true) / std) ** 2)))
-        numbers[f"largest_error.{name}"] = float(np.abs(last - true).max()) / size
-    return numbers
-
-
 def mismatch_numbers(name: str, measured: np.ndarray, expected: np.ndarray) -> Numbers:
     """rms of measured − expected over that of measured, of every component (T, components) and of the worst; a component that
     hardly moves counts beside the largest of its unit (of a pair of metres and radians: x, y, z, then tilts)."""
     known = np.isfinite(measured)
-    if not known.any():
-        return {}
-    count = np.maximum(known.sum(axis=0), 1)
-    off, whole = (
-        np.sqrt(np.sum(np.where(known, x, 0.0) ** 2, axis=0) / count) for x in (measured - expected, measured)
-    )
-    off[~known.any(axis=0)] = np.nan
+    off, whole = _rms(measured - expected, known), _rms(measured, known)
     for kind in (slice(3), slice(3, None)) if whole.size == RELATIVE else (slice(None),):
         whole[kind] = np.where(whole[kind] < STILL * whole[kind].max(), whole[kind].max(), whole[kind])
-    share = np.divide(off, whole, out=np.full_like(off, np.nan), where=whole > 0)
+    share = np.where(known.any(axis=0), _shares(off, whole), np.nan)
     if not np.isfinite(share).any():
         return {}
-    numbers: Numbers = {f"mismatch.{name}": float(np.nanmax(share))}
-    if len(share) > 1:
-        numbers |= {
-            f"mismatch.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)
-        }
-    return numbers
+    return {f"mismatch.{name}": float(np.nanmax(share))} | (
+        _by_component(f"mismatch.{name}", share) if len(share) > 1 else {}
+    )
 
 
 def size_numbers(name: str, elsewhere: np.ndarray, expected: np.ndarray) -> Numbers:
     """rms of what each component of a sensor reads here over that of what it reads on the other bench (T, components)."""
     known = np.isfinite(elsewhere) & np.isfinite(expected)
-    here, other = (np.sqrt(np.sum(np.where(known, x, 0.0) ** 2, axis=0)) for x in (expected, elsewhere))
-    share = np.divide(here, other, out=np.full_like(here, np.nan), where=other > 0)
-    return {f"size.{name}.{i}": float(value) for i, value in enumerate(share, start=1) if np.isfinite(value)}
+    return _by_component(f"size.{name}", _shares(_rms(expected, known), _rms(elsewhere, known)))
+
+
+def _rms(x: np.ndarray, known: np.ndarray) -> np.ndarray:
+    """Of every component of x (T, components), where it is known."""
+    return np.asarray(np.sqrt(np.sum(np.where(known, x, 0.0) ** 2, axis=0) / np.maximum(known.sum(axis=0), 1)))
+
+
+def _shares(part: np.ndarray, whole: np.ndarray) -> np.ndarray:
+    return np.divide(part, whole, out=np.full_like(part, np.nan), where=whole > 0)
+
+
+def _by_component(key: str, values: np.ndarray) -> Numbers:
+    return {f"{key}.{i}": float(value) for i, value in enumerate(values, start=1) if np.isfinite(value)}
 
 
 def _settled(*histories: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -172,209 +149,192 @@ class BenchComparison:
     claims: dict[str, Claim]
 
 
-def compared(result: BenchEstimation) -> BenchComparison:
+def compare(result: BenchEstimation) -> BenchComparison:
     """Histories of the first run, ends of all runs; where σ is withheld, NaN, no number of it, and no claim."""
     problem, filtered = result.problem, result.filtered
-    numbers: Numbers = {}
-    claims: dict[str, Claim | None] = {}
-    inputs: dict[str, LoadHistory] = {}
-    input_runs: dict[str, LoadRuns] = {}
-    for i, name in enumerate(problem.estimate.inputs):
-        inputs[name], error, claims[name], more = _load(result, name, i)
-        numbers |= more
-        claims[smoothed_name(name)], more = _smoothed(result, name, i)
-        numbers |= more
-        if error is not None:
-            input_runs[name] = LoadRuns(error=error)
-    parameters: dict[str, ParameterHistory] = {}
-    parameter_runs: dict[str, ParameterRuns] = {}
-    for i, name in enumerate(problem.unknowns.free):
-        parameters[name], ends, claims[name], more = _parameter(result, name, i)
-        numbers |= more
-        if len(ends.estimate) > 1:
-            parameter_runs[name] = ends
-    sensors: dict[str, SensorMatch] = {}
-    for name in problem.sensors.channels:
-        match = sensors[name] = _sensor(result, name)
-        if match.measured is not None:
-            numbers |= mismatch_numbers(name, match.measured, match.expected)
-            if isinstance(problem.estimate.measured, FromRun) and not match.used:
+    loads, parameters = list(problem.estimate.inputs), problem.unknowns.free
+    numbers = run_numbers(result, 0)
+    for name in loads:
+        numbers |= _load_numbers(result, name)
+    claims = _claims(result, numbers)
+    for name in parameters:
+        numbers |= _parameter_numbers(result, name, claims.get(name))
+    sensors = {name: _sensor(result, name) for name in problem.sensors.channels}
+    if isinstance(problem.estimate.measured, FromRun):
+        for name, match in sensors.items():
+            if match.measured is not None and not match.used:
                 numbers |= size_numbers(name, match.measured, match.expected)
+    several = result.measured.shape[1] > 1
+    errors = result.errors.items() if several else ()
     record = BenchEstimated(
         time=problem.time,
         q=filtered.mean[:, 0, result.trial.model.q],
         violation=np.array([_violation(result, k) for k in range(len(problem.time))]),
         nis=filtered.nis[:, 0],
         lost=filtered.lost,
-        inputs=inputs,
-        parameters=parameters,
+        inputs={name: _load_history(result, name) for name in loads},
+        parameters={name: _parameter_history(result, name) for name in parameters},
         sensors=sensors,
-        input_runs=input_runs,
-        parameter_runs=parameter_runs,
+        input_runs={
+            name: LoadRuns(error=np.sqrt(np.mean(_late(off) ** 2, axis=0))) for name, off in errors if name in loads
+        },
+        parameter_runs={name: _ends(result, name) for name in parameters if several},
         seeds=numbers_of_seeds(result),
         bearings=result.rings,
         compared=filtered.compared,
     )
-    judged = {name: claim for name, claim in claims.items() if claim is not None}
-    kept = {key: value for key, value in numbers.items() if np.isfinite(value) or key.startswith(SETTLING_TIME)}
-    return BenchComparison(record, kept, judged)
+    finite = {key: value for key, value in numbers.items() if np.isfinite(value) or key.startswith(SETTLING_TIME)}
+    return BenchComparison(record, finite, claims)
 
 
-def _load(result: BenchEstimation, name: str, i: int) -> tuple[LoadHistory, np.ndarray | None, Claim | None, Numbers]:
-    """The history of an unknown load, the errors (runs,) of several runs, whether they keep to σ, and its numbers."""
-    at = result.trial.model.u[i]
-    mean = result.filtered.mean[:, :, at]
-    std = np.where(np.isfinite(mean), result.filtered.std[:, :, at], np.nan)
-    true = result.true_load(name)
-    known, elsewhere = bool(np.isfinite(true).all()), result.reality.elsewhere.get(name)
-    numbers: Numbers = {}
-    error = claim = None
-    if known:
-        numbers |= load_numbers(name, true[1:, 0], mean[1:, 0], std[1:, 0])
-        late = slice(len(mean) // 2, None)
-        off = (mean - true)[late]
-        if f"error.{name}" in numbers:
-            claim = claim_in_time(off, std[late], starts=result.starts)
-        if mean.shape[1] > 1:
-            error = np.sqrt(np.mean(off**2, axis=0))
-            if np.isfinite(std[late]).any():
-                numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean((off / std[late]) ** 2)))
+def run_numbers(result: BenchEstimation, run: int) -> Numbers:
+    """Errors of loads and parameters whose truth is known, and mismatches of sensors, in one run, a seed's first."""
+    problem, seed, numbers = result.problem, run // result.starts, Numbers()
+    for name, (estimate, std) in result.values.items():
+        if name not in result.truths:
+            continue
+        true, mean, sigma = result.truths[name][:, run], estimate[:, run], std[:, run]
+        if name in problem.estimate.inputs:
+            numbers |= load_numbers(name, true[1:], mean[1:], sigma[1:])
+        else:
+            size = abs(float(true[-1])) or 1.0
+            numbers[f"error.{name}"] = abs(float(mean[-1] - true[-1])) / size
+            numbers[f"std.{name}"] = float(sigma[-1]) / size
+    for name, part in problem.sensors.channels.items():
+        numbers |= mismatch_numbers(name, _measured(result, name, seed), result.reading[1:, seed, part])
+    return numbers
+
+
+def numbers_of_seeds(result: BenchEstimation) -> dict[str, np.ndarray]:
+    """Name → the number of every seed (seeds,) by its first start, NaN of a seed that diverged: of loads, parameters, innovations
+    and sensors, as in the summary. None of a single seed."""
+    nis, each = result.filtered.nis[len(result.filtered.nis) // 2 :], []
+    for run in range(0, result.measured.shape[1], result.starts):
+        lost = result.filtered.lost[run] >= 0
+        each.append({} if lost else {"nis": float(np.nanmean(nis[:, run]))} | run_numbers(result, run))
+    names = dict.fromkeys(name for numbers in each for name in numbers) if len(each) > 1 else {}
+    return {name: np.array([float(numbers.get(name, np.nan)) for numbers in each]) for name in names}
+
+
+def _late(values: np.ndarray) -> np.ndarray:
+    """The second half of a history (T + 1, ...)."""
+    return values[len(values) // 2 :]
+
+
+def _load_numbers(result: BenchEstimation, name: str) -> Numbers:
+    """Of an unknown load: over all runs, smoothed, beside the other bench, or by itself where nobody knows it."""
+    (estimate, std), true = result.values[name], result.truths.get(name)
+    numbers, elsewhere = Numbers(), result.reality.elsewhere.get(name)
+    if true is not None:
+        if estimate.shape[1] > 1 and np.isfinite(_late(std)).any():
+            numbers[f"ratio.{name}"] = float(np.sqrt(np.nanmean(_late(result.errors[name] / std) ** 2)))
+        if name in result.smoothed:
+            later = load_numbers(name, true[1:, 0], *(values[1:] for values in result.smoothed[name]))
+            numbers |= {f"smoothed_{key}": later[key] for key in (f"error.{name}", f"std.{name}") if key in later}
     elif elsewhere is None:
-        numbers |= history_numbers(name, mean[1:, 0], std[1:, 0])
+        numbers |= history_numbers(name, estimate[1:, 0], std[1:, 0])
     if elsewhere is not None:
-        numbers |= ratio_numbers(name, elsewhere[1:], mean[1:, 0])
-    smoothed = result.filtered.smoothed
-    history = LoadHistory(
-        estimate=mean[:, 0],
-        std=std[:, 0],
-        smoothed=None if smoothed is None else smoothed.mean[:, i],
-        smoothed_std=None if smoothed is None or np.isnan(smoothed.std[:, i]).all() else smoothed.std[:, i],
-        true=true[:, 0] if known else None,
-        there=elsewhere,
-    )
-    return history, error, claim, numbers
+        numbers |= ratio_numbers(name, elsewhere[1:], estimate[1:, 0])
+    return numbers
 
 
-def _smoothed(result: BenchEstimation, name: str, i: int) -> tuple[Claim | None, Numbers]:
-    """Whether a load of the first run keeps to σ once it is smoothed, and its numbers, where the truth is known."""
-    true = result.true_load(name)[:, 0]
-    if result.filtered.smoothed is None or not np.isfinite(true).all():
-        return None, {}
-    mean, std = result.filtered.smoothed.mean[:, i], result.filtered.smoothed.std[:, i]
-    numbers = smoothed_numbers(name, true[1:], mean[1:], std[1:])
-    if not numbers:
-        return None, {}
-    late = slice(len(mean) // 2, None)
-    return claim_in_time((mean - true)[late], std[late], of="smoothed"), numbers
+def _claims(result: BenchEstimation, numbers: Numbers) -> dict[str, Claim]:
+    """Whether the estimate of every unknown whose truth is known keeps to its σ, of a load that is none no claim."""
+    claims: dict[str, Claim | None] = {}
+    for name, off in result.errors.items():
+        std = result.values[name][1]
+        if name in result.problem.unknowns.free:
+            claims[name] = claim_of(off[-1], std[-1], alike=result.starts)  # starts within a seed are one draw
+            continue
+        if f"error.{name}" in numbers:
+            claims[name] = claim_in_time(_late(off), _late(std), starts=result.starts)
+        if f"smoothed_error.{name}" in numbers:
+            mean, std = result.smoothed[name]
+            off = mean - result.truths[name][:, 0]
+            claims[smoothed_name(name)] = claim_in_time(_late(off), _late(std), of="smoothed")
+    return {name: claim for name, claim in claims.items() if claim is not None}
 
 
-def _parameter(
-    result: BenchEstimation, name: str, i: int
-) -> tuple[ParameterHistory, ParameterRuns, Claim | None, Numbers]:
-    """The history of a parameter, where all runs start and end, whether they end within their σ, and its numbers."""
-    theta, std = in_theta(result, result.place(name))
-    true, starts = result.true_parameter(name), result.starts
-    known = bool(np.isfinite(true).all())
-    apart = starts > 1 and bool(not_identified(theta[-1, :starts], std[-1, :starts]))
-    learned = bool(np.all(std[-1, :starts] < LEARNED * result.problem.unknowns.std[i]))
-    claim = claim_of(theta[-1] - true, std[-1], alike=starts)  # starts within a seed are one draw
-    wrong = claim is not None and claim.overconfident
-    withheld = bool(np.isfinite(theta[-1]).any() and not np.isfinite(std[-1]).any())
-    numbers: Numbers = {}
+def _parameter_numbers(result: BenchEstimation, name: str, claim: Claim | None) -> Numbers:
+    """Of a parameter: whether it is identified, and over all runs."""
+    (estimate, std), starts, numbers = result.values[name], result.starts, Numbers()
+    last, sigma, unknowns = estimate[-1], std[-1], result.problem.unknowns
+    apart = starts > 1 and bool(not_identified(last[:starts], sigma[:starts]))
+    learned = bool(np.all(sigma[:starts] < LEARNED * unknowns.std[unknowns.free.index(name)]))
+    wrong = starts > 1 and claim is not None and claim.overconfident
+    withheld = np.isfinite(last).any() and not np.isfinite(sigma).any()
     if not withheld:
-        numbers[f"identified.{name}"] = learned and not apart and not (starts > 1 and wrong)
-    if known:
-        numbers |= parameter_numbers(name, true, theta[-1], std[-1])
-        numbers[f"{SETTLING_TIME}.{name}"] = settling_time(result.problem.time, theta[:, 0], float(true[0]), SETTLED)
-    else:
-        numbers |= {f"estimate.{name}": float(theta[-1, 0]), f"rms_std.{name}": float(std[-1, 0])}
-    history = ParameterHistory(estimate=theta[:, 0], std=std[:, 0], true=float(true[0]) if known else None)
-    error = theta[-1] - true if known else None
-    return history, ParameterRuns(start=theta[0], estimate=theta[-1], std=std[-1], error=error), claim, numbers
+        numbers[f"identified.{name}"] = learned and not apart and not wrong
+    if name not in result.truths:
+        return numbers | {f"estimate.{name}": float(last[0]), f"rms_std.{name}": float(sigma[0])}
+    off, true = result.errors[name][-1], float(result.truths[name][-1, 0])
+    if len(last) > 1:
+        numbers[f"ratio.{name}"] = float(np.sqrt(np.mean((off / sigma) ** 2)))
+        numbers[f"largest_error.{name}"] = float(np.abs(off).max()) / (abs(true) or 1.0)
+    return numbers | {f"{SETTLING_TIME}.{name}": settling_time(result.problem.time, estimate[:, 0], true, SETTLED)}
 
 
-def in_theta(result: BenchEstimation, column: int) -> tuple[np.ndarray, np.ndarray]:
-    """A parameter and its σ, √(s P_ξξ sᵀ) with s = ∂θ/∂ξ (T + 1, runs)."""
-    xi, P = result.filtered.mean[:, :, result.trial.model.xi], result.xi_covariance
-    theta, std = np.full(xi.shape[:2], np.nan), np.full(xi.shape[:2], np.nan)
-    for at in np.ndindex(xi.shape[:2]):
-        if np.isfinite(xi[at]).all():
-            theta[at], std[at] = _theta_at(result, column, xi[at], P[at[0], min(at[1], P.shape[1] - 1)])
-    return theta, std
+def _load_history(result: BenchEstimation, name: str) -> LoadHistory:
+    (estimate, std), true = result.values[name], result.truths.get(name)
+    smoothed, smoothed_std = result.smoothed.get(name, (None, None))
+    return LoadHistory(
+        estimate=estimate[:, 0],
+        std=std[:, 0],
+        smoothed=smoothed,
+        smoothed_std=None if smoothed_std is None or np.isnan(smoothed_std).all() else smoothed_std,
+        true=None if true is None else true[:, 0],
+        there=result.reality.elsewhere.get(name),
+    )
 
 
-def _theta_at(result: BenchEstimation, column: int, xi: np.ndarray, P: np.ndarray) -> tuple[float, float]:
-    values, slopes = result.problem.unknowns.coordinates.theta(xi)
-    s = slopes[column]
-    return float(values[column]), float(np.sqrt(max(float(s @ P @ s), 0.0)))
+def _parameter_history(result: BenchEstimation, name: str) -> ParameterHistory:
+    (estimate, std), true = result.values[name], result.truths.get(name)
+    return ParameterHistory(estimate=estimate[:, 0], std=std[:, 0], true=None if true is None else float(true[0, 0]))
+
+
+def _ends(result: BenchEstimation, name: str) -> ParameterRuns:
+    """Where all runs of a parameter start and end."""
+    (estimate, std), off = result.values[name], result.errors.get(name)
+    error = None if off is None else off[-1]
+    return ParameterRuns(start=estimate[0], estimate=estimate[-1], std=std[-1], error=error)
+
+
+def _measured(result: BenchEstimation, name: str, seed: int) -> np.ndarray:
+    """What a sensor of the filter read in the first start of a seed, or another one without noise (T, components)."""
+    if (used := result.problem.used.channels.get(name)) is not None:
+        return result.measured[:, seed * result.starts, used]
+    readings = result.reality.readings[:, :, result.problem.sensors.channels[name]]
+    return readings[:, min(seed, readings.shape[1] - 1)]
 
 
 def _sensor(result: BenchEstimation, name: str) -> SensorMatch:
-    used, part = name in result.problem.used.channels, result.problem.sensors.channels[name]
-    measured = (
-        result.measured[:, 0, result.problem.used.channels[name]] if used else result.reality.readings[:, 0, part]
+    part, channels = result.problem.sensors.channels[name], result.problem.used.channels.get(name)
+    measured, offset = _measured(result, name, 0), result.trial.offsets.at
+    match = SensorMatch(
+        used=channels is not None,
+        expected=result.reading[1:, 0, part],
+        measured=measured if np.isfinite(measured).any() else None,
     )
-    known = bool(np.isfinite(measured).any())
-    bias = bias_std = None
-    offset, channels = result.trial.offsets.at, result.problem.used.channels.get(name, slice(0, 0))
+    if channels is None:
+        return match
     which = np.flatnonzero((offset >= channels.start) & (offset < channels.stop))
     if len(which):
-        bias, bias_std = np.zeros((2, part.stop - part.start))
-        at, size = offset[which] - channels.start, result.trial.model.size
-        bias[at], bias_std[at] = (
-            result.filtered.mean[-1, 0, size + which],
-            result.filtered.std[-1, 0, size + which],
-        )
-    without = result.without if used else None
-    return SensorMatch(
-        used=used,
-        expected=result.reading[1:, 0, part],
-        measured=measured if known else None,
-        predicted=None if without is None else without.predicted[:, 0, channels],
-        predicted_std=None if without is None else without.std[:, 0, channels],
-        left_in=None if without is None else without.left_in[channels],
-        bias=bias,
-        bias_std=bias_std,
+        bias = np.zeros((2, part.stop - part.start))
+        behind = result.trial.model.size + which
+        bias[:, offset[which] - channels.start] = [
+            values[-1, 0, behind] for values in (result.filtered.mean, result.filtered.std)
+        ]
+        match = replace(match, bias=bias[0], bias_std=bias[1])
+    if (without := result.without) is None:
+        return match
+    return replace(
+        match,
+        predicted=without.predicted[:, 0, channels],
+        predicted_std=without.std[:, 0, channels],
+        left_in=without.left_in[channels],
     )
 
 
 def _violation(result: BenchEstimation, k: int) -> float:
     x = result.filtered.mean[k, :1]
     return float(result.trial.model.violation(x, k)[0]) if np.isfinite(x).all() else float("nan")
-
-
-def numbers_of_seeds(result: BenchEstimation) -> dict[str, np.ndarray]:
-    """Name → the number of every seed (seeds,) by its first start, NaN of a seed that diverged: of loads, parameters, innovations
-    and sensors, as in the summary. None of a single seed."""
-    runs = range(0, result.measured.shape[1], result.starts)
-    if len(runs) < 2:
-        return {}
-    each = [_numbers(result, seed, run) if result.filtered.lost[run] < 0 else {} for seed, run in enumerate(runs)]
-    names = dict.fromkeys(name for numbers in each for name in numbers)
-    return {name: np.array([float(numbers.get(name, np.nan)) for numbers in each]) for name in names}
-
-
-def _numbers(result: BenchEstimation, seed: int, run: int) -> Numbers:
-    """Of one seed."""
-    problem, mean, std, nis = (
-        result.problem,
-        result.filtered.mean,
-        result.filtered.std,
-        result.filtered.nis,
-    )
-    numbers: Numbers = {"nis": float(np.nanmean(nis[len(nis) // 2 :, run]))}
-    for name, at in zip(problem.estimate.inputs, result.trial.model.u, strict=True):
-        load = result.true_load(name)[1:, run]
-        if np.isfinite(load).all():
-            numbers |= load_numbers(name, load, mean[1:, run, at], std[1:, run, at])
-    for name in problem.unknowns.free:
-        true = result.true_parameter(name)[run : run + 1]
-        P = result.xi_covariance[-1, min(run, result.xi_covariance.shape[1] - 1)]
-        last, size = _theta_at(result, result.place(name), mean[-1, run, result.trial.model.xi], P)
-        if np.isfinite(true):
-            numbers |= parameter_numbers(name, true, np.array([last]), np.array([size]))
-    for name, part in problem.sensors.channels.items():
-        used, of_seed = problem.used.channels.get(name), min(seed, result.reality.readings.shape[1] - 1)
-        measured = result.reality.readings[:, of_seed, part] if used is None else result.measured[:, run, used]
-        numbers |= mismatch_numbers(name, measured, result.reading[1:, seed, part])
-    return numbers

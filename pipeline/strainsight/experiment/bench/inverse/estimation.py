@@ -26,13 +26,11 @@ from strainsight.experiment.bench.inverse.problem import (
     BenchProblem,
     corrects,
     free_zero,
-    has_bank,
-    has_drives,
     problem_of,
     zero_of,
 )
 from strainsight.experiment.bench.inverse.trial import BenchTrial, trial_of
-from strainsight.experiment.bench.inverse.truth import Reality, measurements, reality_of, walked
+from strainsight.experiment.bench.inverse.truth import Reality, drawn_reality, reality_of
 from strainsight.experiment.bench.sensors import channel_labels, misread
 from strainsight.experiment.bench.simulation import turns_in_a_step
 from strainsight.experiment.hold_out import LeftOut, held_out, left_out
@@ -92,7 +90,8 @@ class FilteredBench:
         try:
             trial = self.trial_with(others)
             list(undistinguished(trial, self.mean))
-            mean, std, lost = predicted(trial.of_seeds(), self.measured[0], part)
+            seeds = slice(None, None, len(trial.problem.unknowns.starts))
+            mean, std, lost = predicted(trial.of_runs(seeds), self.measured[0], part)
         except (ConfigError, NumericalError) as error:
             return (), f"without it {error.key}: {error.what}" if error.key else f"without it: {error.what}"
         if lost.any():
@@ -112,19 +111,17 @@ def undistinguished(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
     """Combinations of unknowns that no sensor separates at any of a few instants of the first run, mean (T + 1, size); raises
     ConfigError, where the config does not allow for them."""
     model, estimate = replace(trial.model, R=np.where(trial.available, trial.model.R, np.inf)), trial.problem.estimate
-    instants = np.flatnonzero(np.isfinite(mean).all(axis=1))
+    finite = np.flatnonzero(np.isfinite(mean).all(axis=1))
+    if not len(finite):
+        return
     combinations: list[list[str]] = []
-    for k in (
-        np.unique(instants[np.linspace(0, len(instants) - 1, INSTANTS).round().astype(int)]) if len(instants) else []
-    ):
+    for k in np.unique(finite[np.linspace(0, len(finite) - 1, INSTANTS).round().astype(int)]):
         try:
             combinations.append(indistinct(model, mean[k], min(k, len(model.known) - 1), trial.problem.names))
         except NumericalError:
             return  # nothing separates what decays from what does not: no statement
         if not combinations[-1]:
             return
-    if not combinations:
-        return
     words = "; ".join(combinations[0])
     if not estimate.allow_unobservable:
         raise ConfigError(
@@ -142,10 +139,16 @@ def unfollowed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.nd
     A step that is taken for true gets wrong what its loads have above its band (`missed`): of a load that is known more than
     MISSED; of one that is only estimated, whose spectrum is also that of its errors, more than its σ besides.
     """
-    config = trial.problem.config
-    doubts = list(_turning(trial, mean) if corrects(config) else _missed(trial, reality, mean, std))
+    config, h = trial.problem.config, trial.model.h
+    doubts = [
+        f"{name} turns by {turn:.2g} rad in a step of {h:g} s, which is linearised for at most {TURN:g}"
+        for name, turn in turns_in_a_step(trial.problem.bench, mean[:, trial.model.v], h).items()
+        if turn > TURN
+    ]
+    if not corrects(config):
+        doubts = list(_missed(trial, reality, mean, std))
     if doubts and not trial.problem.estimate.allow_unfollowed:
-        made_up_for = "" if corrects(config) or has_drives(config) else "method.step_error: estimated, "
+        made_up_for = "" if corrects(config) or config.driven else "method.step_error: estimated, "
         raise ConfigError(
             doubts[0],
             key="estimate.time_step",
@@ -181,13 +184,6 @@ def _missed(trial: BenchTrial, reality: Reality, mean: np.ndarray, std: np.ndarr
             )
 
 
-def _turning(trial: BenchTrial, mean: np.ndarray) -> Iterator[str]:
-    h = trial.model.h
-    for name, turn in turns_in_a_step(trial.problem.bench, mean[:, trial.model.v], h).items():
-        if turn > TURN:
-            yield f"{name} turns by {turn:.2g} rad in a step of {h:g} s, which is linearised for at most {TURN:g}"
-
-
 @dataclass(frozen=True)
 class BenchEstimation:
     """What a filter made of a reality.
@@ -215,26 +211,45 @@ class BenchEstimation:
         """Runs of one seed."""
         return len(self.problem.unknowns.starts)
 
-    @property
-    def xi_covariance(self) -> np.ndarray:
-        """Of the parameters (T + 1, b, p, p)."""
-        loads = len(self.problem.unknowns.inputs)
-        return self.filtered.joint[:, :, loads:, loads:]
+    @cached_property
+    def values(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Unknown → its estimate and σ in every run (T + 1, B), loads before parameters, NaN where the run diverges; σ of a
+        parameter is √(s P_ξξ sᵀ), s = ∂θ/∂ξ."""
+        unknowns, model, mean = self.problem.unknowns, self.trial.model, self.filtered.mean
+        values = {}
+        for name, at in zip(self.problem.estimate.inputs, model.u, strict=True):
+            load = mean[:, :, at]
+            values[name] = load, np.where(np.isfinite(load), self.filtered.std[:, :, at], np.nan)
+        theta, std = np.full((2, len(unknowns.free), *mean.shape[:2]), np.nan)
+        P = self.filtered.joint[:, :, len(unknowns.inputs) :, len(unknowns.inputs) :]
+        for k, run in np.ndindex(mean.shape[:2]):
+            if np.isfinite(xi := mean[k, run, model.xi]).all():
+                of_xi = P[k, min(run, P.shape[1] - 1)]
+                theta[:, k, run], std[:, k, run] = unknowns.coordinates.with_std(xi, of_xi)
+        return values | dict(zip(unknowns.free, zip(theta, std, strict=True), strict=True))
 
-    def true_load(self, name: str) -> np.ndarray:
-        """Of every run (T + 1, B), NaN where it is not known: truths are one for all or one a seed, starts run within a seed."""
-        inputs, runs = self.reality.inputs, self.measured.shape[1]
-        true = inputs[:, :, self.problem.bench.system.inputs.index(name)]
-        return np.repeat(true, runs // true.shape[1], axis=1)
+    @cached_property
+    def smoothed(self) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+        """Load → its estimate by all samples and σ in the first run (T + 1,), σ NaN where it is withheld; none of a bank."""
+        loads = self.filtered.smoothed
+        each = () if loads is None else zip(loads.mean.T, loads.std.T, strict=True)
+        return dict(zip(self.problem.estimate.inputs, each, strict=False))
 
-    def place(self, name: str) -> int:
-        """Of a parameter that is estimated, among those of the system."""
-        return self.problem.bench.system.parameters.index(self.problem.unknowns.parameters[name])
+    @cached_property
+    def truths(self) -> dict[str, np.ndarray]:
+        """Unknown → its true value in every run (T + 1, B), of those where it is known: truths are one for all or one a seed,
+        starts run within a seed."""
+        unknowns, runs, inputs = self.problem.unknowns, self.measured.shape[1], self.reality.inputs
+        true = {name: inputs[:, :, at] for name, at in zip(self.problem.estimate.inputs, unknowns.inputs, strict=True)}
+        for name, at in zip(unknowns.free, unknowns.coordinates.free, strict=True):
+            true[name] = np.tile(self.reality.theta[:, at], (len(inputs), 1))
+        known = {name: values for name, values in true.items() if np.isfinite(values).all()}
+        return {name: np.repeat(values, runs // values.shape[1], axis=1) for name, values in known.items()}
 
-    def true_parameter(self, name: str) -> np.ndarray:
-        """Of every run (B,), NaN where it is not known."""
-        true = self.reality.theta[:, self.place(name)]
-        return np.repeat(true, self.measured.shape[1] // len(true))
+    @cached_property
+    def errors(self) -> dict[str, np.ndarray]:
+        """Unknown → its error in every run (T + 1, B), of those whose truth is known."""
+        return {name: self.values[name][0] - true for name, true in self.truths.items()}
 
     @property
     def held_out(self) -> tuple[LeftOut, ...]:
@@ -242,12 +257,14 @@ class BenchEstimation:
         return left_out(self.without, channel_labels(self.problem.used), self.measured[:, :: self.starts])
 
 
-def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None, using: Resources) -> BenchEstimation:
+def estimate_bench(
+    bench: Bench, other: Simulated | None, truths: BenchTruths | None, using: Resources
+) -> BenchEstimation:
     """Simulate or take the measurements, run the filter on them; other: the bench of `estimate.measured`; truths: by another
     integrator, where these stand for reality."""
     problem = problem_of(bench, using.files)
     estimate, among = problem.estimate, problem.among
-    reality = reality_of(problem, other, truths, using.files, lambda share: using.progress("truth", 0.3 * share))
+    reality = reality_of(problem, other, truths, using)
     largest, first, available = np.zeros(len(among)), None, _given(problem)
     if reality is not None:
         read, first = reality.readings[:, :, among], reality.first
@@ -259,7 +276,7 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
 
     trial = trial_with(available)
     if reality is None:
-        reality = walked(trial)
+        reality = drawn_reality(trial)
     y = _samples(trial, reality)
     until = 1.0 if estimate.hold_out is None else 1 / (1 + available.sum())
 
@@ -270,7 +287,7 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
         using.progress(what, 0.3 + 0.7 * (until + (1 - until) * share))
 
     watch = ring_watch(bench, trial.model, problem.steps)
-    bank = has_bank(problem.config)
+    bank = estimate.method.parameters == "bank" and problem.unknowns.free
     filtered = by_bank(trial, y, filtering) if bank else by_extended(trial, y, filtering, watch)
     mean = filtered.mean[:, 0]
     doubts = (*undistinguished(trial, mean), *unfollowed(trial, reality, mean, filtered.std[:, 0]))
@@ -284,19 +301,26 @@ def estimated(bench: Bench, other: Simulated | None, truths: BenchTruths | None,
     )
 
 
+NOISE = 1
+"""Last word of the seed of every run's noise; a trailing zero would be no word at all."""
+
+
 def _samples(trial: BenchTrial, reality: Reality) -> np.ndarray:
-    """What the filter is given (T, B, m), NaN of channels that it has not."""
-    problem, estimate = trial.problem, trial.problem.estimate
-    runs, starts, seed = estimate.runs, len(problem.unknowns.starts), problem.config.seed
-    noisy = estimate.truth.noise and not isinstance(estimate.measured, FromFile)
-    y = measurements(reality.readings[:, :, problem.among], trial.noise, runs, starts, seed, noisy)
-    if noisy and estimate.measured is None:
-        too_much = trial.offsets.drawn(problem.steps, runs, y.shape[2], seed)
-        if problem.errors and reality.q is not None:
-            too_much = too_much + misread(problem.bench, problem.used, problem.errors, reality.q, runs)
-        y += np.repeat(too_much, starts, axis=1)
+    """What the filter is given (T, B, m), NaN of channels that it has not: noise is drawn anew for every seed, the same for all
+    starts of one."""
+    problem, estimate, seed = trial.problem, trial.problem.estimate, trial.problem.config.seed
+    read, runs = reality.readings[:, :, problem.among], estimate.runs
+    shape = (problem.steps, runs, len(trial.noise))
+    y = np.broadcast_to(read, shape).copy()
+    if estimate.truth.noise and not isinstance(estimate.measured, FromFile):
+        draws = [np.random.default_rng((seed, run, NOISE)).standard_normal(shape[::2]) for run in range(runs)]
+        y += trial.noise * np.stack(draws, axis=1)
+        if estimate.measured is None:
+            y += trial.offsets.drawn(*shape, seed)
+            if problem.errors and reality.q is not None:
+                y += misread(problem.bench, problem.used, problem.errors, reality.q, runs)
     y[:, :, ~trial.available] = np.nan
-    return y
+    return np.repeat(y, len(problem.unknowns.starts), axis=1)
 
 
 def _given(problem: BenchProblem) -> np.ndarray:

@@ -5,11 +5,10 @@ bearings carry by the estimate, with σ.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from strainsight.config.bench.connections import BearingForce
 from strainsight.errors import ConfigError, NumericalError, UserError
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.model import StepModel
@@ -21,13 +20,14 @@ from strainsight.experiment.bench.bench import Bench
 from strainsight.experiment.bench.inverse.trial import BenchTrial
 from strainsight.experiment.filters_compared import filters_compared
 from strainsight.multibody.bearing.element import BallLoads, ball_loads
-from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
+from strainsight.multibody.bearing.geometry import PARAMETERS
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.inverse.parameters import ParameterCoordinates
 from strainsight.multibody.relations import relation_rows
 from strainsight.ordering import first_of_largest
 from strainsight.records.bench import BallsThen, RingEstimate
 from strainsight.records.estimated import BANK, EXTENDED, Compared
+from strainsight.records.record import record_from
 
 LARGEST = 1e9
 """Bytes that a smoother may keep of a filter."""
@@ -69,14 +69,9 @@ def smoothed_loads(model: AugmentedStep, whole: StepModel, run: FilterRun) -> Sm
     smoothed = smooth_first(whole, run)
     std = smoothed.std[:, 0, model.u]
     if model.corrected:
-        std[:, has_rates(model)] = np.nan
+        # smooth are those with more states than the load itself
+        std[:, np.diff(np.append(model.loads.first, model.loads.size)) > 1] = np.nan
     return SmoothedLoads(smoothed.mean[:, 0, model.u], std)
-
-
-def has_rates(model: AugmentedStep) -> np.ndarray:
-    """Which unknown loads (nu,) are smooth: those with more states than the load itself."""
-    ends = np.append(model.loads.first, model.loads.size)
-    return np.asarray(np.diff(ends) > 1)
 
 
 Progress = Callable[[float], None]
@@ -105,32 +100,19 @@ def per_channel(nis: np.ndarray, y: np.ndarray) -> np.ndarray:
     return np.asarray(nis / np.maximum(np.isfinite(y).sum(axis=2), 1))
 
 
-def by_extended(
-    trial: BenchTrial,
-    y: np.ndarray,
-    progress: Progress,
-    watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
-) -> FilteredRuns:
-    """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too. watch as of `filter_runs`."""
+Watch = Callable[[int, np.ndarray, np.ndarray], None]
+"""As of `filter_runs`: step, x (B, N) and P (B, N, N)."""
+
+
+def by_extended(trial: BenchTrial, y: np.ndarray, progress: Progress, watch: Watch | None = None) -> FilteredRuns:
+    """All runs at once on y (T, B, m); that other forms of the update diverge is a result, too."""
     keep, notes = keep_for(trial.model, len(y))
     D, o = trial.installed
     if errors := D.shape[1]:
         keep = "all"
         _refuse_large(trial, y)
-    size = trial.model.size
-
-    def watched(k: int, x: np.ndarray, P: np.ndarray) -> None:
-        assert watch is not None
-        watch(k, x[:, :size], P[:, :size, :size])
-
-    run = _filter(
-        trial,
-        y,
-        progress=lambda k: progress(k / len(y)),
-        watch=None if watch is None else watched,
-        keep=keep,
-        refuse=trial.problem.estimate.method.update == "iterated",
-    )
+    refuse = trial.problem.estimate.method.update == "iterated"
+    run = _filter(trial, y, refuse=refuse, progress=lambda k: progress(k / len(y)), watch=watch, keep=keep)
     smoothed = smoothed_loads(trial.model, trial.offsets.model(trial.model), run)
     std, joint = run.std, run.unknown_covariance
     if errors:
@@ -206,7 +188,7 @@ def by_bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRun
     def progress_of(run: int) -> Progress:
         return lambda share: progress((run + share) / runs)
 
-    banks = [_bank(trial, run, y[:, run], progress_of(run)) for run in range(runs)]
+    banks = [_bank(trial.of_runs(slice(run, run + 1)), y[:, run], progress_of(run)) for run in range(runs)]
     mean, std, joint, nis = (
         np.stack([getattr(bank, key) for bank in banks], axis=1) for key in ("mean", "std", "joint", "nis")
     )
@@ -214,84 +196,71 @@ def by_bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> FilteredRun
         # a mean of states that the joints allow is none itself, by the square of what they differ
         states[:] = trial.offsets.projected(trial.model)(states, k)
     nis, lost = per_channel(nis, y), np.full(runs, -1)
-    return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, banks[0]), notes=_notes(banks))
+    notes: tuple[str, ...] = ()
+    if without := sum(bank.without for bank in banks):
+        tried = sum(len(bank.weight) for bank in banks)
+        notes = (
+            f"{without} of {tried} points of the parameters have no weight: filters there diverged or found no start",
+        )
+    return FilteredRuns(mean, std, joint, nis, lost, _compared(trial, y, banks[0]), notes=notes)
 
 
 def _filter(
     trial: BenchTrial,
     y: np.ndarray,
-    model: AugmentedStep | None = None,
     start: tuple[np.ndarray, np.ndarray] | None = None,
-    progress: Callable[[int], None] | None = None,
-    watch: Callable[[int, np.ndarray, np.ndarray], None] | None = None,
-    keep: Keep = "mean",
     *,
     refuse: bool,
+    progress: Callable[[int], None] | None = None,
+    watch: Watch | None = None,
+    keep: Keep = "mean",
 ) -> FilterRun:
-    """model and start x, P: by default those of the trial."""
-    offsets, method, model = trial.offsets, trial.problem.estimate.method, trial.model if model is None else model
-    x, P = start or (trial.start, trial.covariance)
+    """start x, P: by default that of the trial."""
+    offsets, method = trial.offsets, trial.problem.estimate.method
     once = method.update in ("one_shot", "as_printed")
-    stays = method.update == "as_printed"
     return filter_runs(
-        offsets.model(model),
-        x,
-        P,
+        offsets.model(trial.model),
+        *(start or (trial.start, trial.covariance)),
         y,
         keep,
         form="square_root",  # Joseph's loses digits where noise is small, and with them the sign of P
         iterations=1 if once else method.iterations,
         through_step=not once,
         damped=method.update != "undamped",
-        project=None if stays else offsets.projected(model),
+        project=None if method.update == "as_printed" else offsets.projected(trial.model),
         progress=progress,
         watch=watch,
         refuse=refuse,
     )
 
 
-def _of_run(model: AugmentedStep, run: int) -> AugmentedStep:
-    """With the offsets of one run alone, and nothing that was remembered."""
-    return replace(model, offset=model.offset[run : run + 1])
-
-
-def _bank(trial: BenchTrial, run: int, y: np.ndarray, progress: Progress) -> StepBankRun:
+def _bank(trial: BenchTrial, y: np.ndarray, progress: Progress) -> StepBankRun:
     """On the samples y (T, m) of one run."""
 
     def filters(x: np.ndarray, P: np.ndarray, samples: np.ndarray) -> FilterRun:
-        each = np.repeat(samples[:, None], len(x), axis=1)
-        return _filter(trial, each, _of_run(trial.model, run), (x, P), refuse=False)
+        return _filter(trial, np.repeat(samples[:, None], len(x), axis=1), (x, P), refuse=False)
 
     model = trial.model
-    bank = StepBank(trial.start[run], trial.covariance[run], model.xi, model.position, trial.begin, filters)
+    bank = StepBank(trial.start[0], trial.covariance[0], model.xi, model.position, trial.begin, filters)
     return filter_constants(bank, y, progress=lambda k: progress(k / len(y)))
 
 
 def _compared(trial: BenchTrial, y: np.ndarray, bank: StepBankRun) -> Compared:
     """Every parameter at the end of the first run; NaN of an extended filter that diverges."""
-    unknowns, at, model = trial.problem.unknowns, trial.model.xi, _of_run(trial.model, 0)
+    unknowns, at, model = trial.problem.unknowns, trial.model.xi, trial.model
     p, k = model.coordinates.size, len(unknowns.inputs)
     try:
-        extended = _filter(trial, y[:, :1], model, (trial.start[:1], trial.covariance[:1]), refuse=True)
+        extended = _filter(trial.of_runs(slice(1)), y[:, :1], refuse=True)
         moments = extended.mean[-1, 0, at], extended.last[0, at, at]
     except NumericalError:
         moments = np.full(p, np.nan), np.full((p, p), np.nan)
     both = (bank.mean[-1, at], bank.joint[-1, k:, k:]), moments
-    places = [model.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
-    value, std = np.full((2, len(both), len(places)), np.nan)
+    value, std = np.full((2, len(both), p), np.nan)
     for i, (xi, P) in enumerate(both):
         if np.isfinite(xi).all():
-            theta, slopes = model.coordinates.theta(xi)
-            value[i], std[i] = theta[places], np.sqrt(np.einsum("ij,jk,ik->i", slopes[places], P, slopes[places]))
+            value[i], std[i] = model.coordinates.with_std(xi, P)
     ends = np.array([(xi, np.sqrt(np.diagonal(P))) for xi, P in both])
     return filters_compared((BANK, EXTENDED), unknowns.free, ends, value, std)
-
-
-def _notes(banks: list[StepBankRun]) -> tuple[str, ...]:
-    without, points = (sum(each) for each in zip(*((bank.without, len(bank.weight)) for bank in banks), strict=True))
-    if not without:
-        return ()
-    return (f"{without} of {points} points of the parameters have no weight: filters there diverged or found no start",)
 
 
 INSTANTS = 100
@@ -301,82 +270,64 @@ Carried = Callable[[np.ndarray], BallLoads]
 """(d, ξ) (5 + p,), five displacements of the inner ring and the parameters → what the balls carry."""
 
 
-@dataclass(eq=False)
+@dataclass(frozen=True)
 class RingWatch:
     """Gathers, of the first run of a filter, the displacements d = ρ(q) of every bearing with the parameters ξ, and their
     covariance J P Jᵀ, J = [∇ρ on q, 1 on ξ].
 
-    mean (T + 1, 5 + p), covariance (T + 1, 5 + p, 5 + p) by the name of the force.
+    rows of every bearing, by the name of its force; mean (T + 1, 5 + p), covariance (T + 1, 5 + p, 5 + p) by that name.
     """
 
     model: AugmentedStep
     rows: Mapping[str, slice]
-    steps: int
-    mean: dict[str, np.ndarray] = field(default_factory=dict)
-    covariance: dict[str, np.ndarray] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        k = 5 + self.model.coordinates.size
-        for name in self.rows:
-            self.mean[name] = np.full((self.steps + 1, k), np.nan)
-            self.covariance[name] = np.full((self.steps + 1, k, k), np.nan)
+    mean: Mapping[str, np.ndarray]
+    covariance: Mapping[str, np.ndarray]
 
     def __call__(self, k: int, x: np.ndarray, P: np.ndarray) -> None:
-        first = x[0]
-        if not np.isfinite(first).all():
+        model, p, x, P = self.model, self.model.coordinates.size, x[0], P[0]
+        if not np.isfinite(x).all():
             return
-        model, p = self.model, self.model.coordinates.size
-        rho, G, *_ = relation_rows(model.system.products, first[model.q], first[model.v])
+        rho, G, *_ = relation_rows(model.system.products, x[model.q], x[model.v])
         for name, rows in self.rows.items():
-            J = np.zeros((5 + p, model.size))
+            J = np.zeros((5 + p, len(x)))
             # one that takes from motion feels its turn, too
             J[:5, model.q], J[5:, model.xi] = G[rows][:5], np.eye(p)
-            self.mean[name][k] = np.concatenate([rho[rows][:5], first[model.xi]])
-            self.covariance[name][k] = J @ P[0] @ J.T
+            self.mean[name][k] = np.concatenate([rho[rows][:5], x[model.xi]])
+            self.covariance[name][k] = J @ P @ J.T
 
 
 def ring_watch(bench: Bench, model: AugmentedStep, steps: int) -> RingWatch:
-    """Of all bearings of the bench."""
-    elements = bench.system.elements
-    rows = {e.force.name: e.rows for e in elements if isinstance(bench.config.forces[e.force.name], BearingForce)}
-    return RingWatch(model, rows, steps)
+    """Of all bearings of the bench, in so many steps."""
+    k, rows = 5 + model.coordinates.size, {name: element.rows for name, (element, _) in bench.rings.items()}
+    mean = {name: np.full((steps + 1, k), np.nan) for name in rows}
+    return RingWatch(model, rows, mean, {name: np.full((steps + 1, k, k), np.nan) for name in rows})
 
 
 def rings_estimated(bench: Bench, watch: RingWatch) -> dict[str, RingEstimate]:
     """Every bearing by the estimate; none of one whose run diverged."""
-    time = watch.model.h * np.arange(watch.steps + 1)
-    rings = {}
-    for name, mean in watch.mean.items():
-        if np.isfinite(mean).all():
-            carried = _carried(bench, watch.model.coordinates, name)
-            rings[name] = _ring(time, mean, watch.covariance[name], carried)
-    return rings
+    coordinates, h = watch.model.coordinates, watch.model.h
+    return {
+        name: _ring(h * np.arange(len(mean)), mean, watch.covariance[name], _carried(bench, coordinates, name))
+        for name, mean in watch.mean.items()
+        if np.isfinite(mean).all()
+    }
 
 
 def _ring(time: np.ndarray, mean: np.ndarray, covariance: np.ndarray, carried: Carried) -> RingEstimate:
     at = np.unique(np.linspace(0, len(time) - 1, min(INSTANTS, len(time))).round().astype(int))
     balls = [carried(mean[k]) for k in at]
+    spreads = [spread(mean[k], covariance[k], carried) for k in at]
     pressure = np.array([ball.pressure.max() for ball in balls])
-    std = np.empty(len(at))
-    for i, k in enumerate(at):
-        where = np.unravel_index(np.argmax(balls[i].pressure), balls[i].pressure.shape)
-        std[i] = spread(mean[k], covariance[k], carried)[1][where]
+    pressure_std = [std.flat[np.argmax(ball.pressure)] for ball, (_, std) in zip(balls, spreads, strict=True)]
     worst = first_of_largest(pressure)
-    force_std, pressure_std = spread(mean[at[worst]], covariance[at[worst]], carried)
+    then = {"force_std": spreads[worst][0], "pressure_std": spreads[worst][1], "station": balls[worst].angle}
     return RingEstimate(
         displacement=mean[:, :5],
         std=np.sqrt(np.maximum(np.diagonal(covariance, axis1=1, axis2=2)[:, :5], 0.0)),
         instants=time[at],
         pressure=pressure,
-        pressure_std=std,
-        worst=BallsThen(
-            time=float(time[at[worst]]),
-            station=balls[worst].angle,
-            force=balls[worst].force,
-            force_std=force_std,
-            pressure=balls[worst].pressure,
-            pressure_std=pressure_std,
-        ),
+        pressure_std=np.array(pressure_std),
+        worst=record_from(BallsThen, balls[worst], time=float(time[at[worst]]), **then),
     )
 
 
@@ -402,10 +353,7 @@ def spread(mean: np.ndarray, covariance: np.ndarray, carried: Carried) -> tuple[
 
 def _carried(bench: Bench, coordinates: ParameterCoordinates, name: str) -> Carried:
     """Of one bearing, with the parameters of it that are free."""
-    stated = bench.config.forces[name]
-    assert isinstance(stated, BearingForce)
-    bearing: Bearing = bench.bearings[stated.bearing]
-    element = next(e for e in bench.system.elements if e.force.name == name)
+    element, bearing = bench.rings[name]
     properties = [bench.system.parameters[at].split(".")[-1] for at in element.parameters]
     places = [PARAMETERS.index(key) for key in properties]
 

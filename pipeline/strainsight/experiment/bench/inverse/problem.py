@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
-from strainsight.config.bench.connections import Driven, Load
-from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter
+from strainsight.config.bench.connections import Load
+from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.config.loads import SineSection
 from strainsight.errors import NumericalError, UserError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
@@ -50,21 +50,9 @@ class BenchUnknowns:
     coordinates: ParameterCoordinates
 
 
-def asked(config: BenchConfig) -> BenchEstimateSection:
-    """The section `estimate`, which is there where something is estimated."""
-    assert config.estimate is not None
-    return config.estimate
-
-
-def has_bank(config: BenchConfig) -> bool:
-    """Whether a bank has the parameters; without any there is nothing for it."""
-    estimate = asked(config)
-    return estimate.method.parameters == "bank" and any(entry.std is not None for entry in estimate.parameters.values())
-
-
 def corrects(config: BenchConfig) -> bool:
     """Whether the filter allows for what its step leaves out: as in a test, unless the truth is made by that very step."""
-    estimate = asked(config)
+    estimate = config.estimator
     by_own_step = estimate.measured is None and estimate.truth.model == "own"
     return corrects_in_a_test(config) and (estimate.method.step_error is not None or not by_own_step)
 
@@ -72,21 +60,10 @@ def corrects(config: BenchConfig) -> bool:
 def corrects_in_a_test(config: BenchConfig) -> bool:
     """The same where the bench itself moves: where it is asked to, else unless step or noise are the thesis's, which takes the
     step for true, or a joint is driven: along the motions that a drive leaves the bench is not linear in a step."""
-    stated, printed = asked(config).method.step_error, asked(config).method.noise == "as_printed"
+    stated, printed = config.estimator.method.step_error, config.estimator.method.noise == "as_printed"
     if stated is not None or printed:
         return stated == "estimated"
-    return config.simulate.method == "second_order" and not has_drives(config)
-
-
-def has_drives(config: BenchConfig) -> bool:
-    return any(isinstance(joint, Driven) for joint in config.joints.values())
-
-
-def has_other_poses(config: BenchConfig) -> bool:
-    """Whether drives, or gravity that turns, take the bench from where it starts."""
-    return has_drives(config) or any(
-        force.type == "gravity" and force.turns is not None for force in config.forces.values()
-    )
+    return config.simulate.method == "second_order" and not config.driven
 
 
 def free_properties(estimate: BenchEstimateSection) -> dict[str, tuple[str, ...]]:
@@ -100,84 +77,75 @@ def free_properties(estimate: BenchEstimateSection) -> dict[str, tuple[str, ...]
 
 def parameter_units(config: BenchConfig, names: Iterable[str]) -> dict[str, str]:
     """Pa of a modulus, m of what a bearing has."""
-    return {name: "Pa" if asked(config).parameters[name].bearing is None else "m" for name in names}
+    return {name: "Pa" if config.estimator.parameters[name].bearing is None else "m" for name in names}
 
 
 def unknowns_of(bench: Bench, h: float) -> BenchUnknowns:
     """What the config's `estimate` says, h [s] the filter's step: σ a step is σ a second times h where it asks for that."""
-    config, system, estimate = bench.config, bench.system, asked(bench.config)
+    config, system, estimate = bench.config, bench.system, bench.config.estimator
     a_step = h if estimate.increments == "second" else 1.0
-    entries = list(estimate.inputs.values())
-    places = {name: _system_name(name, entry) for name, entry in estimate.parameters.items()}
+    places = {
+        name: name if entry.bearing is None else f"{entry.bearing}.{entry.property}"
+        for name, entry in estimate.parameters.items()
+    }
     theta = bench.theta.copy()
     for name, entry in estimate.parameters.items():
         if entry.guess is not None:
             theta[system.parameters.index(places[name])] = entry.guess
     std = {name: entry.std for name, entry in estimate.parameters.items() if entry.std is not None}
-    free = tuple(std)
     starts = [theta]
-    for name in free:
+    for name in std:
         for value in estimate.parameters[name].starts:
             starts.append(theta.copy())
             starts[-1][system.parameters.index(places[name])] = value
     with blame("estimate.parameters"):
-        coordinates = parameter_coordinates(
-            system.parameters,
-            [places[name] for name in free],
-            theta,
-            {name: bearing.parameters for name, bearing in bench.bearings.items()},
-        )
+        sizes = {name: bearing.parameters for name, bearing in bench.bearings.items()}
+        coordinates = parameter_coordinates(system.parameters, [places[name] for name in std], theta, sizes)
         for start in starts:
             coordinates.xi(start)
+    increments = increments_of(config, h)
     return BenchUnknowns(
         np.array([system.inputs.index(name) for name in estimate.inputs], dtype=int),
-        np.array([entry.std for entry in entries]),
-        increments_of(config, h),
-        load_process_of(config, h),
+        np.array([entry.std for entry in estimate.inputs.values()]),
+        increments,
+        load_process_of(config, increments, h),
         places,
-        free,
+        tuple(std),
         np.array(starts),
         np.array(list(std.values()), dtype=float),
-        np.array([estimate.parameters[name].increment * a_step for name in free]),
+        np.array([estimate.parameters[name].increment * a_step for name in std]),
         coordinates,
     )
 
 
-def _system_name(name: str, entry: EstimatedParameter) -> str:
-    return name if entry.bearing is None else f"{entry.bearing}.{entry.property}"
-
-
-def load_process_of(config: BenchConfig, h: float) -> LoadProcess:
-    """Of all unknown loads in their order, in steps of h [s]."""
+def load_process_of(config: BenchConfig, increments: np.ndarray, h: float) -> LoadProcess:
+    """Of all unknown loads in their order, in steps of h [s]; increments of `increments_of`."""
     models, amplitudes = [], []
-    for name, entry in asked(config).inputs.items():
-        walks = entry.model == "random_walk"
-        frequency, amplitude = (1.0, 1.0) if walks else typical_of(config, name)
+    for name, entry in config.estimator.inputs.items():
+        frequency, amplitude = (1.0, 1.0) if entry.model == "random_walk" else typical_of(config, name)
         models.append(input_model(entry.model, frequency, entry.kappa, entry.smoothness, entry.damping))
         amplitudes.append(amplitude)
-    return load_process(models, np.array(amplitudes), increments_of(config, h), h)
+    return load_process(models, np.array(amplitudes), increments, h)
 
 
 def increments_of(config: BenchConfig, h: float) -> np.ndarray:
     """σ (nu,) of the change of every unknown load in a step of h [s] [N, N m]: as stated; of a walk that states none a √(κωh), of
     the other models about aωh, at most a."""
-    estimate, increments = asked(config), []
+    estimate, increments = config.estimator, []
     for name, entry in estimate.inputs.items():
         if entry.increment is not None:
             increments.append(entry.increment * (h if estimate.increments == "second" else 1.0))
             continue
         frequency, amplitude = typical_of(config, name)
         turned = 2 * np.pi * frequency * h
-        if entry.model == "random_walk":
-            increments.append(amplitude * float(np.sqrt((WALK if entry.kappa is None else entry.kappa) * turned)))
-        else:
-            increments.append(amplitude * min(1.0, turned))
+        walked = float(np.sqrt((WALK if entry.kappa is None else entry.kappa) * turned))
+        increments.append(amplitude * (walked if entry.model == "random_walk" else min(1.0, turned)))
     return np.array(increments)
 
 
 def typical_of(config: BenchConfig, name: str) -> tuple[float, float]:
     """Frequency [Hz] and amplitude [N, N m] of an unknown load: as stated, else of the sine that its history is."""
-    entry, force = asked(config).inputs[name], config.forces[name]
+    entry, force = config.estimator.inputs[name], config.forces[name]
     assert isinstance(force, Load)
     sine = force.signal if isinstance(force.signal, SineSection) else None
     frequency = entry.frequency or (None if sine is None else sine.frequency)
@@ -215,7 +183,7 @@ class BenchProblem:
 
     @property
     def estimate(self) -> BenchEstimateSection:
-        return asked(self.config)
+        return self.config.estimator
 
     @property
     def steps(self) -> int:
@@ -240,20 +208,18 @@ class BenchProblem:
 
 def problem_of(bench: Bench, files: Mapping[str, Path]) -> BenchProblem:
     """As `estimate` asks; the bench with its free properties as parameters."""
-    config, estimate = bench.config, asked(bench.config)
-    sensors = sensors_of(bench)
+    config, estimate, h = bench.config, bench.config.estimator, bench.config.filter_step
+    sensors, unknowns = sensors_of(bench), unknowns_of(bench, h)
     used = some_of(bench, sensors, list(estimate.sensors))
-    errors = toleranced(bench, used)
-    h = estimate.time_step or config.simulate.time_step
-    unknowns = unknowns_of(bench, h)
     loads, drives = loads_of(bench, files), drives_of(bench, files)
-    known = loads(h * np.arange(round((estimate.duration or config.simulate.duration) / h) + 1))
+    known = loads(h * np.arange(round(config.filter_duration / h) + 1))
     refuse_spun(bench, known, "estimate")
     zeroing = known[0].copy()
     heaviest = known[first_of_largest(np.linalg.norm(known / np.maximum(np.abs(known).max(axis=0), 1e-300), axis=1))]
     for column, name in zip(unknowns.inputs, estimate.inputs, strict=True):
         guess = estimate.inputs[name].guess
         known[:, column] = known[0, column] if guess is None else guess
+    errors = toleranced(bench, used)
     return BenchProblem(bench, sensors, used, errors, unknowns, h, loads, drives, known, heaviest, zeroing)
 
 
@@ -291,19 +257,16 @@ def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, n
     """
     bench, unknowns = problem.bench, problem.unknowns
     free = [i for i, entry in enumerate(problem.estimate.inputs.values()) if entry.guess is None]
-    measured = np.isfinite(first)
-    columns, theta = unknowns.inputs[free], unknowns.starts[0]
+    measured, columns = np.isfinite(first), unknowns.inputs[free]
+    std, theta = unknowns.std_u[free], unknowns.starts[0]
 
     def misfit(u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """What is to be explained by a change of the loads, and its slopes."""
         q, v = start_of(bench.at(theta), u)
         by_u, _ = static_response(bench.system, q, u, theta)
         read, H, _ = problem.used.readings.read(q, v, at_rest(bench.system, u))
-        r = np.concatenate([((first - read) / noise)[measured], (guess - u)[columns] / unknowns.std_u[free]])
-        slopes = np.concatenate(
-            [((H @ by_u[:, columns]) / noise[:, None])[measured], np.diag(1 / unknowns.std_u[free])]
-        )
-        return r, slopes
+        r = np.append(((first - read) / noise)[measured], (guess - u)[columns] / std)
+        return r, np.vstack([((H @ by_u[:, columns]) / noise[:, None])[measured], np.diag(1 / std)])
 
     u = guess.copy()
     if not free:
@@ -312,7 +275,7 @@ def loads_at_rest(problem: BenchProblem, guess: np.ndarray, first: np.ndarray, n
         r, slopes = misfit(u)
     for _ in range(FITS):
         du = np.linalg.lstsq(slopes, r, rcond=None)[0]
-        if np.all(np.abs(du) < SETTLED * unknowns.std_u[free]):
+        if np.all(np.abs(du) < SETTLED * std):
             u[columns] += du
             break
         for halvings in range(HALVINGS):
@@ -341,7 +304,6 @@ def moved_at_rest(problem: BenchProblem, under: tuple[np.ndarray, ...]) -> tuple
         return most, unsolved
     theta = unknowns.starts[0]
     std = np.maximum(np.append(unknowns.std_u, unknowns.std), np.append(unknowns.increment_u, unknowns.increment))
-    free = [bench.system.parameters.index(unknowns.parameters[name]) for name in unknowns.free]
     for i, u in enumerate(under):
         try:
             with blame("estimate"):
@@ -352,6 +314,6 @@ def moved_at_rest(problem: BenchProblem, under: tuple[np.ndarray, ...]) -> tuple
                 raise
             unsolved = error if isinstance(error, NumericalError) else unsolved
             continue  # loads that rest cannot carry say nothing
-        response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, free]], axis=1)
+        response = np.concatenate([by_u[:, unknowns.inputs], by_theta[:, unknowns.coordinates.free]], axis=1)
         most = np.maximum(most, np.abs(channels.read(q, v, at_rest(bench.system, u))[1] @ response) * std)
     return most, unsolved

@@ -13,12 +13,11 @@ from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.errors import ConfigError, NumericalError, UserError, blame
 from strainsight.estimation.model import StepModel
 from strainsight.estimation.reduced import Biased, bordered
-from strainsight.experiment.bench.bench import Bench, start_of
+from strainsight.experiment.bench.bench import start_of
 from strainsight.experiment.bench.inverse.problem import (
     BenchProblem,
     corrects,
     free_zero,
-    has_other_poses,
     loads_at_rest,
     moved_at_rest,
     zero_of,
@@ -126,11 +125,10 @@ class BenchTrial:
             x[i, model.xi] = values
         return self.offsets.behind(x, P)
 
-    def of_seeds(self) -> BenchTrial:
-        """With the first start of every seed."""
-        first = slice(None, None, len(self.problem.unknowns.starts))
-        model = replace(self.model, offset=self.model.offset[first])
-        return replace(self, model=model, start=self.start[first], covariance=self.covariance[first])
+    def of_runs(self, runs: slice) -> BenchTrial:
+        """With these runs alone, and nothing that was remembered."""
+        model = replace(self.model, offset=self.model.offset[runs])
+        return replace(self, model=model, start=self.start[runs], covariance=self.covariance[runs])
 
 
 def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | None, available: np.ndarray) -> BenchTrial:
@@ -142,12 +140,15 @@ def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | Non
     """
     config, estimate, bench, unknowns = problem.config, problem.estimate, problem.bench, problem.unknowns
     used, errors, guess, runs = problem.used, problem.errors, problem.known[0].copy(), problem.estimate.runs
+    rates = np.abs(problem.known[:, bench.system.drives.rates])
+    # no drive moves at the start, beside how it moves later
+    still = bool(np.all(rates[0] <= STILL * rates.max(axis=0, initial=0.0)))
     model = AugmentedStep(
         bench.system, used.readings, np.zeros(len(largest)), config.simulate.method,
         problem.known, unknowns.inputs, unknowns.loads, unknowns.coordinates,
         white_force(bench.system, estimate.disturbance),
         unknowns.coordinates.covariance(unknowns.starts[0], unknowns.increment), np.zeros(len(largest)),
-        rest=config.simulate.start == "equilibrium" and _begins_at_rest(bench, problem.known),
+        rest=config.simulate.start == "equilibrium" and still,
         corrected=corrects(config), printed=estimate.method.noise == "as_printed",
         second=problem.drives(problem.time)[:, 2].T,
     )  # fmt: skip
@@ -165,24 +166,15 @@ def trial_of(problem: BenchProblem, largest: np.ndarray, first: np.ndarray | Non
         first = np.where(available, first, np.nan)
         first[offsets.at] = np.nan  # what it reads too much would be taken for a load
         guess = loads_at_rest(problem, guess, first, noise)
-    states, covariances, zeros = [], [], []
-    for theta in unknowns.starts:
-        x, P = _start(problem, model, guess, theta, unknowns.std)
-        states.append(x)
-        covariances.append(P)
-        zeros.append(zero_of(problem, used, theta))
+    begins = [_start(problem, model, guess, theta, unknowns.std) for theta in unknowns.starts]
+    states, covariances = zip(*begins, strict=True)
+    zeros = [zero_of(problem, used, theta) for theta in unknowns.starts]
     zero = free_zero(problem, used)
     if zero is not None:
         model, zeros = replace(model, zero=zero), [np.zeros(len(largest))] * len(states)
     model = replace(model, offset=np.tile(zeros, (runs, 1)), R=noise**2)
     start, covariance = offsets.behind(np.tile(states, (runs, 1)), np.tile(covariances, (runs, 1, 1)))
     return BenchTrial(problem, available, model, start, covariance, guess, noise, offsets, installed, notes)
-
-
-def _begins_at_rest(bench: Bench, known: np.ndarray) -> bool:
-    """Whether no drive moves at the start, beside how it moves later."""
-    rates = np.abs(known[:, bench.system.drives.rates])
-    return bool(np.all(rates[0] <= STILL * rates.max(axis=0, initial=0.0)))
 
 
 def _start(
@@ -212,9 +204,12 @@ def _noise(
             continue
         low, high = float(stated[raised].min()), float(least[part][raised].max())
         if low > 0 and high > FAR * low:
-            raise _too_quiet(
-                f"estimate.sensors.{name}.noise", low, float(moved[part].max()), float(largest[part].max())
+            key, by_unknown, read = (
+                f"estimate.sensors.{name}.noise",
+                float(moved[part].max()),
+                float(largest[part].max()),
             )
+            raise _too_quiet(key, low, by_unknown, read)
         notes.append(
             f"the noise of {name} is raised from {low:.3g} to {high:.3g}, below which a filter only explains rounding"
         )
@@ -223,16 +218,15 @@ def _noise(
 
 def _too_quiet(key: str, noise: float, moved: float, largest: float) -> ConfigError:
     """The error for a stated noise far below what rounding leaves of the reading, of what an unknown moves it by, or of none."""
-    if max(SPAN * moved, FLOOR * largest) < NOTHING:
-        what, remedy = f"{noise:g} is less than {NOTHING:g}, the least of a channel", "take larger loads and noises"
-        return ConfigError(what, key=key, remedy=remedy)
-    by_unknown = SPAN * moved >= FLOOR * largest
-    what, reach = ("one σ of an unknown moves it by", moved) if by_unknown else ("it reads up to", largest)
-    return ConfigError(
-        f"{what} {reach:.3g}, {reach / noise:.1e} times its noise of {noise:g}: more digits than a number has",
-        key=key,
-        remedy=f"check the units of {'guesses, std and increments' if by_unknown else 'the loads'}, or take smaller ones",
-    )
+    what, remedy = f"{noise:g} is less than {NOTHING:g}, the least of a channel", "take larger loads and noises"
+    if max(SPAN * moved, FLOOR * largest) >= NOTHING:
+        by_unknown = SPAN * moved >= FLOOR * largest
+        what, reach = ("one σ of an unknown moves it by", moved) if by_unknown else ("it reads up to", largest)
+        what = f"{what} {reach:.3g}, {reach / noise:.1e} times its noise of {noise:g}: more digits than a number has"
+        remedy = (
+            f"check the units of {'guesses, std and increments' if by_unknown else 'the loads'}, or take smaller ones"
+        )
+    return ConfigError(what, key=key, remedy=remedy)
 
 
 def _felt(
@@ -251,7 +245,8 @@ def _felt(
         isinstance(sensor, AccelerationSensor) or (isinstance(sensor, MotionSensor) and sensor.quantity == "velocity")
         for sensor in sensors
     )
-    if config.simulate.start != "equilibrium" or moving or has_other_poses(config):
+    turning = any(force.type == "gravity" and force.turns is not None for force in config.forces.values())
+    if config.simulate.start != "equilibrium" or moving or config.driven or turning:
         return ()
     moved = np.where(available[:, None], moved, 0.0)
     names = [f"inputs.{name}" for name in estimate.inputs] + [f"parameters.{name}" for name in unknowns.free]

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
-from strainsight.config.bench.bench import AccelerationSensor, MotionSensor, RelativeSensor, Sensor
+from strainsight.config.bench.bench import units_of
 from strainsight.config.bench.estimate import BenchTruth, FromFile, FromRun
 from strainsight.config.estimate import Channel
 from strainsight.errors import ConfigError, NumericalError, blame, did_you_mean
@@ -17,19 +18,24 @@ from strainsight.experiment.bench.bench import Bench, start_of
 from strainsight.experiment.bench.inverse.problem import BenchProblem
 from strainsight.experiment.bench.inverse.trial import BenchTrial
 from strainsight.experiment.bench.loads import load_units, loads_of
-from strainsight.experiment.bench.sensors import MOTION_UNITS, instants_of, read_in_time, unit_of
+from strainsight.experiment.bench.sensors import instants_of, read_in_time, unit_of
 from strainsight.experiment.recorded import signals_of
-from strainsight.experiment.resources import Resources
+from strainsight.experiment.resources import Resources, of_steps
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.simulate import simulate, simulate_radau
 from strainsight.records import record
 from strainsight.records.bench import BenchTruths, Simulated
 
 SECTION = "estimate.measured"
-QUANTITY = {"position": "displacement", "velocity": "velocity"}
-"""Of a motion; of the direction of an axis a ratio."""
-NOISE = 1
-"""Last word of the seed of every run's noise; a trailing zero would be no word at all."""
+QUANTITY = {
+    "m": "displacement",
+    "m/s": "velocity",
+    "m/s²": "acceleration",
+    "rad": "angle",
+    "strain": "strain",
+    "1": "ratio",
+}
+"""Unit of a component → what a channel of a file has to be of."""
 DRAWN = 2
 """Last word of the seed of every drawn truth."""
 FEW = 1e-6
@@ -53,54 +59,44 @@ class Reality:
 
 
 def reality_of(
-    problem: BenchProblem,
-    measured_there: Simulated | None,
-    truths: BenchTruths | None,
-    files: Mapping[str, Path],
-    progress: Callable[[float], None],
+    problem: BenchProblem, other: Simulated | None, truths: BenchTruths | None, using: Resources
 ) -> Reality | None:
     """As `estimate` asks: measured in a file or on the other bench, by another integrator (truths), or by the bench's steps,
-    finer or not; None of one that is drawn from the filter's own model (`walked`)."""
-    estimate = problem.estimate
-    if estimate.measured is not None:
-        return _measured(problem, measured_there, files)
+    finer or not; None of one that is drawn from the filter's own model (`drawn_reality`)."""
+    truth, measured = problem.estimate.truth, problem.estimate.measured
+    if isinstance(measured, FromFile):
+        read, done = from_file(problem, measured, using.files["estimate.measured.file"])
+        return _measured(problem, read, done=done)
+    if measured is not None:
+        assert other is not None
+        read, elsewhere = from_run(problem, measured, other)
+        return _measured(problem, read, elsewhere=elsewhere)
     if truths is not None:
         return _by_integrator(problem, truths)
-    if estimate.truth.model == "walk":
-        return None
-    return _simulated(problem, estimate.truth.substeps if estimate.truth.model == "fine" else 1, progress)
+    return None if truth.model == "walk" else _simulated(problem, truth.substeps if truth.model == "fine" else 1, using)
 
 
-def _measured(problem: BenchProblem, measured_there: Simulated | None, files: Mapping[str, Path]) -> Reality:
-    elsewhere: dict[str, np.ndarray] = {}
-    done: tuple[str, ...] = ()
-    if isinstance(problem.estimate.measured, FromFile):
-        read, done = from_file(problem, problem.estimate.measured, files["estimate.measured.file"])
-    else:
-        assert problem.estimate.measured is not None
-        assert measured_there is not None
-        read, elsewhere = from_run(problem, problem.estimate.measured, measured_there)
-    sensors, bench = problem.sensors, problem.bench
+def _measured(problem: BenchProblem, read: Mapping[str, np.ndarray], **more: Any) -> Reality:
+    """Of what sensors read at 0, h, … (T + 1, components); no load or parameter is known."""
+    sensors, system = problem.sensors, problem.bench.system
     readings = np.full((problem.steps, 1, len(sensors.zeroed)), np.nan)
     for name, values in read.items():
         readings[:, 0, sensors.channels[name]] = values[1:]
     first = np.concatenate([read[name][0] for name in problem.used.channels])
-    nowhere = np.full((problem.steps + 1, 1, len(bench.system.inputs)), np.nan)
-    unknown = np.full((1, len(bench.theta)), np.nan)
-    return Reality(nowhere, unknown, readings, first=first, elsewhere=elsewhere, done=done)
+    inputs = np.full((problem.steps + 1, 1, len(system.inputs)), np.nan)
+    return Reality(inputs, np.full((1, len(system.parameters)), np.nan), readings, first=first, **more)
 
 
-def _simulated(problem: BenchProblem, substeps: int, progress: Callable[[float], None]) -> Reality:
+def _simulated(problem: BenchProblem, substeps: int, using: Resources) -> Reality:
     """The bench with its own parameters, integrated with h/substeps."""
     bench, h, count = problem.bench, problem.h / substeps, problem.steps * substeps
     fine = h * np.arange(count + 1)
     u = problem.loads(fine)
     with blame("estimate.truth"):
-        q0, v0 = start_of(bench, u[0])
+        progress = of_steps(using.progress, "truth", count, share=0.3)
         run = simulate(
-            bench.system, q0, v0, u, h, bench.theta, problem.config.simulate.method,
-            lambda k: progress(k / count) if k % 50 == 0 else None,
-        )  # fmt: skip
+            bench.system, *start_of(bench, u[0]), u, h, bench.theta, problem.config.simulate.method, progress
+        )
     at = slice(None, None, substeps)
     return _as_read(problem, [(run.q[at], run.v[at], u[at])], problem.drives(fine[at])[:, 2].T)
 
@@ -130,7 +126,7 @@ def _as_read(
     return Reality(inputs, np.tile(bench.theta, (len(motions), 1)), read[1:], q)
 
 
-def walked(trial: BenchTrial) -> Reality:
+def drawn_reality(trial: BenchTrial) -> Reality:
     """Drawn truths; sensors that the filter has not are not read."""
     problem, runs = trial.problem, trial.problem.estimate.runs
     states = slice(trial.model.size)
@@ -167,11 +163,8 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
         if model.corrected or model.printed:
             process = model.process(k)
             within = square_factor(np.broadcast_to(process, (runs, *process.shape[-2:])))
-            x = model.projected(
-                x
-                + np.array([root @ draw.standard_normal(model.size) for root, draw in zip(within, draws, strict=True)]),
-                k + 1,
-            )
+            moved = [root @ draw.standard_normal(model.size) for root, draw in zip(within, draws, strict=True)]
+            x = model.projected(x + np.array(moved), k + 1)
         if not np.all(np.isfinite(x)):
             raise NumericalError(
                 f"a drawn truth cannot be stepped at {k * model.h:g} s",
@@ -181,17 +174,6 @@ def drawn(model: AugmentedStep, start: np.ndarray, P: np.ndarray, known: np.ndar
         readings[k] = model.measure(x, k)[0]
     theta = np.array([model.coordinates.theta(xi)[0] for xi in x[:, model.xi]])
     return Reality(inputs, theta, readings)
-
-
-def measurements(readings: np.ndarray, noise: np.ndarray, runs: int, starts: int, seed: int, noisy: bool) -> np.ndarray:
-    """What the filter is given (T, runs · starts, m): readings (T, 1 or runs, m), noise drawn anew for every run, the same for
-    all starts of one."""
-    steps, m = len(readings), len(noise)
-    y = np.broadcast_to(readings, (steps, runs, m)).copy()
-    if noisy:
-        for run in range(runs):
-            y[:, run] += noise * np.random.default_rng((seed, run, NOISE)).standard_normal((steps, m))
-    return np.repeat(y, starts, axis=1)
 
 
 def from_run(
@@ -221,48 +203,40 @@ def from_run(
     rows = every * np.arange(steps + 1)
     read = {}
     for name in dict.fromkeys((*problem.used.channels, *problem.sensors.channels)):
-        entry, channels = problem.config.sensors[name], problem.sensors.count(name)
-        wanted, used = settings.sensors.get(name, name), name in problem.used.channels
+        entry, channels, used = problem.config.sensors[name], problem.sensors.count(name), name in problem.used.channels
+        wanted = settings.sensors.get(name, name)
         if not used and name not in settings.sensors and wanted not in other.sensors:
             continue
         values = _there(other.sensors, "sensor", wanted, f"estimate.measured.sensors.{name}")
         unit = record.unit_of(other, "sensors", wanted)
-        if (unit, values.shape[1]) != (unit_of(entry), channels):
-            if not used:
-                continue
+        if (unit, values.shape[1]) == (unit_of(entry), channels):
+            read[name] = np.array(values[rows], dtype=float)
+            read[name][:, : 3 if units_of(entry)[0].startswith("m") else 0] *= settings.scale
+        elif used:
             raise ConfigError(
                 f"'{name}' has {channels} channels in {unit_of(entry)}, sensors/{wanted} there {values.shape[1]} in {unit}",
                 key="estimate.measured",
                 remedy="name a sensor of the same kind and size under estimate.measured.sensors",
             )
-        placed = isinstance(entry, MotionSensor) and entry.quantity in MOTION_UNITS
-        lengths = slice(3) if isinstance(entry, RelativeSensor | AccelerationSensor) or placed else slice(0)
-        read[name] = np.array(values[rows], dtype=float)
-        read[name][:, lengths] *= settings.scale
     loads = {}
     for name, load_unit in load_units(problem.config, problem.estimate.inputs).items():
         wanted = settings.inputs.get(name, name)
         if name not in settings.inputs and wanted not in other.inputs:
             continue
-        values = _there(other.inputs, "input", wanted, f"estimate.measured.inputs.{name}")
+        loads[name] = _there(other.inputs, "input", wanted, f"estimate.measured.inputs.{name}")[rows]
         if (unit := record.unit_of(other, "inputs", wanted)) != load_unit:
             raise ConfigError(
                 f"'{name}' is in {load_unit}, '{wanted}' there in {unit}",
                 key=f"estimate.measured.inputs.{name}",
                 remedy="name a load of the same kind",
             )
-        loads[name] = values[rows]
     return read, loads
 
 
 def _there(entries: Mapping[str, np.ndarray], kind: str, name: str, key: str) -> np.ndarray:
     if name not in entries:
-        listed = list(entries)
-        raise ConfigError(
-            f"that run has no {kind} '{name}'",
-            key=key,
-            remedy=did_you_mean(name, listed, f"it has {', '.join(listed)}"),
-        )
+        remedy = did_you_mean(name, list(entries), f"it has {', '.join(entries)}")
+        raise ConfigError(f"that run has no {kind} '{name}'", key=key, remedy=remedy)
     return entries[name]
 
 
@@ -294,7 +268,8 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
     read = {name: np.full((steps + 1, count), np.nan) for name, count in counts.items()}
     for (key, entry), quantity, values in zip(wanted.items(), signals.quantities, signals.values.T, strict=True):
         name, component = key.removeprefix(f"{SECTION}.channels.").rsplit(".", 1)
-        kind = _quantity(problem.config.sensors[name], int(component))
+        units = units_of(problem.config.sensors[name])
+        kind = QUANTITY[units[int(component) % len(units)]]
         if quantity != kind:
             raise ConfigError(
                 f"the channel is in {entry.unit}, {quantity}, but component {int(component) + 1} of {name} is of the kind {kind}",
@@ -307,15 +282,6 @@ def from_file(problem: BenchProblem, settings: FromFile, path: Path) -> tuple[di
     return read, (*signals.notes, *notes)
 
 
-def _quantity(sensor: Sensor, component: int) -> str:
-    """What a component is."""
-    if isinstance(sensor, RelativeSensor):
-        return "displacement" if component < 3 else "angle"
-    if isinstance(sensor, AccelerationSensor):
-        return "acceleration"
-    return QUANTITY.get(sensor.quantity, "ratio") if isinstance(sensor, MotionSensor) else "strain"
-
-
 BEGIN = 3
 """Last word of the seed by which instants of the histories are drawn."""
 
@@ -323,26 +289,24 @@ BEGIN = 3
 def truths_of(bench: Bench, truth: BenchTruth, duration: float, using: Resources) -> BenchTruths:
     """Histories r = 0, 1, … of u_r(t) = u(τ_r + t) + u(0) − u(τ_r), τ₀ = 0 and τ_r drawn evenly from [0, `within`]: all begin in
     the same state under the same loads."""
-    h, steps = truth.step, round(duration / truth.step)
+    h, steps, system = truth.step, round(duration / truth.step), bench.system
     begin = np.zeros(truth.histories)
     begin[1:] = np.random.default_rng((bench.config.seed, BEGIN)).uniform(0.0, truth.within, truth.histories - 1)
     # on the instants of the step, so that what is straight between samples is so in every step
     begin = h * np.round(begin / h)
-    time, loads = h * np.arange(steps + 1), loads_of(bench, using.files)
-    q, v = np.empty((2, steps + 1, truth.histories, bench.system.size))
-    u = np.empty((steps + 1, truth.histories, bench.system.drives.width))
+    time, loads, motions = h * np.arange(steps + 1), loads_of(bench, using.files), []
     first = loads(time[:1])[0]
+    every = [history + (first - history[0]) for history in (loads(instant + time) for instant in begin)]
     with blame("estimate.truth"):
-        q0, v0 = start_of(bench, first)
-        for r, instant in enumerate(begin):
-            history = loads(instant + time)
-            u[:, r] = history + (first - history[0])
-
-            def tell(k: int, r: int = r) -> None:
-                if k % 50 == 0:
-                    using.progress("truth", (r + k / steps) / len(begin))
-
-            run = simulate_radau(bench.system, q0, v0, u[:, r], h, bench.theta, tell)
-            q[:, r], v[:, r] = run.q, run.v
-    inputs = {name: u[:, :, i] for i, name in enumerate(bench.system.inputs)}
-    return BenchTruths(time=time, begin=begin, q=q, v=v, inputs=inputs)
+        start = start_of(bench, first)
+        for r, u in enumerate(every):
+            progress = of_steps(using.progress, "truth", steps * len(every), first=r * steps)
+            run = simulate_radau(system, *start, u, h, bench.theta, progress)
+            motions.append((run.q, run.v))
+    return BenchTruths(
+        time=time,
+        begin=begin,
+        q=np.stack([q for q, _ in motions], axis=1),
+        v=np.stack([v for _, v in motions], axis=1),
+        inputs={name: np.stack([u[:, i] for u in every], axis=1) for i, name in enumerate(system.inputs)},
+    )

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
 
+from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import BenchEstimateSection, FromFile
 from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.decision import (
@@ -28,12 +30,16 @@ from strainsight.estimation.decision import (
     out_of_range,
     without_sigma,
 )
-from strainsight.experiment.bench.inverse.comparison import BenchComparison, in_theta, smoothed_name
+from strainsight.experiment.bench.inverse.comparison import BenchComparison, compare, smoothed_name
 from strainsight.experiment.bench.inverse.estimation import BenchEstimation
-from strainsight.experiment.filters_compared import disagreements_in_words, ratios
-from strainsight.experiment.hold_out import hold_out_numbers
+from strainsight.experiment.bench.inverse.problem import parameter_units
+from strainsight.experiment.bench.loads import load_units
+from strainsight.experiment.bench.sensors import channel_units, dataset_units
+from strainsight.experiment.filters_compared import COMPARED, comparison_table, disagreements_in_words, ratios
+from strainsight.experiment.hold_out import hold_out_numbers, hold_out_table, misfits_in_words
 from strainsight.records.bench import BenchEstimated
-from strainsight.runner.output import Scalar, Table
+from strainsight.records.record import written
+from strainsight.runner.output import Output, Scalar, Table, warnings_table
 from strainsight.text import number
 
 HARDLY = 0.5
@@ -52,7 +58,7 @@ class Evidence:
     """What an estimate is judged by.
 
     estimation: with σ, whether or not that is withheld; numbers: the summary's; claims by unknown, where the truth is known;
-    beyond: parameters outside their ranges."""
+    beyond: parameters outside their ranges, whose σ and that of all others then say nothing."""
 
     estimation: BenchEstimation
     numbers: Mapping[str, Scalar]
@@ -66,10 +72,6 @@ class Evidence:
     @property
     def names(self) -> tuple[str, ...]:
         return self.estimation.problem.names
-
-    @property
-    def free(self) -> tuple[str, ...]:
-        return self.estimation.problem.unknowns.free
 
     @property
     def in_test(self) -> bool:
@@ -120,38 +122,37 @@ class Evidence:
             LOST: self.numbers.get(f"identified.{name}") is False,
             OVERCONFIDENT: claim is not None and claim.overconfident,
             CONTRADICTED: name in self.against,
-            WEAK: name in self.estimate.inputs and self._share(name) > HARDLY,
+            WEAK: self._share(name) > HARDLY,
         }
         sound = claim.verdict if claim is not None else BORNE_OUT if self.left_out else UNTESTED
         return next((word for word, holds in applies.items() if holds), sound)
 
-    def overconfident(self) -> Iterator[str]:
+    def overconfident(self) -> list[str]:
         """A sentence for every claim that does not hold."""
-        for name in self.names:
-            smoothed = f"the smoothed estimate of {name}"
-            for subject, key in ((name, name), (smoothed, smoothed_name(name))):
-                claim = self.claims.get(key)
-                if claim is not None and claim.overconfident:
-                    yield f"{subject} is {claim.words(number)}"
+        subjects = {name: name for name in self.names}
+        subjects |= {smoothed_name(name): f"the smoothed estimate of {name}" for name in self.names}
+        wrong = {key: claim for key, claim in self.claims.items() if claim.overconfident}
+        return [f"{subjects[key]} is {claim.words(number)}" for key, claim in wrong.items()]
 
     def warnings(self) -> Iterator[str]:
         """Where the claim of an estimate does not hold, and why."""
         estimate, lost = self.estimate, self.estimation.filtered.lost
         if (diverged := lost[lost >= 0]).size:
             yield f"{len(diverged)} of {len(lost)} runs diverged, the first after {diverged.min()} steps"
-        yield from self.overconfident()
-        for name in estimate.inputs:
-            if (share := self._share(name)) > HARDLY:
-                yield (
-                    f"{name} is weakly observable: σ is {100 * share:.3g} % of the largest load; give other sensors, "
-                    "or make a load known"
-                )
-        for name in self.free:
-            if self.numbers.get(f"identified.{name}") is False:
-                yield (
-                    f"{name} is not identified: its starts end further apart than one draw may be off (3.2 σ), its σ has not "
-                    "halved, or it is wrong beyond it"
-                )
+        if not self.beyond:
+            yield from self.overconfident()
+            yield from (
+                f"{name} is weakly observable: σ is {100 * self._share(name):.3g} % of the largest load; give other sensors, or "
+                "make a load known"
+                for name in self.names
+                if self._share(name) > HARDLY
+            )
+            yield from (
+                f"{name} is not identified: its starts end further apart than one draw may be off (3.2 σ), its σ has not halved, "
+                "or it is wrong beyond it"
+                for name in self.names
+                if self.numbers.get(f"identified.{name}") is False
+            )
         # Slow loads make innovations smaller, down to (m − n)/m: a warning only for a truth that the filter's model could make.
         if self.size == OVERCONFIDENT or (estimate.truth.model == "walk" and self.size == TOO_CAUTIOUS):
             nis = self._number("nis")
@@ -166,35 +167,38 @@ class Evidence:
                 where = "in the test" if self.in_test else f"on {getattr(estimate.measured, 'run', '')}"
                 yield f"these loads do not make {name} read as {where}: it is {100 * mismatch:.3g} % off"
 
-    def message(self, units: Mapping[str, str], decision: Decision) -> str:
+    def message(self, numbers: Mapping[str, Scalar], units: Mapping[str, str], decision: Decision) -> str:
         """One line: what does not hold, then what is known of every unknown, of a load relative to its largest true value, with σ
-        as far as `decision` gives it; units of the unknowns."""
-        estimates, estimate = [], self.estimate
-        with_sigma, number_of = not decision.withheld, self._number
+        as far as `decision` gives it; numbers that are shown; units of the unknowns."""
+        estimates, estimate, with_sigma = [], self.estimate, not decision.withheld
+        of = defaultdict(lambda: np.nan, {key: float(n) for key, n in numbers.items() if not isinstance(n, str)})
         for name in self.names:
-            if f"error.{name}" in self.numbers:
-                error, std = (100 * number_of(f"{key}.{name}") for key in ("error", "std"))
-                estimates.append(f"{name} to {error:.2g} %" + f" (σ {std:.2g} %)" * with_sigma)
-            elif f"ratio_slope.{name}" in self.numbers:
-                slope, offset = (number_of(f"ratio_{key}.{name}") for key in ("slope", "offset"))
+            if f"error.{name}" in of:
+                sigma = f" (σ {100 * of[f'std.{name}']:.2g} %)" if with_sigma else ""
+                estimates.append(f"{name} to {100 * of[f'error.{name}']:.2g} %{sigma}")
+            elif f"ratio_slope.{name}" in of:
+                slope, offset = of[f"ratio_slope.{name}"], of[f"ratio_offset.{name}"]
                 estimates.append(f"{name} = {slope:.3g} of the one there {'+-'[offset < 0]} {abs(offset):.3g}")
-            elif f"rms_std.{name}" in self.numbers or not with_sigma:
+            elif f"rms_std.{name}" in of or not with_sigma:
                 kind, value = ("RMS ", "rms") if name in estimate.inputs else ("", "estimate")
-                sigma = f" ± {number_of(f'rms_std.{name}'):.2g}" * with_sigma
-                estimates.append(f"{name} {kind}{number_of(f'{value}.{name}'):.4g}{sigma} {units[name]}")
+                sigma = f" ± {of[f'rms_std.{name}']:.2g}" if with_sigma else ""
+                estimates.append(f"{name} {kind}{of[f'{value}.{name}']:.4g}{sigma} {units[name]}")
         if estimate.measured is not None:
-            worst = max((number_of(f"mismatch.{name}") for name in estimate.sensors), default=np.nan)
+            worst = max((of[f"mismatch.{name}"] for name in estimate.sensors), default=np.nan)
             estimates.insert(0, f"sensors {100 * worst:.2g} % off")
-        wrong = [*self.overconfident()]
-        wrong += [f"{name} is not identified" for name in self.free if self.numbers.get(f"identified.{name}") is False]
-        wrong += [self._contradicted] * bool(self.against and decision.trusted)
-        if "hold_out.inside" in self.numbers:
-            estimates.append(f"sensors by the others: {100 * number_of('hold_out.inside'):.3g} % within 2σ")
-        parts = [*filter(None, (decision.message,)), *wrong, ", ".join(estimates) or "nothing comparable"]
-        return f"{'; '.join(parts)}; {self.numbers['method']}, {self.numbers['truth']}"
+        if "hold_out.inside" in of:
+            estimates.append(f"sensors by the others: {100 * of['hold_out.inside']:.3g} % within 2σ")
+        parts = [decision.message] if decision.message else []
+        parts += [] if self.beyond else self.overconfident()
+        parts += [f"{name} is not identified" for name in self.names if of[f"identified.{name}"] == 0]
+        parts += [self._contradicted] * bool(self.against and decision.trusted)
+        parts.append(", ".join(estimates) or "nothing comparable")
+        return f"{'; '.join(parts)}; {numbers['method']}, {numbers['truth']}"
 
     def _share(self, name: str) -> float:
-        """σ of a load over its largest value; NaN of a load that is nothing."""
+        """σ of a load over its largest value; NaN of a load that is nothing, and of a parameter."""
+        if name not in self.estimate.inputs:
+            return np.nan
         if f"std.{name}" in self.numbers:
             return self._number(f"std.{name}")
         largest = self._number(f"largest.{name}")
@@ -202,15 +206,6 @@ class Evidence:
 
     def _number(self, key: str) -> float:
         return float(self.numbers.get(key, np.nan))
-
-
-def claim_numbers(claims: Mapping[str, Claim]) -> dict[str, Scalar]:
-    """Every claim by the names of a summary: verdict, ratio, draws and the largest ratio where σ holds."""
-    numbers: dict[str, Scalar] = {}
-    for name, claim in claims.items():
-        numbers |= {f"claim.{name}": claim.verdict, f"claim_ratio.{name}": claim.ratio}
-        numbers |= {f"claim_draws.{name}": float(claim.draws), f"claim_most.{name}": claim.band[1]}
-    return numbers
 
 
 def bench_out_of_range(estimation: BenchEstimation) -> dict[str, str]:
@@ -223,19 +218,62 @@ def bench_out_of_range(estimation: BenchEstimation) -> dict[str, str]:
     beyond: dict[str, str] = {}
     for name in problem.unknowns.free:
         inner = problem.unknowns.parameters[name]
-        for value in in_theta(estimation, estimation.place(name))[0][-1] if inner in ranges else ():
+        for value in estimation.values[name][0][-1] if inner in ranges else ():
             if np.isfinite(value) and name not in beyond:
                 low, high = map(float, ranges[inner])
                 beyond |= out_of_range({name: float(value)}, {name: (low, high)}, {name: "Pa"}, "reduce")
     return beyond
 
 
-def estimated_without_sigma(estimation: BenchEstimation) -> BenchEstimation:
-    """The estimate with every σ withheld: NaN."""
-    joint = np.full_like(estimation.filtered.joint, np.nan)
-    filtered = replace(without_sigma(estimation.filtered), joint=joint, compared=None)
-    return replace(
-        estimation, filtered=filtered, without=without_sigma(estimation.without), rings=without_sigma(estimation.rings)
+def estimated_without_sigma(estimation: BenchEstimation, beyond: Mapping[str, str]) -> BenchEstimation:
+    """The estimate with every σ withheld: NaN; beyond: where no parameter left its range, what the others say of a channel keeps
+    its σ, because that claim is what is tested."""
+    filtered, rings = without_sigma(estimation.filtered), without_sigma(estimation.rings)
+    filtered = replace(filtered, joint=np.full_like(filtered.joint, np.nan), compared=None)
+    without = without_sigma(estimation.without) if beyond else estimation.without
+    return replace(estimation, filtered=filtered, without=without, rings=rings)
+
+
+def estimate_output(config: BenchConfig, estimation: BenchEstimation) -> Output:
+    """Datasets, numbers, tables and loads.csv of an estimate, its σ withheld where it is not to be trusted."""
+    estimate, problem, beyond = estimation.problem.estimate, estimation.problem, bench_out_of_range(estimation)
+    result = compare(estimation)
+    evidence = Evidence(estimation, bench_numbers(estimation, result), result.claims, beyond)
+    decision, shown = evidence.decision, estimation
+    if decision.withheld:
+        shown = estimated_without_sigma(estimation, beyond)
+        result = compare(shown)
+    record, rows = result.record, shown.held_out
+    warnings = [
+        *filter(None, (decision.message,)),
+        *misfits_in_words(rows, "channels"),
+        *estimation.notes,
+        *evidence.warnings(),
+        *([] if beyond else bench_disagreements(estimation)),
+        *loud_sensors(estimate, record),
+    ]
+    verdicts = {name: evidence.verdict(name) for name in problem.names}
+    summary = bench_numbers(shown, result) | {f"verdict.{name}": word for name, word in verdicts.items()}
+    if evidence.in_test or beyond:
+        summary |= decision.numbers if evidence.in_test else {"withheld": decision.withheld}
+    of_loads, of_parameters = load_units(config, record.inputs), parameter_units(config, record.parameters)
+    units = dataset_units(config, record.inputs)
+    tables = [unknowns_table(shown, result, verdicts, evidence.in_test)]
+    if shown.filtered.compared is not None:
+        tables.append(comparison_table(shown.filtered.compared, of_parameters, COMPARED))
+    if rows:
+        tables.append(hold_out_table(rows, channel_units(config, problem.used), "channel"))
+    tables += offsets_table(record, units)
+    if estimation.reality.done:
+        tables.append(Table("measurements", ("",), tuple((text,) for text in estimation.reality.done)))
+    return Output(
+        datasets=written(
+            record, units | {f"parameter {key}": unit for key, unit in of_parameters.items()} | of_parameters
+        ),
+        summary=summary,
+        message=evidence.message(summary, of_loads | of_parameters, decision),
+        tables=(*tables, *warnings_table(warnings)),
+        files={"loads.csv": command_history(record)} if record.inputs and estimation.filtered.lost[0] < 0 else {},
     )
 
 
@@ -263,19 +301,17 @@ COLUMNS = {
 def loud_sensors(estimate: BenchEstimateSection, record: BenchEstimated) -> Iterator[str]:
     """Of the sensors whose noise exceeds everything that they read by the estimate."""
     for name, settings in estimate.sensors.items():
-        noise, largest = (
-            float(np.min(settings.noise)),
-            float(np.max(np.abs(record.sensors[name].expected), initial=0.0)),
-        )
+        noise, expected = float(np.min(settings.noise)), record.sensors[name].expected
+        largest = float(np.max(np.abs(expected), initial=0.0))
         if noise > largest:
             key = f"estimate.sensors.{name}.noise"
             yield f"the noise of {name}, {noise:.3g}, exceeds its largest reading, {largest:.3g}: check {key}"
 
 
-def bench_disagreements(estimate: BenchEstimateSection, estimation: BenchEstimation) -> list[str]:
+def bench_disagreements(estimation: BenchEstimation) -> list[str]:
     """Where the extended filter does not allow for what the bank finds, and when it is the bank that is wrong."""
     words = disagreements_in_words(estimation.filtered.compared)
-    if words and estimate.inputs:
+    if words and estimation.problem.estimate.inputs:
         words.append(
             "a bank judges parameters by how much the unknown loads move, too: where they move less than their increments say, "
             "it is the bank that is wrong; make a load known, or correct the increments"
@@ -303,7 +339,16 @@ def bench_numbers(estimation: BenchEstimation, result: BenchComparison) -> dict[
         + ("" if filtered.compared is None else ", a bank over parameters"),
         "truth": _truth(estimate),
         **result.numbers,
-        **claim_numbers(result.claims),
+        **{
+            f"{key}.{name}": value
+            for name, claim in result.claims.items()
+            for key, value in (
+                ("claim", claim.verdict),
+                ("claim_ratio", claim.ratio),
+                ("claim_draws", float(claim.draws)),
+                ("claim_most", claim.band[1]),
+            )
+        },
         **hold_out_numbers(estimation.held_out),
         **ratios(filtered.compared),
     }
@@ -342,22 +387,16 @@ def unknowns_table(
     return Table(title, ("unknown", "verdict", *[""] * (width - 2)), filled)
 
 
-def offsets_table(record: BenchEstimated, units: Mapping[str, str]) -> Table | None:
+def offsets_table(record: BenchEstimated, units: Mapping[str, str]) -> tuple[Table, ...]:
     """Of every component that has an offset: what it reads too much at the end."""
     rows = [
-        (
-            name,
-            str(k + 1),
-            f"{match.bias[k]:.4g}",
-            "withheld" if np.isnan(std) else f"{std:.3g}",
-            units[f"sensor {name}"],
-        )
+        (name, str(k), f"{bias:.4g}", "withheld" if np.isnan(std) else f"{std:.3g}", units[f"sensor {name}"])
         for name, match in record.sensors.items()
         if match.bias is not None and match.bias_std is not None
-        for k, std in enumerate(match.bias_std)
-        if std != 0 and np.isfinite(match.bias[k])
+        for k, (bias, std) in enumerate(zip(match.bias, match.bias_std, strict=True), start=1)
+        if std != 0 and np.isfinite(bias)
     ]
-    return Table("offsets at the end", ("sensor", "component", "offset", "σ", "unit"), tuple(rows)) if rows else None
+    return (Table("offsets at the end", ("sensor", "component", "offset", "σ", "unit"), tuple(rows)),) if rows else ()
 
 
 def command_history(record: BenchEstimated) -> bytes:

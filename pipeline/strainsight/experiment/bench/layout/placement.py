@@ -8,17 +8,21 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig, BenchPlace
-from strainsight.errors import InfeasibleError, blame
+from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import bench_of
-from strainsight.experiment.bench.inverse.problem import asked, free_properties, unknowns_of
-from strainsight.experiment.bench.layout.pool import (
-    GaugePool,
-    MotionCandidates,
-    gauge_pool,
-    installation_offs,
-    motion_candidates,
+from strainsight.experiment.bench.inverse.problem import free_properties, parameter_units, unknowns_of
+from strainsight.experiment.bench.layout.expectation import (
+    Known,
+    PlacedBody,
+    expected_std,
+    factors_along,
+    known_of,
+    poses_of,
+    scenario_of,
+    zeroed,
 )
-from strainsight.experiment.bench.layout.strained import PlacedBody, Strained, known_of, poses_of, zeroed
+from strainsight.experiment.bench.layout.pool import CandidatePool, gauge_pool, motion_pool
+from strainsight.experiment.bench.loads import load_units
 from strainsight.experiment.layout.advice import Expectation
 from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list
 from strainsight.experiment.layout.output import layout_output, layout_record
@@ -28,121 +32,107 @@ from strainsight.experiment.resources import Resources
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.placement.baselines import random_sets
+from strainsight.placement.criteria import Metric
 from strainsight.placement.limits import Limits
-from strainsight.placement.scenario import Pool, solve_pool
+from strainsight.placement.scenario import Pool, Scenario, solve_pool
 from strainsight.records.bench import PLACED, BenchCandidates, BenchLayout, BenchPlaced, ReducedBody
 from strainsight.records.record import record_from
 from strainsight.runner.output import Output, Scalar, Table
-from strainsight.sensors.candidates import concatenate
 
 EXACT = (
     "Beside parameters σ here is that of exact gauges: estimate.tolerances are in the ranking, and in σ of estimate."
 )
-FELT = (1e-6, 1e6)
-"""σ of its noise by which one increment of an input moves the gauge that feels it most. Beyond, the Riccati equation has no
-digits left, at 1e-8 and 1e8."""
-PERIODS = (1e-6, 1e6)
-"""Periods in a step: where the last mode has less nothing springs back, where the first has more nothing swings."""
+UNTOLD = 0.9
+"""Share of σ of its guess above which the gauges tell next to nothing of a parameter."""
 
 
-@dataclass(frozen=True)
-class BodyPlacement(Placement):
-    """The result of a placement; σ is in the unit of each unknown, inputs before parameters.
-
-    units of the unknowns; pool: the body's gauges; layouts: the placed one and those drawn at random, by name; time (poses,) [s]
-    and std (poses, unknowns) of the placed one in every pose; scale (unknowns,) as of `Strained`.
-    """
-
-    units: tuple[str, ...]
-    pool: GaugePool
-    layouts: dict[str, BenchLayout]
-    time: np.ndarray
-    std: np.ndarray
-    scale: np.ndarray
-
-
-def placement_of(
+def placement_output(
     config: BenchConfig, meshes: Mapping[str, Mesh], reduced: Mapping[str, ReducedBody], using: Resources
-) -> BodyPlacement:
+) -> Output:
     """Linearise about the static equilibria, screen, eliminate, exchange, prove; draw layouts to compare with.
 
-    Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
+    σ is in the unit of each unknown, inputs before parameters; gauges.csv has σ without each gauge in N or N m, and as peak the
+    strain at the start. Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
     """
+    subject = _subject(config, meshes, reduced, using)
+    body, pool, inputs = subject.body, subject.pool, subject.body.inputs
+    placement = place(subject, using.progress)
+    advice = placement.advice
+    if len(untold := subject.untold(np.array(list(placement.expected.std.values())))):
+        names = " and ".join(body.unknowns.free[i] for i in untold)
+        sentence = f"Of {names} the gauges tell next to nothing: σ stays that of the guess, through the whole run."
+        advice = (sentence, *advice)
+    if subject.known is not None and pool.off.any():
+        advice = (EXACT, *advice)
+    placement = replace(placement, advice=advice)
+    layouts, in_poses = _layouts(placement, subject), subject.in_poses(placement.gauges)
+    of_parameters = parameter_units(config, body.unknowns.free)
+    record = layout_record(
+        BenchPlaced,
+        placement,
+        inputs=inputs,
+        units=(*load_units(config, body.loads).values(), *of_parameters.values()),
+        candidates=record_from(BenchCandidates, pool.candidates, response=pool.response[0] / subject.scale),
+        layouts=layouts,
+    )
+    numbers: dict[str, Scalar] = {"candidates": len(pool.candidates)}
+    if len(layouts) > 1:
+        numbers |= _named("random", inputs, np.median(record.random_std, axis=0))
+    heads = [f"σ({name})" for name in inputs]
+    rows = [(name, *(f"{x:.4g}" for x in (layout.metric, *layout.std))) for name, layout in layouts.items()]
+    tables = [Table("layouts", ("layout", placement.task.criterion.symbol, *heads), tuple(rows))]
+    if len(in_poses) > 1:
+        poses = zip(body.place.poses, in_poses, strict=True)
+        rows = [(f"{t:.4g} s", *(f"{x:.4g}" for x in std)) for t, std in poses]
+        tables.append(Table("poses", ("pose", *heads), tuple(rows)))
+        numbers |= _named("best_pose", inputs, in_poses.min(axis=0))
+        numbers |= _named("worst_pose", inputs, in_poses.max(axis=0))
+        numbers["poses"] = len(in_poses)
+    length_unit = config.flexible[body.place.body].mesh.length_unit
+    output = layout_output(placement, record, body.mesh, length_unit, numbers, {}, tuple(tables))
+    return replace(output, message=f"{len(pool.candidates)} → {output.message}")
+
+
+def _named(what: str, names: Sequence[str], values: np.ndarray) -> dict[str, float]:
+    return {f"{what}.{name}": value for name, value in zip(names, values.tolist(), strict=True)}
+
+
+def _subject(
+    config: BenchConfig, meshes: Mapping[str, Mesh], reduced: Mapping[str, ReducedBody], using: Resources
+) -> _Body:
     settings = config.place
     assert settings is not None
-    bench = bench_of(config, reduced, meshes, free=free_properties(asked(config)))
-    h = float(asked(config).time_step or config.simulate.time_step)
-    unknowns = unknowns_of(bench, h)
+    bench = bench_of(config, reduced, meshes, free=free_properties(config.estimator))
+    unknowns, mesh, basis = unknowns_of(bench, config.filter_step), meshes[settings.body], reduced[settings.body].basis
     # by what the filter takes the parameters for when it begins
     bench = replace(bench, theta=unknowns.starts[0])
-    body = PlacedBody(
-        config, settings, using.files, bench, unknowns, h, meshes[settings.body], reduced[settings.body].basis
-    )
+    body = PlacedBody(config, settings, using.files, bench, unknowns, mesh, basis)
     time, poses = np.array(settings.poses), poses_of(body, settings.poses)
     known, increment = known_of(body, time)
     benches = tuple(body.linear(pose, increment) for pose in poses)
     modal, loads = body.modal, len(body.loads)
     using.progress("candidates", 0.1)
-    static = np.array([linear.static[modal] for linear in benches])
-    taken_off, zero = np.zeros_like(static[0]), np.zeros(len(static[0]))
-    if (unknowns.free or asked(config).tolerances is not None) and zeroed(config):
+    taken_off = np.zeros((len(benches[0].static[modal]), len(body.inputs)))
+    zero = np.zeros(len(taken_off))
+    if (unknowns.free or config.estimator.tolerances is not None) and zeroed(config):
         at_zero = poses[0] if time[0] == 0 else poses_of(body, (0.0,))[0]
         zero = at_zero[0][modal]
         taken_off[:, loads:] = body.linear(at_zero, increment).static[modal, loads:]
-    pool = gauge_pool(body, static - taken_off)
-    for linear in benches:
-        _refuse_sizes(body, linear, np.abs(pool.response).max(axis=0)[:, :loads])
-    motion = motion_candidates(body, poses, benches)
-    off = installation_offs(body, pool.candidates, time, poses, zero)
-    peak = np.max([np.abs(pool.rows @ q[modal]) for q, _ in poses], axis=0)
-    rows = np.zeros((len(pool.rows), bench.system.size))
-    rows[:, modal] = pool.rows
-    readings = []
-    for linear, moved in zip(benches, motion.rows, strict=True):
-        H = linear.readings(rows)
-        H[:, 2 * len(linear.stiffness) :] -= pool.rows @ taken_off
-        readings.append(np.vstack([H, moved]))
-    strained = Strained(
-        benches,
-        tuple(readings),
-        np.concatenate([np.full(len(rows), float(settings.noise)), motion.noise]),
-        np.hstack([np.zeros((len(benches), len(rows))), motion.white]),
-        float(asked(config).disturbance),
-        settings.aggregate,
-        np.hstack([off, np.zeros_like(motion.white)]),
-        known,
-    )
-    subject = _Body(body, _with_motion(pool, motion, benches), strained, np.concatenate([peak, motion.peak]))
-    if settings.search == "all":
-        subject = replace(subject, every=subject.all_candidates())
-    placement = place(subject, using.progress)
-    advice = placement.advice
-    if len(untold := strained.untold(np.array(list(placement.expected.std.values())))):
-        names = " and ".join(unknowns.free[i] for i in untold)
-        sentence = f"Of {names} the gauges tell next to nothing: σ stays that of the guess, through the whole run."
-        advice = (sentence, *advice)
-    if known is not None and off.any():
-        advice = (EXACT, *advice)
-    return BodyPlacement(
-        **vars(replace(placement, advice=advice)),
-        units=body.units,
-        pool=subject.pool,
-        layouts=_layouts(placement, subject),
-        time=time,
-        std=strained.in_poses(placement.gauges),
-        scale=strained.scale,
-    )
+    pool = gauge_pool(body, time, poses, benches, zero, taken_off).with_more(motion_pool(body, poses, benches))
+    subject = _Body(body, benches, pool, known)
+    return replace(subject, every=subject.all_candidates()) if settings.search == "all" else subject
 
 
 @dataclass(frozen=True)
 class _Body(Subject):
-    """Gauges on a body: the linear bench that they strain; pool of candidates, with the largest reading at rest of each (m,);
-    every: all candidates in every pose, and their limits, where the bound is to be over them."""
+    """A body; benches, linear in every pose; pool of the candidates, off of which is noise of a sample to a ranking, and to σ of
+    loads alone what it leaves of them; known: None where loads alone are unknown; every: all candidates in every pose, and their
+    limits, where the bound is to be over them."""
 
     body: PlacedBody
-    pool: GaugePool
-    strained: Strained
-    peak: np.ndarray
+    benches: tuple[LinearBench, ...]
+    pool: CandidatePool
+    known: Known | None = None
     every: tuple[tuple[Pool, ...], Limits] | None = None
 
     def tasks(self) -> list[Task]:
@@ -150,7 +140,7 @@ class _Body(Subject):
 
     def task_of(self, gauges: np.ndarray) -> Task:
         """Every unknown counts in its increments, every gauge is a pool row."""
-        linear, inputs, candidates = self.strained.benches[0], self.body.inputs, self.pool.candidates
+        linear, inputs, candidates = self.benches[0], self.body.inputs, self.pool.candidates
         solved, limits = self._solved(gauges, self.body.place)
         modes = len(linear.stiffness)
         moved = linear.B / linear.stiffness[:, None] * linear.increment
@@ -159,7 +149,7 @@ class _Body(Subject):
             whole = Whole(*self.every, gauges)
         at = np.arange(2 * modes, 2 * modes + len(inputs))
         return Task(
-            UnknownStates(inputs, inputs, at, self.strained.scale, linear.increment),
+            UnknownStates(inputs, inputs, at, self.scale, linear.increment),
             solved,
             candidates,
             PoolRows(gauges[:, None], gauges[:, None]),
@@ -168,12 +158,12 @@ class _Body(Subject):
             self.body.place,
             # rules that look at readings alone take the first pose
             PoolReadings(
-                self.strained.readings[0][gauges][:, None, :modes],
-                self.strained.noise[gauges, None] ** 2,
+                self.pool.readings[0][gauges][:, None, :modes],
+                self.pool.noise[gauges, None] ** 2,
                 moved @ moved.T,
             ),
             self.body.config.seed,
-            aggregate=self.strained.aggregate,
+            aggregate=self.body.place.aggregate,
             relative=False,
             whole=whole,
         )
@@ -189,46 +179,102 @@ class _Body(Subject):
         """Every pose with these gauges as a pool, and the limits of a layout of them."""
         rows, price, candidates = PoolRows(gauges[:, None], gauges[:, None]), self.pool.price, self.pool.candidates
         limits = layout_limits(settings, rows, self.body.mesh, candidates, price[gauges], "place.fixed")
-        increment, scenarios = self.strained.benches[0].increment, self.strained.scenarios(gauges)
+        increment, scenarios = self.benches[0].increment, self.scenarios(gauges)
         return tuple(solve_pool(scenario, self.body.inputs, increment) for scenario in scenarios), limits
 
     def expectation(self, gauges: np.ndarray) -> Expectation:
-        """σ of every unknown (`Strained.summed_up`); raises InfeasibleError where one is lost, NumericalError where it is not
+        """σ of every unknown (`summed_up`); raises InfeasibleError where one is lost, NumericalError where it is not
         solved."""
-        inputs, strained = self.body.inputs, self.strained
+        inputs = self.body.inputs
         with blame("estimate"):
-            std = strained.summed_up(strained.in_poses(gauges))
+            std = self.summed_up(self.in_poses(gauges))
         if not np.isfinite(std).all():
             raise InfeasibleError(
                 f"a filter on the {len(gauges)} gauges does not detect every unknown",
                 key="place.keep",
                 remedy="keep more gauges, or estimate fewer unknowns",
             )
-        without = strained.without_each(gauges)
+        without = self.without_each(gauges)
         return Expectation(dict(zip(inputs, std.tolist(), strict=True)), dict(zip(inputs, without.T, strict=True)))
 
     def listed(self, gauges: np.ndarray) -> GaugeList:
-        unlimited = np.full(len(self.peak), np.inf)
-        return gauge_list(self.pool.candidates, self.pool.names, gauges, ("gauges",), self.peak, unlimited)
+        pool, unlimited = self.pool, np.full(len(self.pool.candidates), np.inf)
+        return gauge_list(pool.candidates, pool.names, gauges, ("gauges",), pool.peak, unlimited)
 
+    @property
+    def scale(self) -> np.ndarray:
+        """One of each unknown of the state in its unit (unknowns,): 1 of a load, ∂θ/∂ξ of a parameter."""
+        scale = np.ones(len(self.benches[0].increment))
+        if self.known is not None:
+            scale[len(scale) - len(self.known.slopes) :] = np.abs(np.diag(self.known.slopes))
+        return scale
 
-def _with_motion(pool: GaugePool, motion: MotionCandidates, benches: Sequence[LinearBench]) -> GaugePool:
-    """All sensors of motion behind the gauges, every one in the pool."""
-    first, count = len(pool.candidates), len(motion.names)
-    response = [still @ linear.static for still, linear in zip(motion.still, benches, strict=True)]
-    return replace(
-        pool,
-        candidates=concatenate([pool.candidates, motion.candidates]) if count else pool.candidates,
-        response=np.concatenate([pool.response, np.array(response)], axis=1),
-        kept=np.concatenate([pool.kept, first + np.arange(count)]),
-        names=(*pool.names, *motion.names),
-        price=np.concatenate([pool.price, motion.price]),
-    )
+    def in_poses(self, gauges: np.ndarray) -> np.ndarray:
+        """σ (poses, unknowns) [N, N m, Pa, m] that a filter on these gauges comes to claim: of loads alone, inf where one is
+        lost; beside parameters at the end of each pose of the run."""
+        rows, noise, known = [H[gauges] for H in self.pool.readings], self.pool.noise[gauges], self.known
+        if known is None:
+            triples = zip(self.benches, rows, self.pool.off[:, gauges], strict=True)
+            return np.array([expected_std(bench, H, noise, self.body.acceleration, off) for bench, H, off in triples])
+        factors = factors_along(
+            self.benches, rows, noise, self.body.acceleration, known.drawn, known.start, known.steps
+        )
+        loads = len(known.drawn) - len(known.slopes)
+        of_theta = [np.vstack([L[:loads], known.slopes @ L[loads:]]) for L in factors]
+        return np.array([np.linalg.norm(L, axis=1) for L in of_theta])
+
+    def summed_up(self, std: np.ndarray) -> np.ndarray:
+        """Of σ in every pose (poses, unknowns) the largest of each load, and the last of each parameter."""
+        worst = std.max(axis=0)
+        if self.known is not None:
+            loads = len(worst) - len(self.known.slopes)
+            worst[loads:] = std[-1, loads:]
+        return np.asarray(worst)
+
+    def untold(self, std: np.ndarray) -> np.ndarray:
+        """Numbers, from the first parameter on, of those whose σ (unknowns,) is hardly below that of the guess."""
+        if self.known is None:
+            return np.zeros(0, dtype=int)
+        loads = len(std) - len(self.known.slopes)
+        guess = np.linalg.norm(self.known.slopes @ self.known.start[loads:], axis=1)
+        return np.flatnonzero(std[loads:] > UNTOLD * guess)
+
+    def claimed(self, gauges: np.ndarray) -> np.ndarray:
+        """That of all poses (unknowns,), NaN where it is not solved."""
+        try:
+            return self.summed_up(self.in_poses(gauges))
+        except NumericalError:
+            return np.full(len(self.benches[0].increment), np.nan)
+
+    def without_each(self, gauges: np.ndarray) -> np.ndarray:
+        """The same without each of them (k, unknowns)."""
+        return np.array([self.claimed(np.delete(gauges, i)) for i in range(len(gauges))])
+
+    def scenarios(self, gauges: np.ndarray) -> list[Scenario]:
+        """Every pose with these gauges as a pool."""
+        pool = self.pool
+        return [
+            scenario_of(bench, rows[gauges], np.hypot(pool.noise, off)[gauges], self.body.acceleration, white[gauges])
+            for bench, rows, white, off in zip(self.benches, pool.readings, pool.white, pool.off, strict=True)
+        ]
+
+    def metric(self, gauges: np.ndarray, metric: Metric) -> float:
+        """The metric with these gauges; inf where an unknown is lost, NaN where the equation is not solved to accuracy."""
+        values = []
+        for scenario in self.scenarios(gauges):
+            try:
+                solved = solve_pool(replace(scenario, weight=metric.weight, criterion=metric.criterion))
+            except InfeasibleError:
+                return float("inf")
+            except NumericalError:
+                return float("nan")
+            values.append(solved.metric.value(solved.P))
+        return float(np.mean(values) if self.body.place.aggregate == "mean" else np.max(values))
 
 
 def _layouts(placement: Placement, subject: _Body) -> dict[str, BenchLayout]:
     """The placed layout, and as many gauges drawn from all candidates, those that are bonded already among them."""
-    expected, candidates, strained = placement.expected, placement.task.candidates, subject.strained
+    expected, candidates = placement.expected, placement.task.candidates
     metric = placement.task.metrics[placement.task.criterion.name][0]
 
     def layout(gauges: np.ndarray, cost: float, std: np.ndarray, without: np.ndarray) -> BenchLayout:
@@ -244,72 +290,6 @@ def _layouts(placement: Placement, subject: _Body) -> dict[str, BenchLayout]:
     drawn = random_sets(len(free), count, some, placement.task.seed) if count else np.zeros((some, 0), dtype=int)
     for i, chosen in enumerate(drawn, start=1):
         gauges = np.concatenate([bonded, free[chosen]])
-        cost, std = strained.metric(gauges, metric), strained.claimed(gauges)
-        layouts[f"random-{i}"] = layout(gauges, cost, std, strained.without_each(gauges))
+        cost, std = subject.metric(gauges, metric), subject.claimed(gauges)
+        layouts[f"random-{i}"] = layout(gauges, cost, std, subject.without_each(gauges))
     return layouts
-
-
-def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -> None:
-    """Raise InfeasibleError where gauges feel nothing of an input, or next to no noise; or where nothing moves in a step.
-
-    response (m, nu) strain per unit of every unknown load, at rest.
-    """
-    noise = float(body.place.noise)
-    felt = np.abs(response).max(axis=0) * linear.increment[: len(body.loads)] / noise
-    for name, share in zip(body.loads, felt, strict=True):
-        if not FELT[0] <= share <= FELT[1]:
-            raise InfeasibleError(
-                f"{noise:g}: one increment of {name} moves the gauge that feels it most by {share:.2g} times that, which is "
-                f"outside {FELT[0]:g} to {FELT[1]:g}",
-                key="place.noise",
-                remedy=f"check its unit (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli",
-            )
-    first, last = np.sqrt(np.maximum(linear.stiffness[[0, -1]], 0.0)) / (2 * np.pi)
-    for name, mode, bad in (
-        ("last", last, last * linear.h < PERIODS[0]),
-        ("first", first, first * linear.h > PERIODS[1]),
-    ):
-        if bad and mode:
-            raise InfeasibleError(
-                f"the {name} mode of the bench at rest has {mode:.3g} Hz, a step of {linear.h:g} s is {mode * linear.h:.2g} of "
-                f"its periods, which is outside {PERIODS[0]:g} to {PERIODS[1]:g}",
-                key="bodies",
-                remedy="check length and mass units, moduli and densities, and the time step [s]",
-            )
-
-
-def placement_output(placement: BodyPlacement, mesh: Mesh, length_unit: str) -> Output:
-    """Datasets, tables and files; gauges.csv has σ without each gauge in N or N m, and as peak the strain at the start.
-
-    mesh of the body that the gauges are on; length_unit of its deck.
-    """
-    candidates, inputs = placement.pool.candidates, placement.task.unknowns.names
-    record = layout_record(
-        BenchPlaced,
-        placement,
-        inputs=inputs,
-        units=placement.units,
-        candidates=record_from(BenchCandidates, candidates, response=placement.pool.response[0] / placement.scale),
-        layouts=placement.layouts,
-    )
-    numbers: dict[str, Scalar] = {"candidates": len(candidates)}
-    if len(placement.layouts) > 1:
-        numbers |= _named("random", inputs, np.median(record.random_std, axis=0))
-    rows = [(name, layout.metric, *layout.std) for name, layout in placement.layouts.items()]
-    heads = [f"σ({name})" for name in inputs]
-    layouts = tuple((name, *(f"{value:.4g}" for value in values)) for name, *values in rows)
-    tables = [Table("layouts", ("layout", placement.task.criterion.symbol, *heads), layouts)]
-    if len(placement.time) > 1:
-        poses = zip(placement.time, placement.std, strict=True)
-        rows_of_poses = tuple((f"{t:.4g} s", *(f"{x:.4g}" for x in std)) for t, std in poses)
-        tables.append(Table("poses", ("pose", *heads), rows_of_poses))
-        numbers |= _named("best_pose", inputs, placement.std.min(axis=0))
-        numbers |= _named("worst_pose", inputs, placement.std.max(axis=0))
-        numbers["poses"] = len(placement.time)
-
-    output = layout_output(placement, record, mesh, length_unit, numbers, {}, tuple(tables))
-    return replace(output, message=f"{len(candidates)} → {output.message}")
-
-
-def _named(what: str, names: Sequence[str], values: np.ndarray) -> dict[str, float]:
-    return {f"{what}.{name}": value for name, value in zip(names, values.tolist(), strict=True)}

@@ -17,19 +17,19 @@ from strainsight.config.bench.bench import (
 )
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.bench.bench import Bench
-from strainsight.experiment.bench.layout.strained import PlacedBody, Pose
+from strainsight.experiment.bench.layout.expectation import PlacedBody, Pose
 from strainsight.experiment.bench.loads import loads_of
-from strainsight.experiment.bench.sensors import motion_sensor, tolerances_of_gauges
+from strainsight.experiment.bench.sensors import frame_at, linear_tolerances, motion_sensor, tolerances_of_gauges
 from strainsight.experiment.layout.gauge_list import strain_candidates
 from strainsight.mesh.facets import Facets, exterior_facets
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.accelerations import at_rest, measured
 from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.multibody.inverse.parameters import static_response
-from strainsight.multibody.sensors import axis_sensor, position_sensor, readings
-from strainsight.sensors.bonded import BondedEntry, bonded
+from strainsight.multibody.sensors import readings
+from strainsight.sensors.bonded import BondedEntry, bonded, given_pool
 from strainsight.sensors.candidates import ACCELERATION, DISPLACEMENT, Candidates, concatenate
-from strainsight.sensors.installation import SECOND, sensitivity_rows
+from strainsight.sensors.installation import sensitivity_rows
 from strainsight.sensors.rows import channel_rows
 from strainsight.sensors.screening import screen, strongest_first
 
@@ -38,29 +38,58 @@ UNFELT = 1e-12
 
 
 @dataclass(frozen=True)
-class GaugePool:
-    """candidates, m of them, a gauge each, those that are bonded already first; rows (m, r) strain per coordinate of the body;
-    response (poses, m, nu) reading per unit of every unknown input, at rest; kept (p,) ascending: which enter the elimination;
-    names (m,): of sensors of the bench that stand behind the gauges, which have none; price (m,)."""
+class CandidatePool:
+    """candidates, m of them, gauges and then components of sensors of the bench; names (m,) of these, "sensor.axis", "" of a
+    gauge; price (m,); noise (m,): σ of a sample [unit of each]; readings: of every pose (m, n*) on (η, η̇, unknowns); response
+    (poses, m, unknowns) at rest, per unit of every unknown; peak (m,): largest reading at rest; white (poses, m): variance of a
+    reading by the white force in a step for 1 m/s² of it; off (poses, m): σ of a constant error by installation; kept (p,)
+    ascending: which enter the elimination."""
 
     candidates: Candidates
-    rows: np.ndarray
-    response: np.ndarray
-    kept: np.ndarray
     names: tuple[str, ...]
     price: np.ndarray
+    noise: np.ndarray
+    readings: tuple[np.ndarray, ...]
+    response: np.ndarray
+    peak: np.ndarray
+    white: np.ndarray
+    off: np.ndarray
+    kept: np.ndarray
+
+    def with_more(self, more: CandidatePool) -> CandidatePool:
+        """With those of another pool behind."""
+        first = len(self.candidates)
+        joined = {key: np.append(getattr(self, key), getattr(more, key)) for key in ("price", "noise", "peak")}
+        joined |= {
+            key: np.concatenate([getattr(self, key), getattr(more, key)], axis=1)
+            for key in ("response", "white", "off")
+        }
+        return CandidatePool(
+            candidates=concatenate([self.candidates, more.candidates]) if len(more.candidates) else self.candidates,
+            names=(*self.names, *more.names),
+            readings=tuple(np.vstack(pair) for pair in zip(self.readings, more.readings, strict=True)),
+            kept=np.append(self.kept, first + more.kept),
+            **joined,
+        )
 
 
-def gauge_pool(body: PlacedBody, static: np.ndarray) -> GaugePool:
-    """Every candidate that `place` of a bench allows, and the strongest under each input in each pose in turn, so far apart as
-    it says.
+def gauge_pool(
+    body: PlacedBody,
+    time: np.ndarray,
+    poses: Sequence[Pose],
+    benches: Sequence[LinearBench],
+    zero: np.ndarray,
+    taken_off: np.ndarray,
+) -> CandidatePool:
+    """Every gauge that `place` of a bench allows, and the strongest under each input in each pose in turn, so far apart as
+    it says; those that are bonded already first.
 
-    static (poses, r, nu) coordinates per unit of every unknown, at rest.
+    time (poses,) [s]; of gauges that are zeroed: zero (r,) η there, taken_off (r, unknowns) what a unit of every one moves it by.
     One measure of strength for all inputs would keep what sees the strongest, and none for a load along the blade.
     Raises InfeasibleError where no facet is left, or an input strains none of them.
     """
-    mesh, basis, place, inputs = body.mesh, body.basis, body.place, body.inputs
-    facets = exterior_facets(mesh)
+    mesh, basis, place, inputs, modal = body.mesh, body.basis, body.place, body.inputs, body.modal
+    facets, static = exterior_facets(mesh), np.array([linear.static[modal] for linear in benches]) - taken_off
 
     def moment(rows: np.ndarray) -> np.ndarray:
         alike = np.hstack(static / _strength(rows @ static, inputs))
@@ -78,8 +107,25 @@ def gauge_pool(body: PlacedBody, static: np.ndarray) -> GaugePool:
         ranked = [free[_ranked(column[free], pool.position[free], float(place.spacing))] for column in columns]
     in_turn = dict.fromkeys(int(gauge) for turn in zip_longest(*ranked) for gauge in turn if gauge is not None)
     kept = [*np.flatnonzero(pool.bonded).tolist(), *list(in_turn)[: int(place.pool)]]
-    price = np.where(pool.bonded, 0.0, float(place.price))
-    return GaugePool(pool, rows, response, np.array(sorted(kept)), ("",) * len(pool), price)
+    for linear in benches:
+        _refuse_sizes(body, linear, np.abs(response).max(axis=0)[:, : len(body.loads)])
+    on_system = np.zeros((len(rows), body.bench.system.size))
+    on_system[:, modal] = rows
+    readings = tuple(linear.readings(on_system) for linear in benches)
+    for H, linear in zip(readings, benches, strict=True):
+        H[:, 2 * len(linear.stiffness) :] -= rows @ taken_off
+    return CandidatePool(
+        candidates=pool,
+        names=("",) * len(pool),
+        price=np.where(pool.bonded, 0.0, float(place.price)),
+        noise=np.full(len(rows), float(place.noise)),
+        readings=readings,
+        response=response,
+        peak=np.max([np.abs(rows @ q[modal]) for q, _ in poses], axis=0),
+        white=np.zeros((len(benches), len(rows))),
+        off=installation_offs(body, pool, time, poses, zero),
+        kept=np.array(sorted(kept)),
+    )
 
 
 def _bonded(mesh: Mesh, facets: Facets, place: BenchPlace) -> Candidates:
@@ -108,28 +154,47 @@ def _strength(response: np.ndarray, inputs: Sequence[str]) -> np.ndarray:
     return np.asarray(largest)
 
 
+FELT = (1e-6, 1e6)
+"""σ of its noise by which one increment of an input moves the gauge that feels it most. Beyond, the Riccati equation has no
+digits left, at 1e-8 and 1e8."""
+PERIODS = (1e-6, 1e6)
+"""Periods in a step: where the last mode has less nothing springs back, where the first has more nothing swings."""
+
+
+def _refuse_sizes(body: PlacedBody, linear: LinearBench, response: np.ndarray) -> None:
+    """Raise InfeasibleError where gauges feel nothing of an input, or next to no noise; or where nothing moves in a step.
+
+    response (m, nu) strain per unit of every unknown load, at rest.
+    """
+    noise = float(body.place.noise)
+    felt = np.abs(response).max(axis=0) * linear.increment[: len(body.loads)] / noise
+    for name, share in zip(body.loads, felt, strict=True):
+        if not FELT[0] <= share <= FELT[1]:
+            raise InfeasibleError(
+                f"{noise:g}: one increment of {name} moves the gauge that feels it most by {share:.2g} times that, which is "
+                f"outside {FELT[0]:g} to {FELT[1]:g}",
+                key="place.noise",
+                remedy=f"check its unit (1 µm/m is 1e-6), estimate.inputs.{name}.increment and the moduli",
+            )
+    first, last = np.sqrt(np.maximum(linear.stiffness[[0, -1]], 0.0)) / (2 * np.pi)
+    for name, mode, bad in (
+        ("last", last, last * linear.h < PERIODS[0]),
+        ("first", first, first * linear.h > PERIODS[1]),
+    ):
+        if bad and mode:
+            raise InfeasibleError(
+                f"the {name} mode of the bench at rest has {mode:.3g} Hz, a step of {linear.h:g} s is {mode * linear.h:.2g} of "
+                f"its periods, which is outside {PERIODS[0]:g} to {PERIODS[1]:g}",
+                key="bodies",
+                remedy="check length and mass units, moduli and densities, and the time step [s]",
+            )
+
+
 AXES = "xyz"
 
 
-@dataclass(frozen=True)
-class MotionCandidates:
-    """candidates, k of them, on no facet; names, of each "sensor.axis"; noise (k,) [m or m/s²]; price (k,); rows: of every pose
-    (k, n*) on (η, η̇, unknowns), as `LinearBench.readings`; still (poses, k, n): what they read of q alone, where nothing
-    accelerates; white (poses, k): variance of a reading by the white force in a step for 1 m/s² of it; peak (k,): the largest
-    reading at rest."""
-
-    candidates: Candidates
-    names: tuple[str, ...]
-    noise: np.ndarray
-    price: np.ndarray
-    rows: tuple[np.ndarray, ...]
-    still: np.ndarray
-    white: np.ndarray
-    peak: np.ndarray
-
-
-def motion_candidates(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[LinearBench]) -> MotionCandidates:
-    """Those of `place.sensors`, in poses at rest.
+def motion_pool(body: PlacedBody, poses: Sequence[Pose], benches: Sequence[LinearBench]) -> CandidatePool:
+    """Those of `place.sensors`, in poses at rest, every one of which enters the elimination.
 
     An accelerometer reads v̇ of the linear bench, so that loads are seen at once, and gravity where it tilts.
     """
@@ -140,13 +205,14 @@ def motion_candidates(body: PlacedBody, poses: Sequence[Pose], benches: Sequence
     compiled = readings(system, [motion_sensor(name, config.sensors[name], bench.frames) for name in names])
     # of a relative motion without its tilts
     starts = np.cumsum([0, *(5 if isinstance(config.sensors[name], RelativeSensor) else 3 for name in names)])[:-1]
-    kept = np.concatenate([start + np.arange(3) for start in starts]) if names else np.zeros(0, dtype=int)
-    none, H, still, white, peak = np.zeros(len(system.drives.names)), [], [], [], []
+    kept = np.concatenate([np.zeros(0, dtype=int), *(start + np.arange(3) for start in starts)])
+    none, H, response, white, peak = np.zeros(len(system.drives.names)), [], [], [], []
     for (q, u), linear in zip(poses, benches, strict=True):
         read = measured(system, compiled, q, np.zeros_like(q), u, bench.theta, none)
         columns = (read.by_q @ linear.T, read.by_v @ linear.T, read.by_u[:, inputs], read.by_theta @ by_xi)
         H.append(np.hstack(columns)[kept])
-        still.append(compiled.read(q, np.zeros_like(q), at_rest(system, u))[1][kept])
+        # at rest nothing accelerates
+        response.append(compiled.read(q, np.zeros_like(q), at_rest(system, u))[1][kept] @ linear.static)
         shaken = np.zeros(len(read.y))
         if compiled.accelerometers:
             by_a = compiled.accelerations(q, np.zeros_like(q), at_rest(system, u))[3]
@@ -155,15 +221,17 @@ def motion_candidates(body: PlacedBody, poses: Sequence[Pose], benches: Sequence
         peak.append(np.abs(read.y[kept]))
     entries = [place.sensors[name] for name in names]
     noise = [np.broadcast_to(np.asarray(entry.noise, dtype=float), 3) for entry in entries]
-    return MotionCandidates(
-        _candidates(config, bench, names, poses[0][0]),
-        tuple(f"{name}.{axis}" for name in names for axis in AXES),
-        np.concatenate(noise or [np.zeros(0)]),
-        np.repeat([float(entry.price) for entry in entries], 3),
-        tuple(H),
-        np.array(still),
-        np.array(white),
-        np.max(peak, axis=0),
+    return CandidatePool(
+        candidates=_candidates(config, bench, names, poses[0][0]),
+        names=tuple(f"{name}.{axis}" for name in names for axis in AXES),
+        price=np.repeat([float(entry.price) for entry in entries], 3),
+        noise=np.concatenate(noise or [np.zeros(0)]),
+        readings=tuple(H),
+        response=np.array(response),
+        peak=np.max(peak, axis=0),
+        white=np.array(white),
+        off=np.zeros((len(poses), len(kept))),
+        kept=np.arange(len(kept)),
     )
 
 
@@ -174,27 +242,13 @@ def _candidates(config: BenchConfig, bench: Bench, names: Sequence[str], q: np.n
         entry = config.sensors[name]
         assert isinstance(entry, RelativeSensor | MotionSensor | AccelerationSensor)
         at, along = entry.frames[::-1] if isinstance(entry, RelativeSensor) else (entry.frame, entry.frame)
-        axes = [axis_sensor(name, bench.frames[along], k) for k in range(3)]
-        y = readings(bench.system, [position_sensor(name, bench.frames[at]), *axes]).read(q, np.zeros_like(q))[0]
         turns = isinstance(entry, RelativeSensor) or (isinstance(entry, AccelerationSensor) and entry.axes == "own")
-        place = np.vstack([place, np.tile(y[:3], (3, 1))])
-        direction = np.vstack([direction, y[3:].reshape(3, 3) if turns else np.eye(3)])
+        axes = frame_at(bench, bench.frames[along], q)[0][3:].reshape(3, 3) if turns else np.eye(3)
+        place = np.vstack([place, np.tile(frame_at(bench, bench.frames[at], q)[0][:3], (3, 1))])
+        direction = np.vstack([direction, axes])
         quantity += [ACCELERATION if isinstance(entry, AccelerationSensor) else DISPLACEMENT] * 3
-    count = len(place)
-    none = np.zeros(count, dtype=np.int64)
-    return Candidates(
-        element=none,
-        facet=none,
-        kind=np.full(count, -1),
-        nodes=np.full((count, 8), -1),
-        position=place,
-        normal=np.zeros((count, 3)),
-        direction=direction,
-        angle=np.zeros(count),
-        local=np.zeros((count, 2)),
-        quantity=np.array(quantity, dtype=np.int64),
-        gauge=np.arange(count),
-    )
+    pool = given_pool(np.zeros(len(place), dtype=np.int64), place, direction)
+    return replace(pool, quantity=np.array(quantity, dtype=np.int64))
 
 
 AT_A_TIME = 4000
@@ -213,14 +267,11 @@ def installation_offs(
     over as much of the run as is nearest to the pose, quasi-static: what is off with the motion of its modes is left out.
     time (poses,) [s]; zero (r,): η₀ of gauges that are zeroed, else none. Zeros without tolerances.
     """
-    config, bench = body.config, body.bench
-    sigma = {
-        name: value for name, value in tolerances_of_gauges(config).by_name.items() if value > 0 and name not in SECOND
-    }
+    bench, sigma = body.bench, linear_tolerances(body.config)
     v = np.zeros((len(poses), len(gauges)))
     if not sigma:
         return v
-    run = np.linspace(0.0, body.duration, INSTANTS)
+    run = np.linspace(0.0, body.config.filter_duration, INSTANTS)
     loads, nearest = loads_of(bench, body.files)(run), np.abs(run[:, None] - time).argmin(axis=1)
     second: list[np.ndarray] = []
     for k, (q, u) in enumerate(poses):
@@ -229,10 +280,9 @@ def installation_offs(
         eta = (q + change @ static_response(bench.system, q, u, bench.theta)[0].T)[:, body.modal] - zero
         second.append(eta.T @ eta / len(eta))
     skin, position = exterior_facets(body.mesh), body.mesh.position
+    size = tolerances_of_gauges(body.config).position
     for part in np.array_split(np.arange(len(gauges)), len(gauges) // AT_A_TIME + 1):
-        felt = sensitivity_rows(
-            position, gauges.take(part), body.basis, tolerances_of_gauges(config).position, facets=skin
-        )
+        felt = sensitivity_rows(position, gauges.take(part), body.basis, size, facets=skin)
         for name, value in sigma.items():
             s = value * getattr(felt, name)
             v[:, part] += [np.einsum("mi,ij,mj->m", s, C, s, optimize=True) for C in second]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -12,19 +12,16 @@ from scipy.linalg import block_diag
 from strainsight.config.bench.bench import BenchConfig, BenchPlace, StrainSensorSection
 from strainsight.errors import InfeasibleError, NumericalError, blame
 from strainsight.experiment.bench.bench import Bench, start_of
-from strainsight.experiment.bench.inverse.problem import BenchUnknowns, asked, corrects_in_a_test, parameter_units
-from strainsight.experiment.bench.loads import load_units, loads_of
+from strainsight.experiment.bench.inverse.problem import BenchUnknowns, corrects_in_a_test
+from strainsight.experiment.bench.loads import loads_of
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.initial import static_equilibrium
 from strainsight.multibody.inverse.linear import LinearBench, in_steps, in_time, linear_bench
-from strainsight.placement.criteria import Metric
 from strainsight.placement.riccati import factor_after, steady_factor
-from strainsight.placement.scenario import Aggregate, Scenario, solve_pool
+from strainsight.placement.scenario import Scenario
 
 Pose = tuple[np.ndarray, np.ndarray]
 """Coordinates q and inputs u of the system at rest."""
-UNTOLD = 0.9
-"""Share of σ of its guess above which the gauges tell next to nothing of a parameter."""
 DISTURBED = 1e-3
 """[m/s²] White acceleration of every body that gauges are ranked with where the filter has none or less: without any, motions
 that nothing damps have no steady covariance."""
@@ -34,7 +31,7 @@ that nothing damps have no steady covariance."""
 class PlacedBody:
     """The bench of a body that gauges are placed on, at the guess of its parameters.
 
-    files of the config; unknowns of the filter and its step h [s]; mesh of the body and basis (3 nodes, r) displacement per
+    files of the config; unknowns of the filter; mesh of the body and basis (3 nodes, r) displacement per
     coordinate.
     """
 
@@ -43,14 +40,13 @@ class PlacedBody:
     files: Mapping[str, Path]
     bench: Bench
     unknowns: BenchUnknowns
-    h: float
     mesh: Mesh
     basis: np.ndarray
 
     @property
     def loads(self) -> tuple[str, ...]:
         """The unknown loads in the order of the system."""
-        return tuple(name for name in self.bench.system.inputs if name in asked(self.config).inputs)
+        return tuple(name for name in self.bench.system.inputs if name in self.config.estimator.inputs)
 
     @property
     def inputs(self) -> tuple[str, ...]:
@@ -58,15 +54,9 @@ class PlacedBody:
         return (*self.loads, *self.unknowns.free)
 
     @property
-    def units(self) -> tuple[str, ...]:
-        """Of `inputs`: Pa of a modulus, m of what a bearing has."""
-        of_parameters = parameter_units(self.config, self.unknowns.free)
-        return (*load_units(self.config, self.loads).values(), *of_parameters.values())
-
-    @property
-    def duration(self) -> float:
-        """Of the run of the filter [s]."""
-        return float(asked(self.config).duration or self.config.simulate.duration)
+    def acceleration(self) -> float:
+        """[m/s²] Of the white force of the filter."""
+        return float(self.config.estimator.disturbance)
 
     @property
     def modal(self) -> slice:
@@ -84,8 +74,8 @@ class PlacedBody:
         """The bench about a pose; increment (unknowns,) of each in a step."""
         config, (places, by_xi) = self.config, self.columns
         corrected, method = corrects_in_a_test(config), config.simulate.method
-        printed, (q, u) = asked(config).method.noise == "as_printed", pose
-        theta, h = self.bench.theta, self.h
+        printed, (q, u) = config.estimator.method.noise == "as_printed", pose
+        theta, h = self.bench.theta, config.filter_step
         return linear_bench(self.bench.system, q, u, theta, places, increment, h, method, corrected, printed, by_xi)
 
 
@@ -125,13 +115,13 @@ def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarr
     The run is in each pose from half-way to the one before until half-way to the next; time (poses,) [s].
     """
     unknowns, theta = body.unknowns, body.bench.theta
-    order = [list(asked(body.config).inputs).index(name) for name in body.loads]
+    order = [list(body.config.estimator.inputs).index(name) for name in body.loads]
     of_loads = unknowns.increment_u[order]
     if not unknowns.free:
         return None, of_loads
     coordinates = unknowns.coordinates
-    between = np.concatenate([[0.0], 0.5 * (time[1:] + time[:-1]), [body.duration]])
-    steps = np.maximum(1, np.diff(np.round(between / body.h).astype(int)))
+    between = np.concatenate([[0.0], 0.5 * (time[1:] + time[:-1]), [body.config.filter_duration]])
+    steps = np.maximum(1, np.diff(np.round(between / body.config.filter_step).astype(int)))
     covariance = coordinates.covariance(theta, unknowns.std)
     moved = np.sqrt(np.diag(coordinates.covariance(theta, unknowns.increment)))
     known = Known(
@@ -147,95 +137,11 @@ def known_of(body: PlacedBody, time: np.ndarray) -> tuple[Known | None, np.ndarr
 def zeroed(config: BenchConfig) -> bool:
     """Whether the filter has the layout by a sensor that is zeroed at a start at rest: it tells nothing of what deformed the
     bench then."""
-    sensors = (config.sensors[name] for name in asked(config).sensors)
+    sensors = (config.sensors[name] for name in config.estimator.sensors)
     takes = any(
         isinstance(sensor, StrainSensorSection) and sensor.layout == "place" and sensor.zeroed for sensor in sensors
     )
     return takes and config.simulate.start == "equilibrium"
-
-
-@dataclass(frozen=True)
-class Strained:
-    """benches, linear in every pose; readings: of every pose (m, n*) what candidates read of (η, η̇, unknowns); noise (m,) σ of a
-    sample; white (poses, m): its variance by the white force, as of `scenario_of`; acceleration [m/s²] of that of the filter;
-    aggregate of the metric over poses; off (poses, m): σ of a constant error of each, noise of a sample to a ranking, and to σ
-    of loads alone what it leaves of them; known: None where loads alone are unknown."""
-
-    benches: tuple[LinearBench, ...]
-    readings: tuple[np.ndarray, ...]
-    noise: np.ndarray
-    white: np.ndarray
-    acceleration: float
-    aggregate: Aggregate
-    off: np.ndarray
-    known: Known | None = None
-
-    @property
-    def scale(self) -> np.ndarray:
-        """One of each unknown of the state in its unit (unknowns,): 1 of a load, ∂θ/∂ξ of a parameter."""
-        scale = np.ones(len(self.benches[0].increment))
-        if self.known is not None:
-            scale[len(scale) - len(self.known.slopes) :] = np.abs(np.diag(self.known.slopes))
-        return scale
-
-    def in_poses(self, gauges: np.ndarray) -> np.ndarray:
-        """σ (poses, unknowns) [N, N m, Pa, m] that a filter on these gauges comes to claim: of loads alone, inf where one is
-        lost; beside parameters at the end of each pose of the run."""
-        rows, noise, known = [H[gauges] for H in self.readings], self.noise[gauges], self.known
-        if known is None:
-            triples = zip(self.benches, rows, self.off[:, gauges], strict=True)
-            return np.array([expected_std(bench, H, noise, self.acceleration, off) for bench, H, off in triples])
-        factors = factors_along(self.benches, rows, noise, self.acceleration, known.drawn, known.start, known.steps)
-        loads = len(known.drawn) - len(known.slopes)
-        of_theta = [np.vstack([L[:loads], known.slopes @ L[loads:]]) for L in factors]
-        return np.array([np.linalg.norm(L, axis=1) for L in of_theta])
-
-    def summed_up(self, std: np.ndarray) -> np.ndarray:
-        """Of σ in every pose (poses, unknowns) the largest of each load, and the last of each parameter."""
-        worst = std.max(axis=0)
-        if self.known is not None:
-            loads = len(worst) - len(self.known.slopes)
-            worst[loads:] = std[-1, loads:]
-        return np.asarray(worst)
-
-    def untold(self, std: np.ndarray) -> np.ndarray:
-        """Numbers, from the first parameter on, of those whose σ (unknowns,) is hardly below that of the guess."""
-        if self.known is None:
-            return np.zeros(0, dtype=int)
-        loads = len(std) - len(self.known.slopes)
-        guess = np.linalg.norm(self.known.slopes @ self.known.start[loads:], axis=1)
-        return np.flatnonzero(std[loads:] > UNTOLD * guess)
-
-    def claimed(self, gauges: np.ndarray) -> np.ndarray:
-        """That of all poses (unknowns,), NaN where it is not solved."""
-        try:
-            return self.summed_up(self.in_poses(gauges))
-        except NumericalError:
-            return np.full(len(self.benches[0].increment), np.nan)
-
-    def without_each(self, gauges: np.ndarray) -> np.ndarray:
-        """The same without each of them (k, unknowns)."""
-        return np.array([self.claimed(np.delete(gauges, i)) for i in range(len(gauges))])
-
-    def scenarios(self, gauges: np.ndarray) -> list[Scenario]:
-        """Every pose with these gauges as a pool."""
-        return [
-            scenario_of(bench, rows[gauges], np.hypot(self.noise, off)[gauges], self.acceleration, white[gauges])
-            for bench, rows, white, off in zip(self.benches, self.readings, self.white, self.off, strict=True)
-        ]
-
-    def metric(self, gauges: np.ndarray, metric: Metric) -> float:
-        """The metric with these gauges; inf where an unknown is lost, NaN where the equation is not solved to accuracy."""
-        values = []
-        for scenario in self.scenarios(gauges):
-            try:
-                solved = solve_pool(replace(scenario, weight=metric.weight, criterion=metric.criterion))
-            except InfeasibleError:
-                return float("inf")
-            except NumericalError:
-                return float("nan")
-            values.append(solved.metric.value(solved.P))
-        return float(np.mean(values) if self.aggregate == "mean" else np.max(values))
 
 
 def scenario_of(
