@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
+from dataclasses import replace
 
 import numpy as np
 
@@ -32,9 +33,8 @@ def shells(unknowns: int) -> Mesh:
     position = 0.01 * np.column_stack([x.ravel(), y.ravel(), np.zeros(grid.size)])
     e = len(nodes)
     block = ShellBlock("quad4", 1 + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan))
-    none = np.zeros((0, 2), dtype=int)
-    ids, sections = 1 + np.arange(grid.size), {1: ShellSection(0.002)}
-    return Mesh(ids, position, (), PLATE, STEEL, fixed=none, shells=(block,), sections=sections)
+    mesh = Mesh(1 + np.arange(grid.size), position, (), shells=(block,), regions=PLATE, materials=STEEL)
+    return replace(mesh, sections={1: ShellSection(0.002)})
 
 
 def solids(unknowns: int) -> Mesh:
@@ -48,7 +48,7 @@ def solids(unknowns: int) -> Mesh:
     used, nodes = np.unique(key, return_inverse=True)
     position = 0.005 * np.column_stack([used // 3 // (half[1] + 1), used // 3 % (half[1] + 1), used % 3])
     block = CellBlock("hex20", 1 + np.arange(len(key)), nodes.reshape(key.shape), np.ones(len(key), int))
-    return Mesh(1 + np.arange(len(used)), position, (block,), PLATE, STEEL, fixed=np.zeros((0, 2), dtype=int))
+    return Mesh(1 + np.arange(len(used)), position, (block,), regions=PLATE, materials=STEEL)
 
 
 def main(words: list[str]) -> None:

@@ -30,8 +30,8 @@ def body(kind, counts, chart, keep=lambda *cell: True):
     x = np.array([chart(*(np.array(key) / 2)) for key in number], dtype=float)
     ids = np.arange(1, len(rows) + 1)
     block = CellBlock(kind, ids, np.array(rows), np.ones(len(rows), dtype=np.int64))
-    steel = {1: Material(1, E, NU, RHO)}
-    return Mesh(np.arange(1, len(x) + 1), x, (block,), {1: Region(1, "part", 1)}, steel, np.zeros((0, 2), dtype=np.int64))
+    steel = {"regions": {1: Region(1, "part", 1)}, "materials": {1: Material(1, E, NU, RHO)}}
+    return Mesh(np.arange(1, len(x) + 1), x, (block,), **steel)
 
 
 def with_nodes(mesh, *points, ids=()):

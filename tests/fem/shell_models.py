@@ -46,8 +46,8 @@ def shells(kind, x, cells, section, material, offset=0.0, axis=(np.nan,) * 3, **
     e, region = len(cells), Region(1, "PSHELL 1", 1)
     offset, axes = np.broadcast_to(offset, e).astype(float), np.tile(np.array(axis, float), (e, 1))
     block = ShellBlock(kind, np.arange(1, e + 1), np.asarray(cells), np.ones(e, int), offset, axes)
-    mesh = Mesh(np.arange(1, len(x) + 1), np.array(x, float), (), {1: region}, {1: material}, np.zeros((0, 2), int))
-    return replace(mesh, shells=(block,), sections={1: section}, **more)
+    mesh = Mesh(np.arange(1, len(x) + 1), np.array(x, float), (), shells=(block,), sections={1: section})
+    return replace(mesh, regions={1: region}, materials={1: material}, **more)
 
 
 def sheet(kind, n, m, place, section, material, clamped=True, offset=0.0, axis=(np.nan,) * 3, turned=0, **more) -> Mesh:

@@ -40,7 +40,7 @@ def voigt(tensor):
 def shaken(mesh: Mesh, size: float, seed: int = 0) -> Mesh:
     """Every node moved, mid-side nodes too: distorted elements with curved facets."""
     moved = mesh.position + size * np.random.default_rng(seed).uniform(-1, 1, mesh.position.shape)
-    return Mesh(mesh.node_ids, moved, mesh.blocks, mesh.regions, mesh.materials, mesh.fixed)
+    return Mesh(mesh.node_ids, moved, mesh.blocks, mesh.fixed, regions=mesh.regions, materials=mesh.materials)
 
 
 def column(field):

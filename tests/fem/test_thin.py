@@ -49,7 +49,7 @@ def line(x, section=BAR, kind="beam", fixed=((0, 0), (0, 1), (0, 2), (0, 3), (0,
     )
     fixed, region = np.array(fixed, dtype=int).reshape(-1, 2), {1: Region(1, "PSHELL 1", 1)}
     materials, ids = {1: Material(1, E, NU, RHO)}, np.arange(1, len(x) + 1)
-    return Mesh(ids, x, (), region, materials, fixed, beams=(block,), sections={1: section})
+    return Mesh(ids, x, (), fixed, beams=(block,), regions=region, materials=materials, sections={1: section})
 
 
 def straight(count=10, **kwargs):
@@ -166,9 +166,9 @@ def test_beams_and_shells_hold_a_solid_by_ties(box):
         np.arange(1, n + 12),
         np.vstack([at, x]),
         tuple(replace(block, region=np.full(len(block.ids), 2), ids=block.ids + 100) for block in cube.blocks),
-        {1: Region(1, "PBAR 1", 1), 2: Region(2, "PSOLID 2", 2)},
-        {1: Material(1, E, NU, 1.0), 2: Material(2, E, NU, RHO)},
-        np.array([(n, c) for c in range(6)]),
+        regions={1: Region(1, "PBAR 1", 1), 2: Region(2, "PSOLID 2", 2)},
+        materials={1: Material(1, E, NU, 1.0), 2: Material(2, E, NU, RHO)},
+        fixed=np.array([(n, c) for c in range(6)]),
         rigid=(RigidElement(1, n + 10, np.flatnonzero(np.isclose(at[:, 0], 0.0)), (0, 1, 2)),),
         beams=(replace(beam.beams[0], nodes=beam.beams[0].nodes + n),),
         sections={1: BAR},

@@ -162,7 +162,7 @@ def beam_mesh(elements, clamped=True) -> Mesh:
     position = np.zeros((n, 3))
     position[:, 0] = np.linspace(0, LENGTH, n)
     fixed = np.array([(0, c) for c in range(6)]) if clamped else np.zeros((0, 2), dtype=int)
-    return Mesh(np.arange(1, n + 1), position, (), {}, {}, fixed)
+    return Mesh(np.arange(1, n + 1), position, (), fixed)
 
 
 def beam_rows(mesh):

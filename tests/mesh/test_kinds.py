@@ -144,7 +144,7 @@ def surface(kind, x):
 def one_element(kind, x):
     k = len(x)
     block = CellBlock(kind, np.array([7]), np.arange(k)[None], np.array([3]))
-    return Mesh(np.arange(1, k + 1), x, (block,), {}, {}, np.zeros((0, 2), dtype=np.int64))
+    return Mesh(np.arange(1, k + 1), x, (block,))
 
 
 @pytest.mark.parametrize("kind", ELEMENTS, ids=lambda kind: kind.name)
@@ -170,7 +170,7 @@ def test_a_wedge_meets_tetrahedron_and_hexahedron_on_common_corners():
         CellBlock("wedge6", np.array([2]), np.array([[1, 8, 5, 2, 9, 6]]), np.array([1])),
         CellBlock("tet4", np.array([3]), np.array([[1, 5, 8, 10]]), np.array([1])),
     )
-    facets = exterior_facets(Mesh(np.arange(11), x, blocks, {}, {}, np.zeros((0, 2), int)))
+    facets = exterior_facets(Mesh(np.arange(11), x, blocks))
     expected = {(1, n) for n in (1, 2, 3, 5, 6)} | {(2, n) for n in (2, 3, 4)} | {(3, n) for n in (2, 3, 4)}
     assert set(zip(facets.element_id.tolist(), facets.facet.tolist(), strict=True)) == expected
 
@@ -179,7 +179,7 @@ def tetrahedra(*connectivity, kind="tet4", points=6):
     block = CellBlock(
         kind, np.arange(1, len(connectivity) + 1), np.array(connectivity), np.ones(len(connectivity), int)
     )
-    return Mesh(np.arange(points), np.zeros((points, 3)), (block,), {}, {}, np.zeros((0, 2), int))
+    return Mesh(np.arange(points), np.zeros((points, 3)), (block,))
 
 
 def test_three_elements_on_one_facet_are_refused():
@@ -195,7 +195,7 @@ def test_mid_side_nodes_that_are_not_merged_are_refused():
 def test_linear_beside_quadratic_is_refused():
     mesh = tetrahedra(range(10), kind="tet10", points=11)
     linear = CellBlock("tet4", np.array([2]), np.array([[0, 2, 1, 10]]), np.array([1]))
-    mixed = Mesh(mesh.node_ids, mesh.position, (*mesh.blocks, linear), {}, {}, mesh.fixed)
+    mixed = Mesh(mesh.node_ids, mesh.position, (*mesh.blocks, linear), mesh.fixed)
     with expect_refusal(DeckError, "elements 1 and 2", remedy="same order"):
         exterior_facets(mixed)
 

@@ -9,7 +9,6 @@ import pytest
 
 from strainsight.decks.nastran.deck import read_nastran
 from strainsight.mesh.additions import (
-    node_index,
     node_indices,
     region_ids,
     with_averaging_element,
@@ -107,7 +106,7 @@ def test_a_structure_without_supports_is_a_warning():
 def test_a_reference_node_given_in_millimetres_is_a_warning():
     near, far = (with_node(tetrahedron(), 900, (x, 0, 0)) for x in (1.5, 50.0))
     near, far = (
-        with_rigid_element(mesh, node_index(mesh, 900), np.array([1]), (0, 1, 2), "mesh.ties.0") for mesh in (near, far)
+        with_rigid_element(mesh, mesh.node_index(900), np.array([1]), (0, 1, 2), "mesh.ties.0") for mesh in (near, far)
     )
     assert sanity_warnings(near, "mm", "t") == ()
     assert any("node 900 of mesh.ties.0 lies 49 m from its nodes" in text for text in sanity_warnings(far, "mm", "t"))
@@ -229,10 +228,10 @@ def test_supports_add_to_those_of_the_file_each_once(mesh):
 
 def test_a_tie_takes_the_nodes_of_a_set_but_its_reference(mesh):
     changed = with_node(mesh, 900, (0.5, 0.5, 2.0))
-    reference = node_index(changed, 900)
+    reference = changed.node_index(900)
     assert changed.position[reference].tolist() == [0.5, 0.5, 2.0]
     tied = with_rigid_element(changed, reference, node_indices(changed, "SET1-3"), (0, 1, 2))
-    tied = with_averaging_element(tied, node_index(tied, 4), np.array([2, 3, 4]), range(6))
+    tied = with_averaging_element(tied, tied.node_index(4), np.array([2, 3, 4]), range(6))
     assert tied.node_ids[tied.rigid[0].nodes].tolist() == [33, 4]
     assert tied.node_ids[tied.averaging[0].nodes].tolist() == [33, 5]
     assert (tied.rigid[0].id, tied.averaging[0].id) == (1, 2)

@@ -152,8 +152,8 @@ def cube_with(shells):
             blocks.append(ShellBlock(kind, first + np.arange(e), nodes, np.ones(e, int), np.zeros(e), np.full((e, 3), np.nan)))
             first += e
     regions = {1: Region(1, "PSHELL 1", 1), 2: Region(2, "PSOLID 2", 1)}
-    own = 1 + np.arange(len(x)), x.astype(float), (block,), regions, {1: Material(1, 2e11, 0.3, 7850.0)}, np.zeros((0, 2), int)
-    return with_faces(Mesh(*own, shells=tuple(blocks), sections={1: ShellSection(T)}))
+    own = {"regions": regions, "materials": {1: Material(1, 2e11, 0.3, 7850.0)}, "sections": {1: ShellSection(T)}}
+    return with_faces(Mesh(1 + np.arange(len(x)), x.astype(float), (block,), shells=tuple(blocks), **own))
 
 
 def outside_of(mesh):

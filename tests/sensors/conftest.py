@@ -69,7 +69,7 @@ def tube(kind, around, along, radius, shake=0.0):
 
 def bare(position: np.ndarray) -> Mesh:
     """A mesh of nodes only, for facets that are given apart."""
-    return Mesh(np.arange(1, len(position) + 1), position, (), {}, {}, np.zeros((0, 2), dtype=np.int64))
+    return Mesh(np.arange(1, len(position) + 1), position, ())
 
 
 def bricks() -> Mesh:

@@ -140,7 +140,7 @@ def test_a_facet_without_area_carries_no_gauge():
     facets = Facets(
         element_id=np.array([1, 2]), facet=np.ones(2, int), kind=np.zeros(2, int), nodes=nodes, region=np.ones(2, int)
     )
-    mesh = Mesh(np.arange(1, 5), position, (), {}, {}, np.zeros((0, 2), dtype=np.int64))
+    mesh = Mesh(np.arange(1, 5), position, ())
     np.testing.assert_array_equal(candidates(mesh, facets, (1, 0, 0)).element, [2])
 
 

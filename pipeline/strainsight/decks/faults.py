@@ -10,6 +10,7 @@ import numpy as np
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
+from strainsight.mesh.thin import concatenate
 
 Where = Callable[[str, int], str]
 """("node" or "element", id) → its place in the file."""
@@ -43,6 +44,17 @@ def repeated(ids: IntArray) -> tuple[int, int] | None:
         return None
     at = again[np.argmin(order[again + 1])]
     return int(order[at]), int(order[at + 1])
+
+
+def check_once(ids: IntArray, what: str, where: Callable[[int], str]) -> None:
+    """Raise DeckError where an id stands twice; where: row → its place."""
+    if pair := repeated(ids):
+        first, second = pair
+        raise DeckError(
+            f"{what} id {ids[second]} stands twice (first at {where(first)})",
+            where=where(second),
+            remedy=f"give every {what} its own id",
+        )
 
 
 def folded(nodes: IntArray) -> int | None:
@@ -117,7 +129,7 @@ def check_elements(
 
     name: a block and a row of it → the element in the words of its format; "element 10 (tet4)" by default.
     """
-    _check_ids(np.concatenate([np.zeros(0, np.int64), *(block.ids for block in blocks)]), "element", where)
+    _check_ids(concatenate(block.ids for block in blocks), "element", where)
     called = name or (lambda block, row: f"element {block.ids[row]} ({block.kind})")
     for block in blocks:
         if (row := folded(block.nodes)) is not None:
@@ -159,10 +171,7 @@ MISSING_END = "MISSING ENDDATA"
 """What a config calls that a deck with BEGIN BULK ends without ENDDATA, so that it may be cut off."""
 PRELOAD = "PRELOAD"
 """What a config calls the stress under which a deck asks for modes; cards are "PRELOAD by STATSUB" and the like."""
-LINEAR = {
-    **dict.fromkeys(("S9R5", "CQUAD"), "eight or four nodes"),
-    **dict.fromkeys(("T3D3", "CBEAM3"), "two nodes"),
-}
+LINEAR = {**dict.fromkeys(("S9R5", "CQUAD"), "eight or four nodes"), **dict.fromkeys(("T3D3", "CBEAM3"), "two nodes")}
 """Shells of nine nodes and quadratic trusses, in the spelling of `short` → what to mesh with instead."""
 _UNUSED = re.compile(r" that no | not selected$")
 

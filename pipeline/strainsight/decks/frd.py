@@ -15,7 +15,7 @@ from typing import BinaryIO
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes
-from strainsight.decks.text import opened
+from strainsight.decks.text import error_at, opened
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.kinds.kind import in_order
@@ -65,9 +65,7 @@ def blocks(file: BinaryIO, path: Path, nodes: list[NodeTable]) -> Iterator[tuple
             yield _header(file, line, parameters), str(path)
         elif line[:5] == b" 9999":
             return
-    raise DeckError(
-        "the file ends without its last line, 9999: it may be cut off", where=str(path), remedy="write it again"
-    )
+    raise error_at(path, "the file ends without its last line, 9999: it may be cut off", "write it again")
 
 
 def _header(file: BinaryIO, line: bytes, parameters: dict[bytes, list[bytes]]) -> Block:
@@ -92,9 +90,7 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
         found = np.frombuffer(whole(file, block.rows * item.itemsize, where), item)
         return found["node"].tobytes(), found["value"].astype(float)
     if k > NUMBERS_A_LINE:
-        raise DeckError(
-            f"{k} numbers a node in a block of displacements", where=where, remedy="write the results again"
-        )
+        raise error_at(where, f"{k} numbers a node in a block of displacements", "write the results again")
     width = ID_WIDTH[block.format]
     start = file.tell()
     length = len(file.readline())
@@ -115,9 +111,7 @@ def table(file: BinaryIO, block: Block, where: str) -> tuple[bytes, np.ndarray]:
             raise no_number(where)
         values = np.array(rows, dtype="S16").astype(float)
     if file.readline()[:3] != b" -3":
-        raise DeckError(
-            f"a block of {block.rows} nodes does not end after them", where=where, remedy="write the results again"
-        )
+        raise error_at(where, f"a block of {block.rows} nodes does not end after them", "write the results again")
     return ids, values
 
 
@@ -171,13 +165,13 @@ def whole(file: BinaryIO, size: int, where: str) -> bytes:
     """The next bytes of a file; DeckError where it ends before."""
     found = file.read(size)
     if len(found) < size:
-        raise DeckError("the file ends within a block: it is cut off", where=where, remedy="write the results again")
+        raise error_at(where, "the file ends within a block: it is cut off", "write the results again")
     return found
 
 
 def no_number(where: str) -> DeckError:
     """A damaged file."""
-    return DeckError("a block of results has a line that cannot be read", where=where, remedy="write the results again")
+    return error_at(where, "a block of results has a line that cannot be read", "write the results again")
 
 
 SOLIDS = {1: "hex8", 2: "wedge6", 3: "tet4", 4: "hex20", 5: "wedge15", 6: "tet10"}
@@ -209,7 +203,7 @@ def _mesh(path: Path, required: bool) -> Mesh:
             elif line[:6] == b"    3C":
                 elements = _elements(file, line, str(path))
     if nodes is None:
-        raise DeckError("the file holds no nodes", where=str(path), remedy="give the deck as mesh.file")
+        raise error_at(path, "the file holds no nodes", "give the deck as mesh.file")
     check_nodes(nodes.ids, nodes.position, lambda *_: str(path))
     table, blocks, others = IdTable(nodes.ids), [], 0
     for form, (heads, rows) in sorted(elements.items()):
@@ -219,15 +213,15 @@ def _mesh(path: Path, required: bool) -> Mesh:
         kind = next(own for own in ELEMENTS if own.name == SOLIDS[form])
         index, missing = table.rows(np.array(rows))
         if missing.any():
-            raise DeckError(
+            raise error_at(
+                path,
                 f"element {heads[int(np.argmax(missing.any(axis=1)))][0]} has a node that the file lacks",
-                where=str(path),
-                remedy="write the results again",
+                "write the results again",
             )
         ids, region = np.array(heads, dtype=np.int64).T
         blocks.append(CellBlock(kind.name, ids.copy(), in_order(index, kind.nastran_order), region.copy()))
     if not blocks and required:
-        raise DeckError("the file holds no solid elements", where=str(path), remedy="give the deck as mesh.file")
+        raise error_at(path, "the file holds no solid elements", "give the deck as mesh.file")
     check_elements(blocks, lambda *_: str(path))
     regions = sorted({int(number) for block in blocks for number in np.unique(block.region)})
     notes = ["coordinates of a text file of results have six digits"] if nodes.text else []
@@ -238,8 +232,6 @@ def _mesh(path: Path, required: bool) -> Mesh:
         position=nodes.position,
         blocks=tuple(blocks),
         regions={number: Region(number, names.get(number) or f"material {number}", 0) for number in regions},
-        materials={},
-        fixed=np.zeros((0, 2), dtype=np.int64),
         notes=tuple(notes),
         source=str(path),
     )

@@ -6,12 +6,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-from strainsight.errors import DeckError, UserError
+from strainsight.decks.text import error_at
+from strainsight.errors import UserError
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.given_sections import GivenSection
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.node_order import check_node_order
-from strainsight.mesh.units import length_factor, mass_factor, to_si
+from strainsight.mesh.units import length_factor, mass_factor, rescaled, to_si
 
 FORMATS = {
     "nastran": (".bdf", ".nas", ".dat", ".blk", ".bulk", ".fem"),
@@ -53,10 +54,10 @@ def read_mesh(
     L, M = length_factor(length_unit), mass_factor(mass_unit)
     path = Path(path)
     if not path.is_file():
-        raise DeckError(
+        raise error_at(
+            path,
             "no such file" if not path.exists() else "not a file",
-            where=str(path),
-            remedy="check the name; a relative path counts from the config file",
+            "check the name; a relative path counts from the config file",
         )
     format = format_of(path) if format == "auto" else format
     for value, key, of, program in ((spc, "spc", "nastran", "Nastran"), (step, "step", "abaqus", "Abaqus")):
@@ -72,7 +73,7 @@ def read_mesh(
         raise UserError(
             f"of {path.name} solids are read, which have no section", key=next(iter(given)), remedy="remove the key"
         )
-    sections = {key: section.resized(1 / L, 1 / M) for key, section in (given or {}).items()}
+    sections = rescaled(given or {}, 1 / L, 1 / M)
     if format == "nastran":
         from strainsight.decks.nastran.deck import read_nastran
 

@@ -6,6 +6,7 @@ import gzip
 import math
 import re
 import zlib
+from abc import ABC, abstractmethod
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -27,6 +28,19 @@ UNPACKING = (gzip.BadGzipFile, EOFError, zlib.error)
 """What a damaged .gz raises."""
 
 
+AGAIN = "write the file again: it was cut short or altered"
+
+
+def error_at(place: Path | str, what: str, remedy: str) -> DeckError:
+    """A DeckError at a file, or a place in one, "file:line"."""
+    return DeckError(what, where=str(place), remedy=remedy)
+
+
+def damaged(what: str, where: str) -> DeckError:
+    """A file that was cut short or altered."""
+    return error_at(where, what, AGAIN)
+
+
 class Line(NamedTuple):
     """A line without comment and trailing blanks, and where it stands."""
 
@@ -38,6 +52,10 @@ class Line(NamedTuple):
     def where(self) -> str:
         """file:line."""
         return f"{self.file}:{self.number}"
+
+    def error(self, what: str, remedy: str) -> DeckError:
+        """A DeckError at this line."""
+        return error_at(self.where, what, remedy)
 
 
 def text_lines(path: Path) -> list[str]:
@@ -52,10 +70,10 @@ def read_text(path: Path) -> str:
     """The text of a deck in UTF-8, else in the code page 1252 of Windows; DeckError as for `text_lines`."""
     content = read_bytes(path)
     if b"\0" in content[:1_000_000]:
-        raise DeckError(
+        raise error_at(
+            path,
             "a binary file, not a text deck",
-            where=str(path),
-            remedy="give the input deck (.bdf, .inp), not a results file (.op2, .odb, .h5)",
+            "give the input deck (.bdf, .inp), not a results file (.op2, .odb, .h5)",
         )
     try:
         return content.decode("utf-8-sig")
@@ -72,15 +90,13 @@ def read_bytes(path: Path) -> bytes:
         check_plain(path)
         content = path.read_bytes() if path.suffix.lower() != ".gz" else _unpacked(path)
     except FileNotFoundError:
-        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
+        raise error_at(path, "no such file", "check the name and the folder") from None
     except UNPACKING as error:
-        raise DeckError(f"cannot be unpacked: {error}", where=str(path), remedy="pack the deck again") from None
+        raise error_at(path, f"cannot be unpacked: {error}", "pack the deck again") from None
     except OSError as error:
-        raise DeckError(
-            f"cannot be read: {error.strerror}", where=str(path), remedy="check that it is a readable file"
-        ) from None
+        raise error_at(path, f"cannot be read: {error.strerror}", "check that it is a readable file") from None
     if not content.strip():
-        raise DeckError("the file is empty", where=str(path), remedy="write the deck again")
+        raise error_at(path, "the file is empty", "write the deck again")
     return content
 
 
@@ -92,12 +108,12 @@ def _unpacked(path: Path) -> bytes:
             parts.append(part)
             size += len(part)
             if size > LARGEST:
-                raise DeckError("more than 4 GiB", where=str(path), remedy="check that this is the deck")
+                raise error_at(path, "more than 4 GiB", "check that this is the deck")
             if size > max(SMALL, PACKING * path.stat().st_size):
-                raise DeckError(
+                raise error_at(
+                    path,
                     f"it unpacks to more than {PACKING} times its size",
-                    where=str(path),
-                    remedy="check that this is the deck; if it is, unpack it and give what comes out",
+                    "check that this is the deck; if it is, unpack it and give what comes out",
                 )
     return b"".join(parts)
 
@@ -105,7 +121,7 @@ def _unpacked(path: Path) -> bytes:
 def check_plain(path: Path) -> None:
     """Raise DeckError for a pipe, which would be waited for, or a device, which has no end."""
     if path.exists() and not (path.is_file() or path.is_dir()):
-        raise DeckError("is not a plain file", where=str(path), remedy="write it to a file, and give that")
+        raise error_at(path, "is not a plain file", "write it to a file, and give that")
 
 
 def opened(path: Path) -> BinaryIO:
@@ -156,29 +172,25 @@ class Includes:
             what = f"{word} {name!r} ({line.where}): {target} was read, and {others[0]} is another file of that name"
             self.notes.append(Doubt(f"{what}; rename one of them if that one is meant"))
         if resolved in parents:
-            raise DeckError(f"{word} {name!r} includes itself", where=line.where, remedy="remove the circle")
+            raise line.error(f"{word} {name!r} includes itself", "remove the circle")
         self.taken[resolved] += 1
         if len(parents) > DEEPEST or self.taken[resolved] > OFTENEST:
             what = f"{len(parents)} deep" if len(parents) > DEEPEST else f"{self.taken[resolved]} times"
-            raise DeckError(
-                f"{word} {name!r}: taken in {what}", where=line.where, remedy="write the deck into fewer files"
-            )
+            raise line.error(f"{word} {name!r}: taken in {what}", "write the deck into fewer files")
         return target
 
     def _not_found(self, name: str, word: str, line: Line, outside: Sequence[Path]) -> DeckError:
         if outside:
             leaves = "the folder of the deck" + (" and those of mesh.include_dirs" if self.folders[1:] else "")
-            return DeckError(
+            return line.error(
                 f"{word} {name!r} leaves {leaves}",
-                where=line.where,
-                remedy="move the included file beside or below the deck, or name its folder, "
+                "move the included file beside or below the deck, or name its folder, "
                 f"{outside[0].resolve().parent}, as seen from the config: mesh.include_dirs: [FOLDER]",
             )
         symbol = "; ~, variables and symbols before a colon are not replaced" if re.search(r"^~|[$%]|\w:", name) else ""
-        return DeckError(
+        return line.error(
             f"{word} {name!r}: no such file" + symbol,
-            where=line.where,
-            remedy="correct the path, or name the folder of the file: mesh.include_dirs: [FOLDER]",
+            "correct the path, or name the folder of the file: mesh.include_dirs: [FOLDER]",
         )
 
 
@@ -265,7 +277,7 @@ def entry(entries: Sequence[str], i: int) -> str:
     return entries[i] if i < len(entries) else ""
 
 
-class Entries:
+class Entries(ABC):
     """Words and numbers of a card or a data line by the places of their entries, from 0."""
 
     __slots__ = ()
@@ -273,13 +285,13 @@ class Entries:
     """What an entry is called, and the number of the first, in messages."""
 
     @property
+    @abstractmethod
     def tokens(self) -> Sequence[str]:
         """The entries as they stand."""
-        raise NotImplementedError
 
-    def error(self, what: str, remedy: str = "") -> DeckError:
+    @abstractmethod
+    def error(self, what: str, remedy: str = ...) -> DeckError:
         """A DeckError at this card or line."""
-        raise NotImplementedError
 
     def text(self, i: int) -> str:
         """Entry i; "" where there are fewer."""
@@ -294,6 +306,15 @@ class Entries:
         if value is None:
             raise self.error(f"{meaning} ({self.WORD} {i + self.FIRST}) {no_integer(token)}")
         return value
+
+    def component(self, i: int, default: int | None = None) -> int:
+        """Entry i, which names one of the components 1 to 6 of a node, as 0 to 5."""
+        value = self.integer(i, "the component", default)
+        if not 1 <= value <= 6:
+            raise self.error(
+                f"component {value} ({self.WORD} {i + self.FIRST}) is not one of 1 to 6", "give one of 1 to 6"
+            )
+        return value - 1
 
     def real(self, i: int, meaning: str, default: float | None = None) -> float:
         """Entry i as a finite real, also in Nastran's short form 1.7-4; a blank one is `default`, or a DeckError."""

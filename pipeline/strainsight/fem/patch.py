@@ -61,18 +61,7 @@ def patch_around(mesh: Mesh, incidence: Incidence, nodes: np.ndarray, layers: in
         if len(part):
             region = block.region[part]
             blocks.append(replace(block, ids=block.ids[part], nodes=number[block.nodes[part]], region=region))
-    alone = Mesh(
-        mesh.node_ids[own],
-        mesh.position[own],
-        tuple(blocks),
-        mesh.regions,
-        mesh.materials,
-        np.zeros((0, 2), dtype=np.int64),
-        anisotropic=mesh.anisotropic,
-        orientations=mesh.orientations,
-        composites=mesh.composites,
-        source=mesh.source,
-    )
+    alone = Mesh(mesh.node_ids[own], mesh.position[own], tuple(blocks), source=mesh.source, **mesh.properties)
     return Patch(alone, own, inside < np.diff(incidence.elements_of.indptr)[own])
 
 

@@ -213,24 +213,19 @@ def mass_normalised(stated: np.ndarray | None, own: np.ndarray | None) -> tuple[
     return stated, []
 
 
-def check_responses(
-    names: tuple[str, ...],
-    where: tuple[str, ...],
-    found: tuple[np.ndarray, np.ndarray, np.ndarray],
-    work: tuple[np.ndarray, np.ndarray],
-    weighed: tuple[np.ndarray, np.ndarray] | None,
-    rounding: float,
-) -> list[str]:
+def check_responses(modes: NormalisedResults, f: np.ndarray, results: Results, names: tuple[str, ...]) -> list[str]:
     """Whether each response z_j is K⁻¹f_j of its load, of what is known without K:
 
         z_iᵀf_j = z_jᵀf_i,   z_jᵀf_j ≥ Σ (φᵢᵀf_j)²/ωᵢ²,   φᵢᵀM z_j = φᵢᵀf_j/ωᵢ²
 
-    names (s,) of the loads; found: Φ (rows, m), z (rows, s), λ (m,); work: zᵀf (s, s), Φᵀf (m, s); weighed: M z (rows, s) and
-    ΦᵀMΦ (m,), None where the mass is not known: z is then held against Φ Λ⁻¹Φᵀf. Raises UserError; returns sentences for a
-    warning.
+    f (rows, s) the loads of the responses; names: of all loads. Where the mass is not known, z is held against Φ Λ⁻¹Φᵀf. Raises
+    UserError; returns sentences for a warning.
     """
-    (Phi, z, lam), (G, P) = found, work
-    notes, s = [], len(names)
+    Phi, z, lam = modes.shape, modes.response, modes.lam
+    G, P = z.T @ f, Phi.T @ f
+    names, where = tuple(names[i] for i in results.load), results.where[len(lam) :]
+    notes: list[str] = []
+    s = len(names)
     energy = np.diag(G)
     for j in range(s):
         modal = float(np.sum(P[:, j] ** 2 / lam))
@@ -252,13 +247,13 @@ def check_responses(
                     where=where[i],
                     remedy=AS_LOADED,
                 )
-            if off > max(1e-6, 10 * rounding):
+            if off > max(1e-6, 10 * results.rounding):
                 notes.append(f"{said} by {G[j, i]:.5g} m/N, off by {off:.1e} of their sizes; the mean is taken")
     for j in range(s):
         share = P[:, j] / lam
-        if weighed is not None:
-            Mz, norm = weighed
-            held = Phi.T @ Mz[:, j] / norm
+        if modes.weighed is not None:
+            M_Phi, M_z = modes.weighed
+            held = Phi.T @ M_z[:, j] / np.einsum("ij,ij->j", Phi, M_Phi)
             off = float(np.sqrt(np.sum(lam * (held - share) ** 2) / energy[j]))
             wrong = off > SHARES
         else:
@@ -324,22 +319,15 @@ def results_model(
     Raises UserError for modes that are rigid or have no known mass, for rows that the surface or a load needs and the results
     lack, and for a response that is not that of its load.
     """
-    m = len(results.frequency)
-    check_modes(results.frequency, results.where)
-    check_rows(mesh, given)
-    weighed = _weighed(mesh, given)
-    own = None if weighed is None else np.einsum("ij,ij->j", given.field[:, :m], weighed[:, :m])
-    norm, notes = mass_normalised(results.modal_mass, own)
-    Phi, lam = given.field[:, :m] / np.sqrt(norm), (2 * np.pi * results.frequency) ** 2
-    found = Residuals(np.zeros((len(Phi), 0)), np.zeros(0), np.zeros((0, 0)))
+    modes, m = normalise_results(mesh, given, results), len(results.frequency)
+    found, notes = Residuals(modes.shape[:, :0], np.zeros(0), np.zeros((0, 0))), list(modes.notes)
     if forces is not None:
-        e = forces_on_rows(mesh, given, forces)
-        found, more = _residuals(results, given.field[:, m:], (Phi, lam), e, names, weighed, norm)
+        found, more = _residuals(modes, results, forces_on_rows(mesh, given, forces), names)
         notes += more
-    K = np.diag(np.concatenate([lam, found.stiffness]))
+    K = np.diag(np.concatenate([modes.lam, found.stiffness]))
     M = np.eye(len(K))
     M[m:, m:] = found.mass
-    T = as_sparse(np.hstack([Phi, found.field]))
+    T = as_sparse(np.hstack([modes.shape, found.field]))
     constraint = Constraint(T, given.constraint.reference_rows, np.zeros(0, dtype=np.int64))
     stiffness, mass = (as_operator(X, scaled.get(kind)) for kind, X in (("stiffness", K), ("mass", M)))
     return FullModel(FiniteElementModel(mesh, constraint, stiffness, mass), notes=tuple(notes), modes=m)
@@ -354,38 +342,51 @@ class Residuals:
     mass: np.ndarray
 
 
-def _weighed(mesh: Mesh, given: GivenMotion) -> np.ndarray | None:
-    """M of the field, where the mesh has densities and every node of its elements a motion."""
-    if not has_mass(mesh) or unresolved_rows(mesh, given, mesh.nodes_of_elements).size:
-        return None
-    return mass_product(mesh, given.constraint.reference_rows, given.field)
+@dataclass(frozen=True)
+class NormalisedResults:
+    """shape Φ (3n + 3r, m) of unit mass, λ (m,) [rad²/s²], response z (3n + 3r, s); weighed: M Φ and M z, None where the mass of
+    the mesh is not known; sentences on the mass."""
+
+    shape: np.ndarray
+    lam: np.ndarray
+    response: np.ndarray
+    weighed: tuple[np.ndarray, np.ndarray] | None
+    notes: list[str]
+
+
+def normalise_results(mesh: Mesh, given: GivenMotion, results: Results, by_mesh: bool = False) -> NormalisedResults:
+    """Modes by the modal mass of their file, else, or `by_mesh`, by that of the mesh, which is known where it has densities and
+    every node of its elements a motion. Raises UserError for modes that are rigid or of no known mass, and missing rows."""
+    m = len(results.frequency)
+    check_modes(results.frequency, results.where)
+    check_rows(mesh, given)
+    weighed = own = None
+    if has_mass(mesh) and not unresolved_rows(mesh, given, mesh.nodes_of_elements).size:
+        weighed = mass_product(mesh, given.constraint.reference_rows, given.field)
+        own = np.einsum("ij,ij->j", given.field[:, :m], weighed[:, :m])
+    norm, notes = mass_normalised(results.modal_mass, own)
+    root = np.sqrt(own if by_mesh and own is not None else norm)
+    products = None if weighed is None else (weighed[:, :m] / root, weighed[:, m:])
+    lam = (2 * np.pi * results.frequency) ** 2
+    return NormalisedResults(given.field[:, :m] / root, lam, given.field[:, m:], products, notes)
 
 
 def _residuals(
-    results: Results,
-    z: np.ndarray,
-    modes: tuple[np.ndarray, np.ndarray],
-    e: np.ndarray,
-    names: tuple[str, ...],
-    weighed: np.ndarray | None,
-    norm: np.ndarray,
+    modes: NormalisedResults, results: Results, e: np.ndarray, names: tuple[str, ...]
 ) -> tuple[Residuals, list[str]]:
-    """r Y of r = z − Φ Λ⁻¹Φᵀf, YᵀR Y diagonal, of responses of unit energy; z (3n + 3r, s); modes: Φ and λ; e (3n + 3r, n_u) unit
-    loads of these names; weighed: M of the field as its file has it; norm (m,): ΦᵀMΦ of its modes. And sentences on them."""
-    (Phi, lam), m = modes, len(norm)
-    f = e[:, results.load]
-    G, P = z.T @ f, Phi.T @ f
-    of_loads = tuple(names[i] for i in results.load)
-    beside = None if weighed is None else (weighed[:, m:], np.einsum("ij,ij->j", Phi, weighed[:, :m]) / np.sqrt(norm))
-    notes = check_responses(of_loads, results.where[m:], (Phi, z, lam), (G, P), beside, results.rounding)
-    share = P / lam[:, None]
+    """r Y of r = z − Φ Λ⁻¹Φᵀf, YᵀR Y diagonal, of responses of unit energy; e (3n + 3r, n_u) unit loads of these names. And
+    sentences on them."""
+    f, z = e[:, results.load], modes.response
+    notes = check_responses(modes, f, results, names)
+    G, P = z.T @ f, modes.shape.T @ f
+    share = P / modes.lam[:, None]
     Y, R = independent(G, G - P.T @ share, max(LEAST, DIGITS * results.rounding))
-    field = (z - Phi @ share) @ Y
-    if weighed is None:
-        mass = np.diag(R / (ABOVE**2 * lam[-1]))
+    field = (z - modes.shape @ share) @ Y
+    if modes.weighed is None:
+        mass = np.diag(R / (ABOVE**2 * modes.lam[-1]))
     else:
-        mass = field.T @ ((weighed[:, m:] - weighed[:, :m] / np.sqrt(norm) @ share) @ Y)
-    notes += said(names, results, len(f.T) - len(R), weighed is None, ABOVE * results.frequency[-1])
+        mass = field.T @ ((modes.weighed[1] - modes.weighed[0] @ share) @ Y)
+    notes += said(names, results, len(f.T) - len(R), modes.weighed is None, ABOVE * results.frequency[-1])
     return Residuals(field, R, 0.5 * (mass + mass.T)), notes
 
 

@@ -14,6 +14,7 @@ from strainsight.fem.affine import AffineOperator
 from strainsight.fem.constraints import Constraint, constraint_transform, describe_row
 from strainsight.fem.equations import rigid_rows, rotation_rows
 from strainsight.fem.model import FiniteElementModel, FullModel, restricted
+from strainsight.fem.patch import held_components
 from strainsight.mesh.model import IdTable, Mesh
 
 LOOSE = 1e-14
@@ -195,21 +196,10 @@ def unmoved_solids(mesh: Mesh, constraint: Constraint, rows: int) -> list[str]:
     """A sentence on translations of the solids that no row of the matrices and no tie moves, nor a support holds."""
     n = len(mesh.position)
     still = np.diff(constraint.transform[: 3 * n].tocsr().indptr).reshape(n, 3) == 0
-    solid = np.zeros(n, dtype=bool)
+    solid = np.zeros((n, 1), dtype=bool)
     for block in mesh.blocks:
         solid[block.nodes] = True
-    still &= solid[:, None]
-    for node, component in mesh.fixed.tolist():
-        still[node, component if component < 3 and node not in mesh.axes else slice(None)] = False
-    for e in mesh.rigid:
-        for component in e.components:
-            if component < 3:
-                still[e.nodes, component] = False
-    for a in mesh.averaging:
-        still[a.reference] = False
-    for node, component in (relation.follower for relation in mesh.relations):
-        if component < 3:
-            still[node, component] = False
+    still &= solid & ~held_components(mesh)
     if not still.any():
         return []
     named = mesh.node_ids[still.any(axis=1)]

@@ -36,12 +36,10 @@ from strainsight.foreign.of_results import (
     Results,
     as_operator,
     as_sparse,
-    check_modes,
     check_responses,
-    check_rows,
     forces_on_rows,
     independent,
-    mass_normalised,
+    normalise_results,
     said,
     unresolved_rows,
 )
@@ -111,31 +109,21 @@ def observed(
     names: of all loads; key: of the set, for errors. Raises UserError without a mass of all nodes, and for what `results_model`
     refuses of modes and responses.
     """
-    m = len(results.frequency)
-    check_modes(results.frequency, results.where)
-    check_rows(mesh, given)
     if not has_mass(mesh) or unresolved_rows(mesh, given, mesh.nodes_of_elements).size:
         raise UserError(
             "two sets are put together by the mass of the mesh, and a region has no density or a node no motion",
             key=key,
             remedy="give mesh.materials with densities, and results of all nodes",
         )
-    weighed = mass_product(mesh, given.constraint.reference_rows, given.field)
-    norm = np.einsum("ij,ij->j", given.field[:, :m], weighed[:, :m])
-    _, notes = mass_normalised(results.modal_mass, norm)
-    Phi, M_Phi = given.field[:, :m] / np.sqrt(norm), weighed[:, :m] / np.sqrt(norm)
-    lam = (2 * np.pi * results.frequency) ** 2
-    z, f = given.field[:, :0], given.field[:, :0]
+    modes = normalise_results(mesh, given, results, by_mesh=True)
+    assert modes.weighed is not None
+    notes, z, f = [*modes.notes], modes.response[:, :0], modes.response[:, :0]
     if forces is not None:
-        z, f = given.field[:, m:], forces_on_rows(mesh, given, forces)[:, results.load]
-        of_loads = tuple(names[i] for i in results.load)
-        found, work = (Phi, z, lam), (z.T @ f, Phi.T @ f)
-        beside = (weighed[:, m:], np.ones(m))
-        notes += check_responses(of_loads, results.where[m:], found, work, beside, results.rounding)
-        notes += said(names, results, 0, False, 0.0)
-    scale = 1 / np.sqrt(np.concatenate([lam, np.einsum("ij,ij->j", z, f)]))
-    motion, force = np.hstack([Phi, z]) * scale, np.hstack([M_Phi * lam, f]) * scale
-    return Observed(motion, force, lam, results.frequency, results.rounding, tuple(notes))
+        z, f = modes.response, forces_on_rows(mesh, given, forces)[:, results.load]
+        notes += check_responses(modes, f, results, names) + said(names, results, 0, False, 0.0)
+    scale = 1 / np.sqrt(np.concatenate([modes.lam, np.einsum("ij,ij->j", z, f)]))
+    motion, force = np.hstack([modes.shape, z]) * scale, np.hstack([modes.weighed[0] * modes.lam, f]) * scale
+    return Observed(motion, force, modes.lam, results.frequency, results.rounding, tuple(notes))
 
 
 def asymmetry(own: Observed) -> float:
@@ -298,19 +286,10 @@ def _forms(mesh: Mesh, own: Parameter) -> list[sparse.csr_array]:
             for block in solid
             for here in [block.region == number]
         )
-        for ratio in POISSON:
-            found.append(
-                assemble_stiffness(
-                    Mesh(
-                        node_ids=mesh.node_ids,
-                        position=mesh.position,
-                        blocks=blocks,
-                        regions={number: Region(number, mesh.regions[number].name, 1)},
-                        materials={1: Material(1, 1.0, ratio, 0.0)},
-                        fixed=np.zeros((0, 2), dtype=np.int64),
-                    )
-                )
-            )
+        region = {number: Region(number, mesh.regions[number].name, 1)}
+        part = Mesh(mesh.node_ids, mesh.position, blocks, regions=region)
+        of_ratios = (replace(part, materials={1: Material(1, 1.0, ratio, 0.0)}) for ratio in POISSON)
+        found += [assemble_stiffness(own) for own in of_ratios]
     return found
 
 

@@ -5,7 +5,7 @@ All in SI units, positions in m too, whatever the unit of the file.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from fnmatch import fnmatchcase
 from typing import Any
@@ -13,12 +13,12 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import UserError, did_you_mean
-from strainsight.mesh.anisotropic import Anisotropic, Orientation
+from strainsight.mesh.anisotropic import Anisotropic, Layer, Orientation
 from strainsight.mesh.facets import Facets, all_facets, facet_key
 from strainsight.mesh.joins import AveragingElement, RigidElement, Springs
 from strainsight.mesh.kinds import FACETS
-from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
-from strainsight.mesh.thin import Lamina
+from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, IntArray, Material, Mesh
+from strainsight.mesh.thin import Lamina, Ply
 from strainsight.mesh.units import rescaled
 
 
@@ -58,7 +58,7 @@ def with_material(
 
     Raises UserError for a region that the mesh does not have, and for one whose section has materials of its own.
     """
-    number = free_material(mesh)
+    number = mesh.free_material()
     changed = _assigned(mesh, regions, number)
     return replace(changed, materials={**changed.materials, number: Material(number, E, nu, rho, name)})
 
@@ -73,7 +73,7 @@ def with_anisotropic(
 ) -> Mesh:
     """A mesh whose regions (None: all) of solids are of the stiffness (6, 6) [Pa], see `Anisotropic`, along those axes, and of
     the density ρ [kg/m³]. Raises UserError for a region that the mesh does not have, and for one of shells or beams."""
-    number = free_material(mesh)
+    number = mesh.free_material()
     changed = _assigned(mesh, regions, number)
     chosen = [i for i, own in changed.regions.items() if own.material == number]
     for block in mesh.thin:
@@ -92,23 +92,26 @@ def with_anisotropic(
 def _assigned(mesh: Mesh, regions: Sequence[int | str] | None, number: int) -> Mesh:
     """A mesh whose regions (None: all) refer to the material of that number, without materials that nothing refers to."""
     chosen = set(mesh.regions if regions is None else region_ids(mesh, regions))
-    if own := sorted(i for i in chosen if mesh.general_shell(i)):
-        raise UserError(
-            f"{mesh.regions[own[0]]} is a shell whose membrane, bending and shear have materials of their own",
-            remedy="name the regions that are none, and state its materials in the deck (MAT1, MAT2, MAT8)",
-        )
-    if of_plies := sorted(i for i in chosen if mesh.laminate(i)):
-        raise UserError(
-            f"{mesh.regions[of_plies[0]]} is a laminate, whose plies have materials of their own",
-            remedy="name the regions that are none, and state materials of plies in the deck (MAT8, MAT1)",
-        )
-    if of_layers := sorted(chosen & set(mesh.composites)):
-        raise UserError(
-            f"{mesh.regions[of_layers[0]]} is a composite solid, whose layers have materials of their own",
-            remedy="name the regions that are none, and state materials of layers in the deck",
-        )
+    several: dict[str, tuple[Callable[[int], object], str]] = {
+        "a shell whose membrane, bending and shear": (
+            mesh.general_shell,
+            "its materials in the deck (MAT1, MAT2, MAT8)",
+        ),
+        "a laminate, whose plies": (mesh.laminate, "materials of plies in the deck (MAT8, MAT1)"),
+        "a composite solid, whose layers": (mesh.composites.get, "materials of layers in the deck"),
+    }
+    for words, (part_of, where) in several.items():
+        if own := sorted(i for i in chosen if part_of(i)):
+            raise UserError(
+                f"{mesh.regions[own[0]]} is {words} have materials of their own",
+                remedy=f"name the regions that are none, and state {where}",
+            )
     altered = {i: replace(r, material=number) if i in chosen else r for i, r in mesh.regions.items()}
-    used = {region.material for region in altered.values()} | _of_plies(mesh)
+    stacks: list[tuple[Ply | Layer, ...]] = [
+        laminate.plies for region in mesh.regions if (laminate := mesh.laminate(region))
+    ]
+    stacks += [composite.layers for composite in mesh.composites.values()]
+    used = {region.material for region in altered.values()} | {part.material for parts in stacks for part in parts}
     return replace(
         mesh,
         regions=altered,
@@ -166,14 +169,13 @@ def _with_altered(
     mesh: Mesh, old: Material | Lamina | Anisotropic, density: float, stiffness: float
 ) -> tuple[Mesh, int]:
     """A mesh with a material more, of another density and of moduli that are multiplied, and its id."""
-    number = free_material(mesh)
+    number = mesh.free_material()
     return with_added_material(mesh, rescaled(replace(old, id=number, density=density), pressure=stiffness)), number
 
 
 def with_added_material(mesh: Mesh, material: Material | Lamina | Anisotropic) -> Mesh:
     """A mesh with a material more, of an id that no other has."""
-    kinds = {Lamina: "laminae", Anisotropic: "anisotropic", Material: "materials"}
-    field = kinds[type(material)]
+    field = MATERIAL_FIELDS[type(material)]
     changes: dict[str, Any] = {field: {**getattr(mesh, field), material.id: material}}
     return replace(mesh, **changes)
 
@@ -184,18 +186,6 @@ def with_layers(mesh: Mesh, region: int, layers: Sequence[Any]) -> Mesh:
         return replace(mesh, sections={**mesh.sections, region: replace(laminate, plies=tuple(layers))})
     composite = replace(mesh.composites[region], layers=tuple(layers))
     return replace(mesh, composites={**mesh.composites, region: composite})
-
-
-def free_material(mesh: Mesh) -> int:
-    """An id that no material of the mesh has."""
-    return max([0, *mesh.materials, *mesh.laminae, *mesh.anisotropic]) + 1
-
-
-def _of_plies(mesh: Mesh) -> set[int]:
-    """Ids of the materials of plies and layers."""
-    laminates = [laminate for region in mesh.regions if (laminate := mesh.laminate(region))]
-    plies = {ply.material for laminate in laminates for ply in laminate.plies}
-    return plies | {layer.material for composite in mesh.composites.values() for layer in composite.layers}
 
 
 def with_support(mesh: Mesh, nodes: IntArray, components: Sequence[int]) -> Mesh:
@@ -255,14 +245,6 @@ def node_indices(mesh: Mesh, name: str) -> IntArray:
     return found
 
 
-def node_index(mesh: Mesh, node_id: int) -> int:
-    """Index of the node with this id. Raises UserError where there is none."""
-    try:
-        return mesh.node_index(node_id)
-    except KeyError:
-        raise UserError(f"the mesh has no node {node_id}", remedy="node numbers are the ids of the mesh file") from None
-
-
 def _next_tie(mesh: Mesh) -> int:
     return max([0, *(e.id for e in mesh.rigid), *(e.id for e in mesh.averaging)]) + 1
 
@@ -288,8 +270,7 @@ def face_springs(mesh: Mesh, name: str, face: str, stiffness: Sequence[float]) -
     """
     facets, own = all_facets(mesh), mesh.faces[face]
     chosen = np.isin(facets.key, facet_key(*own.T))
-    weight, spring, node, value = [], [], [], []
-    count = 0
+    parts, count = [], 0
     for number in np.unique(facets.kind[chosen]):
         kind = FACETS[number]
         nodes = facets.nodes[chosen & (facets.kind == number), : len(kind.nodes)]
@@ -298,19 +279,16 @@ def face_springs(mesh: Mesh, name: str, face: str, stiffness: Sequence[float]) -
         J = np.einsum("qad,fac->fqcd", dN, mesh.position[nodes])
         dA = np.linalg.norm(np.cross(J[..., 0], J[..., 1]), axis=-1)
         f, q, a = (part.ravel() for part in np.meshgrid(*map(np.arange, (len(nodes), *N.shape)), indexing="ij"))
-        weight.append((w * dA).ravel())
-        spring.append(count + f * len(w) + q)
-        node.append(nodes[f, a])
-        value.append(N[q, a])
+        parts.append(((w * dA).ravel(), count + f * len(w) + q, nodes[f, a], N[q, a]))
         count += len(nodes) * len(w)
-    share = np.concatenate(weight)
-    share /= share.sum()
+    share, spring, node, value = (np.concatenate(columns) for columns in zip(*parts, strict=True))
+    share = share / share.sum()
     components = np.flatnonzero(stiffness)
     return Springs(
         name,
         np.concatenate([stiffness[c] * share for c in components.tolist()]),
-        np.concatenate([i * count + at for i in range(len(components)) for at in spring]),
-        np.tile(np.concatenate(node), len(components)),
-        np.repeat(components, sum(map(len, node))),
-        np.tile(np.concatenate(value), len(components)),
+        np.concatenate([i * count + spring for i in range(len(components))]),
+        np.tile(node, len(components)),
+        np.repeat(components, len(node)),
+        np.tile(value, len(components)),
     )

@@ -43,8 +43,7 @@ class Orientation:
 
     system: CoordinateSystem
     turn: Annotated[
-        FloatArray,
-        Column("1", "3 × 3", "axes 1, 2, 3 along the directions of the system at a point, one in a column"),
+        FloatArray, Column("1", "3 × 3", "axes 1, 2, 3 along the directions of the system at a point, one in a column")
     ]
 
     @property

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
 from dataclasses import replace
 
 import numpy as np
@@ -11,10 +10,10 @@ from scipy import sparse
 from scipy.spatial import cKDTree
 
 from strainsight.errors import DeckError, UserError
-from strainsight.mesh.joins import AveragingElement, NodalForces, RigidElement
-from strainsight.mesh.model import FloatArray, IdTable, IntArray, Mesh
-from strainsight.mesh.projection import Met, hanging, inside, patches
-from strainsight.mesh.unjoined import Coincident, Doubled, Joints, component_labels, doubled
+from strainsight.mesh.joins import NodalForces, RigidElement
+from strainsight.mesh.model import FloatArray, IdTable, IntArray, Mesh, element_error
+from strainsight.mesh.projection import hanging, inside, patches
+from strainsight.mesh.unjoined import Coincident, Joints, component_labels, doubled
 
 
 def check_doubled(mesh: Mesh) -> None:
@@ -24,81 +23,59 @@ def check_doubled(mesh: Mesh) -> None:
         if own.joined:
             continue
         more = f", and so do {own.count - 1} others" if own.count > 1 else ""
-        raise DeckError(
+        raise element_error(
+            own.second,
             f"elements {own.first} and {own.second} ({own.kind}) lie in one place, with nodes of their own{more}: stiffness and "
             "mass would count twice",
-            remedy="the mesh is there twice: remove one; two layers that are meant share their nodes, or are tied",
-            entity=("element", own.second),
+            "the mesh is there twice: remove one; two layers that are meant share their nodes, or are tied",
         )
 
 
 def connectivity_warnings(mesh: Mesh) -> tuple[str, ...]:
     """Nodes in one place that nothing joins, nodes that hang on elements without being theirs, solids inside of each other."""
     joints = Joints(mesh)
-    coincident, own = Coincident(mesh, joints), patches(mesh)
-    return (
-        *_unmerged(mesh, coincident),
-        *_layers(doubled(mesh, joints, coincident)),
-        *_hanging(mesh, hanging(mesh, own, joints, coincident)),
-        *_overlaps(mesh, inside(mesh, own, joints, coincident)),
-    )
+    coincident, own, found = Coincident(mesh, joints), patches(mesh), []
+    if len(coincident.pairs):
+        a, b = mesh.node_ids[coincident.pairs[0]]
+        found.append(
+            f"{len(coincident.unjoined)} nodes lie in the place of another that is not joined to them, as {a} and {b} at "
+            f"{_at(mesh, coincident.pairs[0, 0])}: parts touch there and hand on no load; make them one with mesh.merge: "
+            f"{merge_distance(coincident.distance):g}, or tie them (mesh.ties); leave them where the parts may part"
+        )
+    found += [
+        f"elements {two.first} and {two.second} ({two.kind})"
+        + (f" and {two.count - 1} more pairs" if two.count > 1 else "")
+        + " lie in one place, with nodes of their own, and are joined elsewhere only: right for two layers that are fastened "
+        "there; of a mesh that is there twice stiffness and mass count twice, remove one"
+        for two in doubled(mesh, joints, coincident)
+        if two.joined
+    ]
+    if count := len(met := hanging(mesh, own, joints, coincident)):
+        words = (
+            f"{count} nodes lie on elements that are not theirs"
+            if count > 1
+            else "a node lies on an element not its own"
+        )
+        found.append(
+            f"{words}, as {mesh.node_ids[met.node[0]]} on element {met.element[0]} at {_at(mesh, met.node[0])}: meshes that do "
+            "not fit together hand on no load there; tie the finer side to the coarser (mesh.ties, type: surface), or mesh both "
+            "alike"
+        )
+    if len(met := inside(mesh, own, joints, coincident)):
+        count = len(np.unique(met.element))
+        words = f"{count} solids hold" if count > 1 else "a solid holds"
+        found.append(
+            f"{words} what is not theirs, as element {met.element[0]} by node {mesh.node_ids[met.node[0]]} at "
+            f"{_at(mesh, met.node[0])}: volumes that overlap count stiffness and mass twice, and what lies inside without a tie "
+            "hands on no load"
+        )
+    return tuple(found)
 
 
 def merge_distance(distance: FloatArray) -> float:
     """A distance [m] that makes nodes one that are so far apart: the power of ten above, a micrometre at least."""
     widest = 2 * float(distance.max(initial=0.0))
     return 10.0 ** max(-6, int(np.ceil(np.log10(widest)))) if widest > 0 else 1e-6
-
-
-def _unmerged(mesh: Mesh, found: Coincident) -> list[str]:
-    if not len(found.pairs):
-        return []
-    a, b = mesh.node_ids[found.pairs[0]]
-    count, at = len(found.unjoined), _at(mesh, found.pairs[0, 0])
-    return [
-        f"{count} nodes lie in the place of another that is not joined to them, as {a} and {b} at {at}: "
-        f"parts touch there and hand on no load; make them one with mesh.merge: {merge_distance(found.distance):g}, or tie them "
-        "(mesh.ties); leave them where the parts may part"
-    ]
-
-
-def _layers(found: Iterable[Doubled]) -> list[str]:
-    return [
-        f"elements {own.first} and {own.second} ({own.kind})"
-        + (f" and {own.count - 1} more pairs" if own.count > 1 else "")
-        + " lie in one place, with nodes of their own, and are joined elsewhere only: right for two layers that are fastened "
-        "there; of a mesh that is there twice stiffness and mass count twice, remove one"
-        for own in found
-        if own.joined
-    ]
-
-
-def _hanging(mesh: Mesh, found: Met) -> list[str]:
-    if not len(found):
-        return []
-    several = len(found) > 1
-    words = (
-        f"{len(found)} nodes lie on elements that are not theirs"
-        if several
-        else "a node lies on an element not its own"
-    )
-    return [
-        f"{words}, as {mesh.node_ids[found.node[0]]} on element "
-        f"{found.element[0]} at {_at(mesh, found.node[0])}: meshes that do not fit together hand on no load there; tie the "
-        "finer side to the coarser (mesh.ties, type: surface), or mesh both alike"
-    ]
-
-
-def _overlaps(mesh: Mesh, found: Met) -> list[str]:
-    if not len(found):
-        return []
-    count = len(np.unique(found.element))
-    words = f"{count} solids hold" if count > 1 else "a solid holds"
-    return [
-        f"{words} what is not theirs, as element {found.element[0]} by node {mesh.node_ids[found.node[0]]} at "
-        f"{_at(mesh, found.node[0])}: volumes that overlap count stiffness and mass twice, and what lies inside without a tie "
-        "hands on no load"
-    ]
 
 
 def _at(mesh: Mesh, node: int) -> str:
@@ -189,7 +166,7 @@ def _renamed(mesh: Mesh, index: IntArray, gone: NDArray[np.bool_]) -> Mesh:
         beams=tuple(replace(block, nodes=index[block.nodes]) for block in mesh.beams),
         fixed=np.unique(np.column_stack([index[mesh.fixed[:, 0]], mesh.fixed[:, 1]]), axis=0),
         rigid=tuple(own for tie in mesh.rigid if len((own := _rigid(tie, index)).nodes)),
-        averaging=tuple(_averaging(tie, index) for tie in mesh.averaging),
+        averaging=tuple(tie.with_nodes(int(index[tie.reference]), index[tie.nodes], index) for tie in mesh.averaging),
         relations=tuple(replace(own, node=index[own.node]) for own in mesh.relations),
         point_masses=tuple(replace(own, node=int(index[own.node])) for own in mesh.point_masses),
         springs=tuple(replace(own, node=index[own.node]) for own in mesh.springs),
@@ -202,32 +179,6 @@ def _renamed(mesh: Mesh, index: IntArray, gone: NDArray[np.bool_]) -> Mesh:
 def _rigid(tie: RigidElement, index: IntArray) -> RigidElement:
     nodes, reference = np.unique(index[tie.nodes]), int(index[tie.reference])
     return replace(tie, reference=reference, nodes=nodes[nodes != reference])
-
-
-def _averaging(tie: AveragingElement, index: IntArray) -> AveragingElement:
-    """Of nodes that became one the weights add up."""
-    dependent = tie.dependent
-    if dependent is not None:
-        dependent = np.column_stack([index[dependent[:, 0]], dependent[:, 1]])
-    reference, one = int(index[tie.reference]), index[tie.nodes]
-    counts = [own.astype(int) for own in (tie.directions, tie.rotations) if own is not None]
-    key = np.column_stack([one, *counts])
-    _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
-    if len(np.unique(one)) < len(first):
-        raise DeckError(
-            f"{tie}: nodes in one place count in different directions there",
-            remedy="let both count in the same, so that mesh.merge can make them one",
-            entity=("tie", tie.id),
-        )
-    return replace(
-        tie,
-        reference=reference,
-        nodes=one[first],
-        weight=np.bincount(of.ravel(), tie.weight).astype(float),
-        directions=None if tie.directions is None else tie.directions[first],
-        rotations=None if tie.rotations is None else tie.rotations[first],
-        dependent=dependent,
-    )
 
 
 def _load(load: NodalForces, index: IntArray) -> NodalForces:

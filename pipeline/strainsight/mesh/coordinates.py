@@ -23,6 +23,12 @@ class CoordinateSystem:
     axes: Annotated[FloatArray, Column("1", "3 × 3", "x, y, z of the system, one in a column")]
 
 
+def rotation(axis: FloatArray, angle: float) -> FloatArray:
+    """R (3, 3) = cos φ I + sin φ [e]× + (1 − cos φ) e eᵀ about the unit vector e = axis (3,), angle φ [rad] (Rodrigues)."""
+    across = np.cross(np.eye(3), axis)
+    return np.asarray(np.cos(angle) * np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * np.outer(axis, axis))
+
+
 BASIC = CoordinateSystem("rectangular", np.zeros(3), np.eye(3))
 
 

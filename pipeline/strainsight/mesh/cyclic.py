@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from strainsight.errors import UserError
 from strainsight.mesh.anisotropic import Orientation
-from strainsight.mesh.coordinates import BASIC
+from strainsight.mesh.coordinates import BASIC, rotation
 from strainsight.mesh.joins import AveragingElement, BodyForce, NodalForces, PointMass, Relation, RigidElement, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Mesh, Origin
 from strainsight.mesh.unjoined import component_labels
@@ -44,25 +44,22 @@ class Copies:
         blocks = tuple(
             replace(
                 block,
-                ids=np.concatenate([block.ids + j * shift for j in range(count)]),
+                ids=self._copied(block.ids),
                 nodes=np.concatenate([self.at[j][block.nodes] for j in range(count)]),
                 region=np.concatenate([block.region + j * shift * np.isin(block.region, turned) for j in range(count)]),
             )
             for block in mesh.blocks
         )
         node_sets = {name: self._node_set(own, ids) for name, own in mesh.node_sets.items()}
-        element_sets = {
-            name: np.sort(np.concatenate([own + j * shift for j in range(count)]))
-            for name, own in mesh.element_sets.items()
-        }
+        element_sets = {name: np.sort(self._copied(own)) for name, own in mesh.element_sets.items()}
         named = [name for j in range(count) if (name := f"SECTOR-{j + 1}") in {*node_sets, *element_sets}]
         if named:
             raise UserError(
                 f"the set {named[0]} is called as a copy of the sector will be", remedy="give it another name"
             )
+        sector = np.sort(np.concatenate([block.ids for block in mesh.blocks]))
         for j in range(count):
-            elements = np.concatenate([block.ids + j * shift for block in mesh.blocks])
-            element_sets[f"SECTOR-{j + 1}"] = np.sort(elements)
+            element_sets[f"SECTOR-{j + 1}"] = sector + j * shift
             node_sets[f"SECTOR-{j + 1}"] = np.unique(ids[self.at[j][mesh.nodes_of_elements]])
         fixed, held_axes = self._fixed(axes)
         axes |= held_axes
@@ -96,6 +93,10 @@ class Copies:
             },
         )
         return self._with_regions(made, turned)
+
+    def _copied(self, ids: IntArray) -> IntArray:
+        """Ids in all copies."""
+        return np.concatenate([ids + j * self.shift for j in range(len(self.turns))])
 
     def _node_set(self, own: IntArray, ids: IntArray) -> IntArray:
         rows = np.flatnonzero(np.isin(self.mesh.node_ids, own))
@@ -212,23 +213,8 @@ class Copies:
                 )
             for reference, group in groups:
                 number.append(own.id)
-                every = np.concatenate([self.at[j][own.nodes] for j in group])
-                nodes, first, place = np.unique(every, return_index=True, return_inverse=True)
-                first %= len(own.nodes)
-                averaging.append(
-                    replace(
-                        own,
-                        id=len(number),
-                        reference=reference,
-                        nodes=nodes,
-                        weight=np.bincount(place, np.tile(own.weight, len(group))).astype(float),
-                        directions=None if own.directions is None else own.directions[first],
-                        rotations=None if own.rotations is None else own.rotations[first],
-                        dependent=None
-                        if own.dependent is None
-                        else np.column_stack([self.at[group[0]][own.dependent[:, 0]], own.dependent[:, 1]]),
-                    )
-                )
+                moved = own.with_nodes(reference, self.at[group][:, own.nodes].ravel(), self.at[group[0]])
+                averaging.append(replace(moved, id=len(number)))
         return tuple(rigid), tuple(averaging), np.array(number, dtype=np.int64)
 
     def _by_reference(self, node: int) -> list[tuple[int, list[int]]]:
@@ -307,10 +293,7 @@ class Copies:
         return replace(load, nodes=nodes, force=np.concatenate(force), moment=moment, body=body)
 
     def _body(self, own: BodyForce) -> BodyForce:
-        if own.elements is None:
-            return own
-        elements = np.concatenate([own.elements + j * self.shift for j in range(len(self.turns))])
-        return replace(own, elements=elements)
+        return own if own.elements is None else replace(own, elements=self._copied(own.elements))
 
 
 def _along(held: FloatArray, rank: int, systems: Sequence[FloatArray]) -> tuple[FloatArray, list[int]] | None:
@@ -368,8 +351,8 @@ def whole_ring(
             "a sector with shells or beams is not made a whole ring",
             remedy="mesh the whole structure, or its solids alone",
         )
-    e = axis / np.linalg.norm(axis)
-    turns = np.array([_turn(e, 2 * np.pi * j / count) for j in range(count)])
+    e = -axis / np.linalg.norm(axis)  # copy 1 lies clockwise of the sector, seen against the axis
+    turns = np.array([rotation(e, 2 * np.pi * j / count) for j in range(count)])
     n = len(mesh.position)
     met: list[IntArray] = []  # pairs (k, 2) of nodes that are one; copy j of node i is j n + i
     follows = np.zeros(n, dtype=bool)
@@ -395,12 +378,6 @@ def whole_ring(
     return Ring(made, at, shift, tuple((np.unique(new[into[a]]), np.unique(new[into[b]])) for a, b in loose))
 
 
-def _turn(e: FloatArray, angle: float) -> FloatArray:
-    """R (3, 3) = cos φ I + sin φ [e]× + (1 − cos φ) e eᵀ."""
-    across = np.cross(np.eye(3), -e)
-    return np.asarray(np.cos(angle) * np.eye(3) + np.sin(angle) * across + (1 - np.cos(angle)) * np.outer(e, e))
-
-
 def _meeting(
     position: FloatArray, first: IntArray, second: IntArray, c: FloatArray, e: FloatArray, count: int
 ) -> tuple[IntArray, int, IntArray]:
@@ -410,7 +387,7 @@ def _meeting(
     spacing = beside.reshape(len(second), -1)[:, -1]
     best: tuple[float, int, FloatArray, IntArray] | None = None
     for step in (1, -1):
-        there = c + (position[second] - c) @ _turn(e, 2 * np.pi * step / count).T
+        there = c + (position[second] - c) @ rotation(e, 2 * np.pi * step / count).T
         off, which = map(np.asarray, cKDTree(there).query(position[first]))
         if best is None or off.mean() < best[0]:
             best = (float(off.mean()), step, off, which)

@@ -11,11 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from strainsight.errors import DeckError
 from strainsight.mesh.kinds import FACETS, kind_of
 from strainsight.mesh.kinds.kind import Kind
-from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
-from strainsight.mesh.thin import BeamBlock, ShellBlock
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, element_error
+from strainsight.mesh.thin import BeamBlock, ShellBlock, concatenate
 from strainsight.mesh.unjoined import component_labels
 
 CODE = {kind.name: code for code, kind in enumerate(FACETS)}
@@ -71,7 +70,7 @@ class Facets:
 
     def of(self, blocks: Sequence[CellBlock | ShellBlock | BeamBlock]) -> NDArray[np.bool_]:
         """Which facets (f,) are those of some elements."""
-        return np.isin(self.element_id, np.concatenate([np.zeros(0, dtype=np.int64), *(block.ids for block in blocks)]))
+        return np.isin(self.element_id, concatenate(block.ids for block in blocks))
 
 
 def facet_key(element_id: IntArray, facet: IntArray) -> IntArray:
@@ -96,18 +95,15 @@ def on_solids(mesh: Mesh, facets: Facets) -> Iterator[tuple[CellBlock, tuple[int
 
 def all_facets(mesh: Mesh) -> Facets:
     """Every facet of every cell, the two faces of every shell, and the four sides of beams."""
-    ids, facet, kind, nodes, region = [], [], [], [], []
+    parts = [tuple(np.zeros(shape, dtype=np.int64) for shape in (0, 0, 0, (0, 8), 0))]
 
     def add(
         block: CellBlock | ShellBlock | BeamBlock, rows: IntArray | slice, number: int, code: int, around: IntArray
     ) -> None:
         padded = np.full((len(around), 8), -1, dtype=np.int64)
         padded[:, : around.shape[1]] = around
-        ids.append(block.ids[rows])
-        facet.append(np.full(len(around), number))
-        kind.append(np.full(len(around), code))
-        nodes.append(padded)
-        region.append(block.region[rows])
+        numbers = (np.full(len(around), own) for own in (number, code))
+        parts.append((block.ids[rows], *numbers, padded, block.region[rows]))
 
     for block in mesh.blocks:
         for number, (facet_kind, local) in enumerate(kind_of(block.kind).facets, start=1):
@@ -121,10 +117,7 @@ def all_facets(mesh: Mesh) -> Facets:
         for number, side in enumerate(np.moveaxis(beam.on_sides, 1, 0), start=1):
             rows = np.flatnonzero(side[:, 0] >= 0)
             add(beam, rows, number, CODE["quad4" if side.shape[1] == 4 else ON_SHELL["quad8"]], side[rows])
-    nodes.append(np.zeros((0, 8), dtype=np.int64))
-    parts = ([*part, np.zeros(0)] for part in (ids, facet, kind, region))
-    *columns, last = (np.concatenate(part).astype(np.int64) for part in parts)
-    columns += [np.concatenate(nodes), last]
+    columns = [np.concatenate(own) for own in zip(*parts, strict=True)]
     order = np.lexsort((columns[1], columns[0]))
     found = Facets(*(column[order] for column in columns))
     return replace(found, corners=_meeting(mesh)[found.nodes[:, :4]]) if mesh.beams else found
@@ -163,10 +156,8 @@ def exterior_facets(mesh: Mesh) -> Facets:
     times = np.bincount(group)
     if times.max(initial=0) > 2:
         shared = facets.element_id[group == np.argmax(times)]
-        raise DeckError(
-            f"elements {', '.join(map(str, shared[:4]))} share one facet",
-            remedy="remove elements that overlap",
-            entity=("element", int(shared[-1])),
+        raise element_error(
+            shared[-1], f"elements {', '.join(map(str, shared[:4]))} share one facet", "remove elements that overlap"
         )
     _check_conforming(mesh, facets, order, new)
     outside = times[group] == 1
@@ -250,10 +241,8 @@ def _check_conforming(mesh: Mesh, facets: Facets, order: np.ndarray, new: np.nda
             other = "mesh both with elements of the same order"
         elif _coincide(mesh.position, nodes[a[i]], nodes[b[i]]):
             other = "merge the coincident nodes"
-        raise DeckError(
-            f"elements {first} and {second} share a facet's corners but not its mid-side nodes",
-            remedy=other,
-            entity=("element", int(second)),
+        raise element_error(
+            second, f"elements {first} and {second} share a facet's corners but not its mid-side nodes", other
         )
 
 

@@ -4,14 +4,24 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Annotated
 
 import numpy as np
 
+from strainsight.columns import Column
 from strainsight.errors import DeckError, UserError, did_you_mean
-from strainsight.mesh.model import CellBlock, Mesh, Region
+from strainsight.mesh.model import CellBlock, Mesh, Region, element_error
 from strainsight.mesh.node_order import plate_normals
-from strainsight.mesh.thin import CORNERS, SHELL_KINDS, BeamBlock, BeamSection, FloatArray, ShellBlock, ShellSection
-from strainsight.mesh.units import rescaled
+from strainsight.mesh.thin import (
+    CORNERS,
+    SHELL_KINDS,
+    BeamBlock,
+    BeamSection,
+    FloatArray,
+    Section,
+    ShellBlock,
+    ShellSection,
+)
 
 LINE, LINE3 = "line2", "line3"
 """Kinds of the lines that become beams or rods; triangles and quadrangles have the names of shells."""
@@ -32,17 +42,13 @@ class GivenSection:
 
     regions: tuple[int | str, ...] | None
     section: ShellSection | BeamSection
-    offset: float = 0.0
+    offset: Annotated[float, Column("m", "", "of the middle of shells from their nodes")] = 0.0
     direction: tuple[float, float, float] | None = None
 
     @property
     def dimension(self) -> int:
         """Of the elements that it is of: 2 or 1."""
         return 2 if isinstance(self.section, ShellSection) else 1
-
-    def resized(self, length: float, mass: float) -> GivenSection:
-        """With lengths and masses multiplied."""
-        return replace(self, section=rescaled(self.section, length, mass), offset=self.offset * length)
 
 
 def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, GivenSection]) -> Mesh:
@@ -52,24 +58,17 @@ def with_given(mesh: Mesh, cells: Sequence[CellBlock], given: Mapping[int, Given
     Raises DeckError for a shell of no area, folded or warped too much, a line without length, and one along the direction of its
     section.
     """
-    of = {kind: _together([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE, LINE3)}
+    of = {
+        kind: CellBlock.joined([block for block in cells if block.kind == kind]) for kind in (*SHELL_KINDS, LINE, LINE3)
+    }
     notes = list(mesh.notes)
     with mesh.located():
         shells = tuple(_shells(mesh, of[kind], given, notes) for kind in SHELL_KINDS if len(of[kind].ids))
         _refuse_curved_rods(of[LINE3], given)
         lines = [_beams(mesh, kind, of[line], given) for kind, line in LINES.items() if len(of[line].ids)]
     beams = tuple(block for block in lines if len(block.ids))
-    sections = {region: own.section for region, own in given.items()}
+    sections: dict[int, Section] = {region: own.section for region, own in given.items()}
     return replace(mesh, shells=shells, beams=beams, sections=sections, notes=tuple(notes))
-
-
-def _together(blocks: Sequence[CellBlock]) -> CellBlock:
-    """Blocks of one kind as one."""
-    if not blocks:
-        nothing = np.zeros(0, dtype=np.int64)
-        return CellBlock("", nothing, nothing.reshape(0, 0), nothing)
-    columns = ([getattr(block, name) for block in blocks] for name in ("ids", "nodes", "region"))
-    return CellBlock(blocks[0].kind, *(np.concatenate(own) for own in columns))
 
 
 def _shells(mesh: Mesh, block: CellBlock, given: Mapping[int, GivenSection], notes: list[str]) -> ShellBlock:
@@ -77,7 +76,7 @@ def _shells(mesh: Mesh, block: CellBlock, given: Mapping[int, GivenSection], not
         return f"{block.kind} {block.ids[row]}"
 
     def fault(row: int, what: str, remedy: str) -> DeckError:
-        return DeckError(f"{called(row)} {what}", remedy=remedy, entity=("element", int(block.ids[row])))
+        return element_error(block.ids[row], f"{called(row)} {what}", remedy)
 
     plate_normals(mesh.position[block.nodes[:, : CORNERS[block.nodes.shape[1]]]], fault, called, "tri3", notes)
     offset = np.array([given[region].offset for region in block.region.tolist()])
@@ -93,21 +92,17 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, given: Mapping[int, GivenSec
     size = np.linalg.norm(along, axis=1)
     if not size.all():
         element = int(ids[np.argmin(size)])
-        raise DeckError(
-            f"element {element} is a line without length",
-            remedy="merge or move one of its nodes",
-            entity=("element", element),
-        )
+        raise element_error(element, f"element {element} is a line without length", "merge or move one of its nodes")
     towards = [given[number].direction for number in region.tolist()]
     across = np.eye(3)[np.argmin(np.abs(along), axis=1)]
     v = np.array([across[i] if own is None else own for i, own in enumerate(towards)]).reshape(-1, 3)
     axes, lost = beam_axes(along, v)
     if lost.any():
         element = int(ids[np.argmax(lost)])
-        raise DeckError(
+        raise element_error(
+            element,
             f"element {element} runs along the direction {list(towards[int(np.argmax(lost))] or ())} of its section",
-            remedy="give lines that run another way a region and a direction of their own (mesh.sections)",
-            entity=("element", element),
+            "give lines that run another way a region and a direction of their own (mesh.sections)",
         )
     e = len(ids)
     return BeamBlock(kind, ids, nodes, region, axes, np.zeros((e, nodes.shape[1], 3)), np.zeros((e, 2, 6), dtype=bool))
@@ -116,10 +111,10 @@ def _beams(mesh: Mesh, kind: str, block: CellBlock, given: Mapping[int, GivenSec
 def _refuse_curved_rods(block: CellBlock, given: Mapping[int, GivenSection]) -> None:
     for element, region in zip(block.ids.tolist(), block.region.tolist(), strict=True):
         if not _bends(given[region]):
-            raise DeckError(
+            raise element_error(
+                element,
                 f"element {element} is a line of three nodes, and its section does not bend: nothing holds its middle",
-                remedy="give its section moments of area (mesh.sections), or mesh rods with lines of two nodes",
-                entity=("element", element),
+                "give its section moments of area (mesh.sections), or mesh rods with lines of two nodes",
             )
 
 

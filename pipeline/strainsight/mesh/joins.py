@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.columns import Column
+from strainsight.errors import DeckError
 from strainsight.mesh.thin import FloatArray, IntArray
 
 STRAIGHT = "straight side"
@@ -69,6 +70,32 @@ class AveragingElement:
     def turned(self) -> IntArray:
         """Nodes whose rotations count."""
         return self.nodes[:0] if self.rotations is None else self.nodes[self.rotations.any(axis=1)]
+
+    def with_nodes(self, reference: int, nodes: IntArray, at: IntArray) -> AveragingElement:
+        """The element on other nodes (c k,), those of c copies one after the other; weights of nodes that became one add up;
+        at: index of every node before → that after.
+
+        Raises DeckError for nodes that became one and count in different directions."""
+        row = np.arange(len(nodes)) % len(self.nodes)
+        counts = [own[row].astype(int) for own in (self.directions, self.rotations) if own is not None]
+        key = np.column_stack([nodes, *counts])
+        _, first, of = np.unique(key, axis=0, return_index=True, return_inverse=True)
+        if len(np.unique(nodes)) < len(first):
+            raise DeckError(
+                f"{self}: nodes in one place count in different directions there",
+                remedy="let both count in the same, so that they can be made one",
+                entity=("tie", self.id),
+            )
+        dependent = self.dependent
+        return replace(
+            self,
+            reference=reference,
+            nodes=nodes[first],
+            weight=np.bincount(of.ravel(), self.weight[row]).astype(float),
+            directions=None if self.directions is None else self.directions[row[first]],
+            rotations=None if self.rotations is None else self.rotations[row[first]],
+            dependent=None if dependent is None else np.column_stack([at[dependent[:, 0]], dependent[:, 1]]),
+        )
 
 
 @dataclass(frozen=True)
@@ -140,11 +167,6 @@ class PointMass:
         return any(bool(np.any(part)) for part in own)
 
 
-def matrix_mass(number: int, node: int, M: FloatArray) -> PointMass:
-    """A point mass of a matrix (6, 6)."""
-    return PointMass(number, node, float(np.trace(M[:3, :3])) / 3, matrix=M)
-
-
 @dataclass(frozen=True)
 class Springs:
     """Springs of one element or support: spring i resists its elongation s = Σ r z with the force k s, or the moment.
@@ -200,9 +222,9 @@ class BodyForce:
     masses that it acts on, None for all.
     """
 
-    acceleration: FloatArray = field(default_factory=lambda: np.zeros(3))
+    acceleration: Annotated[FloatArray, Column("m/s^2", "3", "g")] = field(default_factory=lambda: np.zeros(3))
     rotation: FloatArray = field(default_factory=lambda: np.zeros(3))
-    centre: FloatArray = field(default_factory=lambda: np.zeros(3))
+    centre: Annotated[FloatArray, Column("m", "3", "a point of the axis")] = field(default_factory=lambda: np.zeros(3))
     elements: IntArray | None = None
     factor: float = 1.0
 
@@ -215,8 +237,7 @@ class NodalForces:
     nodes: Annotated[IntArray, Column("1", "loaded node", "loaded node indices")]
     force: Annotated[FloatArray, Column("N", "loaded node × 3", "forces")]
     moment: Annotated[
-        FloatArray | None,
-        Column("N m", "loaded node × 3", "moments, 0 where there are none", offset="force_offset"),
+        FloatArray | None, Column("N m", "loaded node × 3", "moments, 0 where there are none", offset="force_offset")
     ] = None
     body: tuple[BodyForce, ...] = ()
     regions: Annotated[

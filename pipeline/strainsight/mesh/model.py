@@ -4,17 +4,26 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
-from typing import Annotated
+from dataclasses import dataclass, field, fields
+from typing import Annotated, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from strainsight.columns import Column
-from strainsight.errors import DeckError
+from strainsight.errors import DeckError, UserError
 from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid, Orientation
 from strainsight.mesh.joins import AveragingElement, NodalForces, PointMass, Relation, RigidElement, Springs
-from strainsight.mesh.thin import BeamBlock, GeneralShell, Lamina, Laminate, Section, ShellBlock, nodes_that_turn
+from strainsight.mesh.thin import (
+    BeamBlock,
+    GeneralShell,
+    Lamina,
+    Laminate,
+    Section,
+    ShellBlock,
+    concatenate,
+    nodes_that_turn,
+)
 from strainsight.mesh.thin import FloatArray as FloatArray
 from strainsight.mesh.thin import IntArray as IntArray
 
@@ -27,6 +36,14 @@ class CellBlock:
     ids: Annotated[IntArray, Column("1", "element", "id of every element of that kind in the deck", name="id")]
     nodes: Annotated[IntArray, Column("1", "element × node", "node indices in VTK order")]
     region: Annotated[IntArray, Column("1", "element", "region id of every element")]
+
+    @classmethod
+    def joined(cls, blocks: Sequence[CellBlock]) -> CellBlock:
+        """Blocks of one kind as one, of no kind where there are none."""
+        if not blocks:
+            return cls("", *(np.zeros(shape, dtype=np.int64) for shape in (0, (0, 0), 0)))
+        columns = ([getattr(block, name) for block in blocks] for name in ("ids", "nodes", "region"))
+        return cls(blocks[0].kind, *(np.concatenate(parts) for parts in columns))
 
 
 @dataclass(frozen=True)
@@ -54,6 +71,11 @@ class Region:
 
     def __str__(self) -> str:
         return f"region {self.id} ({self.name})"
+
+
+def element_error(element: int, what: str, remedy: str) -> DeckError:
+    """A DeckError at an element (id), for whoever knows the lines of the file."""
+    return DeckError(what, remedy=remedy, entity=("element", int(element)))
 
 
 class IdTable:
@@ -91,114 +113,28 @@ class Origin:
         return cls(ids, line, file, tuple(files))
 
 
-@dataclass(frozen=True)
-class Mesh:
-    """A finite-element model as its file says it, lengths in m, masses in kg.
+MATERIAL_FIELDS = {Material: "materials", Lamina: "laminae", Anisotropic: "anisotropic"}
+"""Kind of a material → the field of `Properties` that holds it."""
 
-    node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams; regions and materials by their ids,
-    sections: region id → section of its shells or beams; laminae: orthotropic materials of plies, and anisotropic ones of
-    solids, whose ids no other material has; orientations: region id → how the axes of its anisotropic material lie, along the
-    basic ones where it has none; composites: region id of solids → their layers, where they have some; fixed (f, 2): pairs
-    (node index, component 0-5) that are held at zero; rigid and averaging elements, relations between displacements,
-    point_masses, springs; arms (a, 2): the last a nodes, which lie on faces of shells and sides of beams, and the node of these
-    that each follows as a rigid arm, whose id it bears too; axes: node index → (3, 3) axes, one in a column, that the
-    components of fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where it has none;
-    node_sets and element_sets name → ids of the file; faces: name → facets (k, 2) as element id and local number, of which the
-    nodes are a node set of that name; loads: name → forces of the file; ignored: card or the like that is not supported →
-    count; effect: "structure" for those that may add stiffness, mass or a tie, "none" for those that change none of them;
-    unsupported: those of them that are elements, ties or loads → file:line of the first; notes: sentences on how something was
-    read; doubts: on what the file says that is more likely a mistake; contacts: what became of surfaces that touch and may
-    part, a sentence each; lumped: whether the mass of solids is on the diagonal; read: card or the like that was taken → count;
-    source: the file; included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
-    """
 
-    node_ids: IntArray
-    position: FloatArray
-    blocks: tuple[CellBlock, ...]
-    regions: Mapping[int, Region]
-    materials: Mapping[int, Material]
-    fixed: IntArray
-    rigid: tuple[RigidElement, ...] = ()
-    averaging: tuple[AveragingElement, ...] = ()
-    relations: tuple[Relation, ...] = ()
-    point_masses: tuple[PointMass, ...] = ()
-    springs: tuple[Springs, ...] = ()
-    shells: tuple[ShellBlock, ...] = ()
-    beams: tuple[BeamBlock, ...] = ()
-    sections: Mapping[int, Section] = field(default_factory=dict)
-    laminae: Mapping[int, Lamina] = field(default_factory=dict)
-    anisotropic: Mapping[int, Anisotropic] = field(default_factory=dict)
-    orientations: Mapping[int, Orientation] = field(default_factory=dict)
-    composites: Mapping[int, CompositeSolid] = field(default_factory=dict)
-    arms: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
-    axes: Mapping[int, FloatArray] = field(default_factory=dict)
-    node_sets: Mapping[str, IntArray] = field(default_factory=dict)
-    element_sets: Mapping[str, IntArray] = field(default_factory=dict)
-    faces: Mapping[str, IntArray] = field(default_factory=dict)
-    loads: Mapping[str, NodalForces] = field(default_factory=dict)
-    ignored: Mapping[str, int] = field(default_factory=dict)
-    effect: Mapping[str, str] = field(default_factory=dict)
-    unsupported: Mapping[str, str] = field(default_factory=dict)
-    notes: tuple[str, ...] = ()
-    doubts: tuple[str, ...] = ()
-    contacts: tuple[str, ...] = ()
-    lumped: bool = False
-    read: Mapping[str, int] = field(default_factory=dict)
-    source: str = ""
-    included: tuple[str, ...] = ()
-    origin: Mapping[str, Origin] = field(default_factory=dict)
+@dataclass(frozen=True, kw_only=True)
+class Properties:
+    """What elements are made of: regions and isotropic materials by id; laminae: orthotropic materials of plies, and anisotropic
+    ones of solids, whose ids no other material has; orientations: region id → how the axes of its anisotropic material lie,
+    along the basic ones where it has none; composites: region id of solids → their layers, where they have some; sections:
+    region id of shells or beams → its section."""
 
-    @property
-    def connectivity(self) -> tuple[IntArray, ...]:
-        """Nodes (e, k) of the elements of every block of solids, shells and beams."""
-        return tuple(block.nodes for block in self.elements)
+    regions: dict[int, Region] = field(default_factory=dict)
+    materials: dict[int, Material] = field(default_factory=dict)
+    laminae: dict[int, Lamina] = field(default_factory=dict)
+    anisotropic: dict[int, Anisotropic] = field(default_factory=dict)
+    orientations: dict[int, Orientation] = field(default_factory=dict)
+    composites: dict[int, CompositeSolid] = field(default_factory=dict)
+    sections: dict[int, Section] = field(default_factory=dict)
 
-    @property
-    def elements(self) -> tuple[CellBlock | ShellBlock | BeamBlock, ...]:
-        """Blocks of all elements: solids, shells, beams."""
-        return (*self.blocks, *self.thin)
-
-    @property
-    def thin(self) -> tuple[ShellBlock | BeamBlock, ...]:
-        """Blocks of shells and beams."""
-        return (*self.shells, *self.beams)
-
-    def of_kind(self, kind: str) -> tuple[CellBlock | ShellBlock | BeamBlock, ...]:
-        """Blocks of "solids", "shells" or "beams"."""
-        if kind == "solids":
-            return self.blocks
-        return self.shells if kind == "shells" else self.beams
-
-    @property
-    def thin_nodes(self) -> IntArray:
-        """Indices of the nodes of shells and beams, ascending."""
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(block.nodes.ravel() for block in self.thin)]))
-
-    @property
-    def nodes_of_elements(self) -> IntArray:
-        """Indices of the nodes that an element has, ascending."""
-        return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(nodes.ravel() for nodes in self.connectivity)]))
-
-    @property
-    def ties(self) -> tuple[RigidElement | AveragingElement, ...]:
-        """Rigid and averaging elements."""
-        return (*self.rigid, *self.averaging)
-
-    @property
-    def has_surface(self) -> bool:
-        """Whether there is something that a gauge can be bonded on: solids, shells or sides of beams."""
-        return bool(self.blocks or self.shells or any((block.on_sides >= 0).any() for block in self.beams))
-
-    @property
-    def own_nodes(self) -> int:
-        """How many nodes the file has: those before the ones on faces of shells."""
-        return len(self.position) - len(self.arms)
-
-    def above(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Chosen nodes (n,), with those on faces of shells that follow one of them."""
-        found = chosen.copy()
-        found[self.arms[chosen[self.arms[:, 1]], 0]] = True
-        return found
+    def free_material(self) -> int:
+        """An id that no material has."""
+        return max([0, *self.materials, *self.laminae, *self.anisotropic]) + 1
 
     def laminate(self, region: int) -> Laminate | None:
         """The plies of a region (id); None for any other section, and for solids."""
@@ -244,6 +180,117 @@ class Mesh:
         material = self.material_of(region) or self.anisotropic_of(region)
         return None if material is None else material.density
 
+
+def _mean_density(stack: Sequence[tuple[float, Lamina | Anisotropic | Material | None]]) -> float | None:
+    """Σ ρt/Σ t of thicknesses and their materials; None where one lacks."""
+    parts = [(t, own.density) for t, own in stack if own is not None]
+    return sum(rho * t for t, rho in parts) / sum(t for t, _ in parts) if len(parts) == len(stack) else None
+
+
+@dataclass(frozen=True)
+class Mesh(Properties):
+    """A finite-element model as its file says it, lengths in m, masses in kg.
+
+    node_ids (n,) of the file; position (n, 3) [m]; blocks of solid cells, shells, beams; fixed (f, 2): pairs (node index,
+    component 0-5) that are held at zero; rigid and averaging elements, relations between displacements, point_masses,
+    springs; arms (a, 2): the last a nodes, which lie on faces of shells and sides of beams, and the node of these that each
+    follows as a rigid arm, whose id it bears too; axes: node index → (3, 3) axes, one in a column, that the components of
+    fixed, rigid, averaging and relations mean at that node (CD of a GRID), the basic ones where it has none; node_sets and
+    element_sets name → ids of the file; faces: name → facets (k, 2) as element id and local number, of which the nodes are a
+    node set of that name; loads: name → forces of the file; ignored: card or the like that is not supported → count; effect:
+    "structure" for those that may add stiffness, mass or a tie, "none" for those that change none of them; unsupported: those
+    of them that are elements, ties or loads → file:line of the first; notes: sentences on how something was read; doubts: on
+    what the file says that is more likely a mistake; contacts: what became of surfaces that touch and may part, a sentence
+    each; lumped: whether the mass of solids is on the diagonal; read: card or the like that was taken → count; source: the
+    file; included: files that the deck takes in; origin: "node", "element", "tie", "relation" → lines.
+    """
+
+    node_ids: IntArray
+    position: FloatArray
+    blocks: tuple[CellBlock, ...]
+    fixed: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    rigid: tuple[RigidElement, ...] = ()
+    averaging: tuple[AveragingElement, ...] = ()
+    relations: tuple[Relation, ...] = ()
+    point_masses: tuple[PointMass, ...] = ()
+    springs: tuple[Springs, ...] = ()
+    shells: tuple[ShellBlock, ...] = ()
+    beams: tuple[BeamBlock, ...] = ()
+    arms: IntArray = field(default_factory=lambda: np.zeros((0, 2), dtype=np.int64))
+    axes: Mapping[int, FloatArray] = field(default_factory=dict)
+    node_sets: Mapping[str, IntArray] = field(default_factory=dict)
+    element_sets: Mapping[str, IntArray] = field(default_factory=dict)
+    faces: Mapping[str, IntArray] = field(default_factory=dict)
+    loads: Mapping[str, NodalForces] = field(default_factory=dict)
+    ignored: Mapping[str, int] = field(default_factory=dict)
+    effect: Mapping[str, str] = field(default_factory=dict)
+    unsupported: Mapping[str, str] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+    doubts: tuple[str, ...] = ()
+    contacts: tuple[str, ...] = ()
+    lumped: bool = False
+    read: Mapping[str, int] = field(default_factory=dict)
+    source: str = ""
+    included: tuple[str, ...] = ()
+    origin: Mapping[str, Origin] = field(default_factory=dict)
+
+    @property
+    def properties(self) -> dict[str, Any]:
+        """The fields of `Properties`, for another mesh of the same regions."""
+        return {entry.name: getattr(self, entry.name) for entry in fields(Properties)}
+
+    @property
+    def connectivity(self) -> tuple[IntArray, ...]:
+        """Nodes (e, k) of the elements of every block of solids, shells and beams."""
+        return tuple(block.nodes for block in self.elements)
+
+    @property
+    def elements(self) -> tuple[CellBlock | ShellBlock | BeamBlock, ...]:
+        """Blocks of all elements: solids, shells, beams."""
+        return (*self.blocks, *self.thin)
+
+    @property
+    def thin(self) -> tuple[ShellBlock | BeamBlock, ...]:
+        """Blocks of shells and beams."""
+        return (*self.shells, *self.beams)
+
+    def of_kind(self, kind: str) -> tuple[CellBlock | ShellBlock | BeamBlock, ...]:
+        """Blocks of "solids", "shells" or "beams"."""
+        if kind == "solids":
+            return self.blocks
+        return self.shells if kind == "shells" else self.beams
+
+    @property
+    def thin_nodes(self) -> IntArray:
+        """Indices of the nodes of shells and beams, ascending."""
+        return np.unique(concatenate(block.nodes.ravel() for block in self.thin))
+
+    @property
+    def nodes_of_elements(self) -> IntArray:
+        """Indices of the nodes that an element has, ascending."""
+        return np.unique(concatenate(nodes.ravel() for nodes in self.connectivity))
+
+    @property
+    def ties(self) -> tuple[RigidElement | AveragingElement, ...]:
+        """Rigid and averaging elements."""
+        return (*self.rigid, *self.averaging)
+
+    @property
+    def has_surface(self) -> bool:
+        """Whether there is something that a gauge can be bonded on: solids, shells or sides of beams."""
+        return bool(self.blocks or self.shells or any((block.on_sides >= 0).any() for block in self.beams))
+
+    @property
+    def own_nodes(self) -> int:
+        """How many nodes the file has: those before the ones on faces of shells."""
+        return len(self.position) - len(self.arms)
+
+    def above(self, chosen: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        """Chosen nodes (n,), with those on faces of shells that follow one of them."""
+        found = chosen.copy()
+        found[self.arms[chosen[self.arms[:, 1]], 0]] = True
+        return found
+
     @property
     def turning(self) -> IntArray:
         """Indices of the nodes whose elements resist rotations: those of shells, and of beams that are no rods."""
@@ -252,7 +299,7 @@ class Mesh:
     @property
     def turned_by_springs(self) -> IntArray:
         """Indices of the nodes whose rotations springs resist, but for those of solids and rods with no rotation held."""
-        nodes = np.unique(np.concatenate([np.zeros(0, np.int64), *(own.turned for own in self.springs)]))
+        nodes = np.unique(concatenate(own.turned for own in self.springs))
         still = np.setdiff1d(self.nodes_of_elements, self.fixed[self.fixed[:, 1] > 2, 0])
         return np.setdiff1d(nodes, np.setdiff1d(still, self.turning))
 
@@ -266,10 +313,10 @@ class Mesh:
         return np.unique(node[(component < 3) | ~still[node]])
 
     def node_index(self, node_id: int) -> int:
-        """Index of the node with this id of the file; KeyError where there is none."""
+        """Index of the node with this id of the file. Raises UserError where there is none."""
         hits = np.flatnonzero(self.node_ids == node_id)
         if hits.size == 0:
-            raise KeyError(node_id)
+            raise UserError(f"the mesh has no node {node_id}", remedy="node numbers are the ids of the mesh file")
         return int(hits[0])
 
     def where(self, kind: str, number: int) -> str | None:
@@ -287,9 +334,3 @@ class Mesh:
             if error.where is None and error.entity:
                 error.where = self.where(*error.entity) or self.source or None
             raise
-
-
-def _mean_density(stack: Sequence[tuple[float, Lamina | Anisotropic | Material | None]]) -> float | None:
-    """Σ ρt/Σ t of thicknesses and their materials; None where one lacks."""
-    parts = [(t, own.density) for t, own in stack if own is not None]
-    return sum(rho * t for t, rho in parts) / sum(t for t, _ in parts) if len(parts) == len(stack) else None

@@ -9,7 +9,7 @@ import numpy as np
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import facet_of, kind_of
 from strainsight.mesh.kinds.kind import Edges, ElementKind
-from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, element_error
 from strainsight.mesh.thin import ShellBlock
 
 OFF = 0.3
@@ -30,11 +30,11 @@ def check_node_order(mesh: Mesh) -> None:
             continue
         apart = np.linalg.norm(middle[:SEEN, :, None] - half[:SEEN, None], axis=3) / length[:SEEN, None]
         if apart.min(axis=2).max() <= OFF and (np.sort(apart.argmin(axis=2), axis=1) == np.arange(len(edges))).all():
-            raise DeckError(
+            raise element_error(
+                blocks[0].ids[0],
                 f"mid-side nodes lie off the middles of their edges in all {len(off)} {kind} elements, by {off.min():.2g} of "
                 "the length of the edge and more, and in the middles of other edges: the order of the nodes is another one",
-                remedy="write the nodes of these elements in the order that the format of the file has",
-                entity=("element", int(blocks[0].ids[0])),
+                "write the nodes of these elements in the order that the format of the file has",
             )
 
 

@@ -135,7 +135,7 @@ class Patches:
         found = []
         for code in np.unique(self.code[p]):
             which = np.flatnonzero(self.code[p] == code)
-            nodes = self.position[self.nodes[p[which], : node_count(code)]]
+            nodes = self.position[self.nodes[p[which], : len(at_centre(code)[0])]]
             found.append((which, nodes, nearest(int(code), nodes, point[which])))
         return found
 
@@ -152,7 +152,7 @@ class Patches:
 
 def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
     """Exterior facets of solids, the middles of shells, and beams as lines; facets: the exterior ones, where they are at hand."""
-    corners, nodes, element, codes, bulge, centre, solid = [], [], [], [], [], [], []
+    parts = []
 
     def add(
         own: IntArray, k: int, ids: IntArray, code: int, edges: tuple[tuple[int, int], ...], of_solid: bool
@@ -161,16 +161,12 @@ def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
         padded[:, : own.shape[1]] = own
         at = mesh.position[own]
         sag = [np.linalg.norm(at[:, k + i] - (at[:, a] + at[:, b]) / 2, axis=1) for i, (a, b) in enumerate(edges)]
-        corners.append(np.where(np.arange(4) < k, padded[:, :4], -1))
-        nodes.append(padded)
-        element.append(ids)
-        codes.append(np.full(len(own), code))
         # the functions of the nodes between corners sum to two at most
-        bulge.append(2 * np.max(sag, axis=0) if sag else np.zeros(len(own)))
+        bulge = 2 * np.max(sag, axis=0) if sag else np.zeros(len(own))
         if k == 4:
-            bulge[-1] = bulge[-1] + np.linalg.norm(at[:, 0] - at[:, 1] + at[:, 2] - at[:, 3], axis=1) / 4
-        centre.append(np.einsum("a,mac->mc", at_centre(code)[0], at))
-        solid.append(np.full(len(own), of_solid))
+            bulge = bulge + np.linalg.norm(at[:, 0] - at[:, 1] + at[:, 2] - at[:, 3], axis=1) / 4
+        corners, centre = np.where(np.arange(4) < k, padded[:, :4], -1), np.einsum("a,mac->mc", at_centre(code)[0], at)
+        parts.append((corners, padded, ids, np.full(len(own), code), bulge, centre, np.full(len(own), of_solid)))
 
     add(np.zeros((0, 3), dtype=np.int64), 3, np.zeros(0, dtype=np.int64), CODE["tri3"], (), False)
     if mesh.blocks:
@@ -186,20 +182,12 @@ def patches(mesh: Mesh, facets: Facets | None = None) -> Patches:
     for beam in mesh.beams:
         bent = beam.nodes.shape[1] > 2
         add(beam.nodes, 2, beam.ids, BENT if bent else LINE, ((0, 1),) if bent else (), False)
-    around = np.concatenate(corners)
+    around, nodes, element, codes, bulge, centre, solid = (np.concatenate(own) for own in zip(*parts, strict=True))
     count = (around >= 0).sum(axis=1)
     x = mesh.position[np.where(around >= 0, around, around[np.arange(len(count)), count - 1, None])]
     mean = np.where((around >= 0)[..., None], x, 0.0).sum(axis=1) / count[:, None]
     radius = np.linalg.norm(x - mean[:, None], axis=2).max(axis=1, initial=0.0)
-    return Patches(
-        *(around, np.concatenate(nodes), np.concatenate(element), np.concatenate(codes), np.concatenate(bulge)),
-        *(np.concatenate(centre), np.concatenate(solid), mesh.position, x, mean, radius),
-    )
-
-
-def node_count(code: int) -> int:
-    """How many nodes a patch of this code has."""
-    return len(FACETS[code].nodes) if code < len(FACETS) else code - LINE + 2
+    return Patches(around, nodes, element, codes, bulge, centre, solid, mesh.position, x, mean, radius)
 
 
 def area_vector(x: FloatArray) -> FloatArray:

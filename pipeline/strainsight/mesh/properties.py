@@ -10,7 +10,7 @@ import numpy as np
 from scipy import sparse
 
 from strainsight.errors import UserError, did_you_mean
-from strainsight.mesh.additions import free_material, with_added_material, with_layers, with_properties
+from strainsight.mesh.additions import with_added_material, with_layers, with_properties
 from strainsight.mesh.anisotropic import CompositeSolid
 from strainsight.mesh.model import Material, Mesh
 from strainsight.mesh.thin import BeamSection, GeneralShell, Lamina, Laminate, ShellSection
@@ -145,7 +145,7 @@ def _ply(mesh: Mesh, region: int, property: str, material: int | str | None) -> 
 
 
 def _with_ply(mesh: Mesh, region: int, property: str, value: float, material: int | str | None) -> Mesh:
-    old, number = _ply(mesh, region, property, material), free_material(mesh)
+    old, number = _ply(mesh, region, property, material), mesh.free_material()
     change: dict[str, Any] = {property: value}
     laminate = mesh.laminate(region)
     parts: tuple[Any, ...] = laminate.plies if laminate else mesh.composites[region].layers

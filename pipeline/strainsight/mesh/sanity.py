@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from strainsight.mesh.anisotropic import Anisotropic
 from strainsight.mesh.joins import Relation, Springs
 from strainsight.mesh.model import FloatArray, IntArray, Material, Mesh
-from strainsight.mesh.thin import BeamSection, GeneralShell, Laminate, ShellBlock, ShellSection
+from strainsight.mesh.thin import BeamSection, GeneralShell, Laminate, ShellBlock, ShellSection, concatenate
 from strainsight.mesh.units import LIKELY_DENSITY, likely_units, mixed_units
 
 FOIL = 5e-5
@@ -39,7 +39,7 @@ def _of_section(mesh: Mesh, number: int) -> Iterator[str]:
         yield from _of_beam(mesh, number, section)
         return
     shells = [(block, block.region == number) for block in mesh.shells]
-    nodes = np.concatenate([np.zeros(0, dtype=np.int64), *(block.corners[own].ravel() for block, own in shells)])
+    nodes = concatenate(block.corners[own].ravel() for block, own in shells)
     if not len(nodes):
         return
     t, long = section.thickness, _length(mesh, nodes)
@@ -74,7 +74,7 @@ def _of_beam(mesh: Mesh, number: int, section: BeamSection) -> Iterator[str]:
     the structure: a stub may be shorter."""
     name = str(mesh.regions[number])
     own = [block.nodes[block.region == number].ravel() for block in mesh.beams if block.kind != "rod"]
-    nodes = np.concatenate([np.zeros(0, dtype=np.int64), *own])
+    nodes = concatenate(own)
     if not len(nodes):
         return
     long = _length(mesh, mesh.nodes_of_elements)
@@ -255,16 +255,13 @@ def sanity_warnings(mesh: Mesh, length_unit: str = "m", mass_unit: str = "kg", f
     found += mesh.doubts
     for material in mesh.materials.values():
         found += _ratio_warnings(mesh, material)
-        found += _material_warnings(str(material), material.youngs_modulus, material.density, length_unit, mass_unit)
-    for lamina in mesh.laminae.values():
-        found += _material_warnings(str(lamina), lamina.e1, lamina.density, length_unit, mass_unit, True)
-    for number, section in mesh.sections.items():
-        if isinstance(section, GeneralShell):
-            found += _material_warnings(
-                str(mesh.regions[number]), section.modulus, section.density, length_unit, mass_unit
-            )
-    for solid in mesh.anisotropic.values():
-        found += _material_warnings(str(solid), max(solid.moduli), solid.density, length_unit, mass_unit, True)
+    general = {number: own for number, own in mesh.sections.items() if isinstance(own, GeneralShell)}
+    constants = [(str(own), own.youngs_modulus, own.density, False) for own in mesh.materials.values()]
+    constants += [(str(own), own.e1, own.density, True) for own in mesh.laminae.values()]
+    constants += [(str(mesh.regions[number]), own.modulus, own.density, False) for number, own in general.items()]
+    constants += [(str(own), max(own.moduli), own.density, True) for own in mesh.anisotropic.values()]
+    for name, E, rho, ply in constants:
+        found += _material_warnings(name, E, rho, length_unit, mass_unit, ply)
     found += _stiff_cores(mesh)
     found += section_warnings(mesh)
     extent = float(np.max(np.ptp(mesh.position, axis=0)))

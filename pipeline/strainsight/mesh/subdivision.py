@@ -64,25 +64,11 @@ def refined(mesh: Mesh) -> Refined:
         parents.append(np.concatenate([own for *_, own, _ in parts]))
         blocks.append(CellBlock(name, ids, nodes, np.concatenate([region for *_, region in parts])))
     P = _interpolation(keys, entries, len(mesh.position))
-    fine = replace(
-        mesh,
-        node_ids=np.arange(1, len(keys) + 1),
-        position=P @ mesh.position,
-        blocks=tuple(blocks),
-        regions={**mesh.regions, **halves.found},
-        composites={**mesh.composites, **halves.composites},
-        fixed=np.zeros((0, 2), dtype=np.int64),
-        rigid=(),
-        averaging=(),
-        relations=(),
-        point_masses=(),
-        axes={},
-        node_sets={},
-        element_sets={},
-        faces={},
-        loads={},
-        origin={},
-    )
+    properties = mesh.properties
+    properties["regions"] = {**mesh.regions, **halves.found}
+    properties["composites"] = {**mesh.composites, **halves.composites}
+    ids = np.arange(1, len(keys) + 1)
+    fine = Mesh(ids, P @ mesh.position, tuple(blocks), lumped=mesh.lumped, source=mesh.source, **properties)
     return Refined(fine, P, np.concatenate(parents), code, keys)
 
 

@@ -19,12 +19,7 @@ TOUCHING = 1e-12
 
 
 def with_surface_tie(
-    mesh: Mesh,
-    nodes: IntArray,
-    onto: IntArray,
-    within: float,
-    name: str,
-    far: Literal["refused", "left"] = "refused",
+    mesh: Mesh, nodes: IntArray, onto: IntArray, within: float, name: str, far: Literal["refused", "left"] = "refused"
 ) -> Mesh:
     """A mesh whose nodes (k,) (index) follow the facets of solids whose nodes are all among `onto` (m,):
 

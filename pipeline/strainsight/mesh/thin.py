@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
 from typing import Annotated
 
 import numpy as np
@@ -57,6 +57,13 @@ IntArray = NDArray[np.int64]
 FloatArray = NDArray[np.float64]
 Pair = tuple[float, float]
 ZERO: Pair = (0.0, 0.0)
+
+
+def concatenate(parts: Iterable[IntArray]) -> IntArray:
+    """All of them one after the other, along their first axis; empty (0,) where there are none."""
+    found = list(parts)
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+
 
 SHELL_KINDS = ("quad4", "tri3", "quad8", "tri6")
 CORNERS = {3: 3, 4: 4, 6: 3, 8: 4}
@@ -126,6 +133,11 @@ class BeamSection:
     neutral: Annotated[Pair, Column("m", "2", "y and z of the neutral axis from the shear centre")] = ZERO
     beside: Annotated[Pair, Column("m", "2", "y and z of that mass from the shear centre")] = ZERO
 
+    def with_shear(self, ratio: float) -> BeamSection:
+        """The section with the shear modulus of its material times `ratio`, which is taken into J and the shear factors."""
+        shear = (ratio * self.shear[0], ratio * self.shear[1])
+        return replace(self, torsion=ratio * self.torsion, shear=shear, at_b=self.at_b and self.at_b.with_shear(ratio))
+
 
 Section = ShellSection | GeneralShell | Laminate | BeamSection
 
@@ -183,7 +195,7 @@ class BeamBlock:
 def nodes_that_turn(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:
     """Indices, ascending, of the nodes whose rotations shells and beams resist; rods and solids resist none."""
     own = [*(block.nodes for block in shells), *(block.nodes for block in beams if block.kind != "rod")]
-    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *(nodes.ravel() for nodes in own)]))
+    return np.unique(concatenate(nodes.ravel() for nodes in own))
 
 
 def nodes_along_beams(shells: Sequence[ShellBlock], beams: Sequence[BeamBlock]) -> IntArray:

@@ -68,13 +68,16 @@ def with_sides(mesh: Mesh) -> Mesh:
         blocks.append(replace(block, on_sides=on_sides))
     if not places:
         return replace(mesh, beams=tuple(blocks))
-    reference = np.concatenate(references)
+    return replace(_with_arms(mesh, np.concatenate(references), np.vstack(places)), beams=tuple(blocks))
+
+
+def _with_arms(mesh: Mesh, reference: np.ndarray, position: np.ndarray) -> Mesh:
+    """The mesh with more nodes at its end, at positions (a, 3) [m], that follow nodes (a,) as rigid arms."""
     arms = np.column_stack([len(mesh.position) + np.arange(len(reference)), reference])
     return replace(
         mesh,
         node_ids=np.concatenate([mesh.node_ids, mesh.node_ids[reference]]),
-        position=np.vstack([mesh.position, *places]),
-        beams=tuple(blocks),
+        position=np.vstack([mesh.position, position]),
         arms=np.vstack([mesh.arms, arms]),
     )
 
@@ -175,14 +178,7 @@ def with_faces(mesh: Mesh) -> Mesh:
         faces = np.stack([above[cut].reshape(block.nodes.shape), below[cut].reshape(block.nodes.shape)], axis=1)
         shells.append(replace(block, on_faces=faces))
         start = cut.stop
-    arms = np.column_stack([own + np.arange(2 * count), reference])
-    return replace(
-        mesh,
-        node_ids=np.concatenate([mesh.node_ids, mesh.node_ids[reference]]),
-        position=np.vstack([mesh.position, place]),
-        shells=tuple(shells),
-        arms=arms,
-    )
+    return replace(_with_arms(mesh, reference, place), shells=tuple(shells))
 
 
 def _around(mesh: Mesh, block: ShellBlock) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:

@@ -64,6 +64,7 @@ def _factor(unit: str, table: Mapping[str, float], key: str) -> float:
 
 POWERS: Mapping[str, tuple[int, int, int]] = {
     "m": (1, 0, 0),
+    "m/s^2": (1, 0, 0),
     "m^2": (2, 0, 0),
     "m^4": (4, 0, 0),
     "kg": (0, 1, 0),
@@ -75,7 +76,7 @@ POWERS: Mapping[str, tuple[int, int, int]] = {
     "N": (2, 0, 1),
     "N m": (3, 0, 1),
 }
-"""Unit of a `Column` → powers of length, mass and pressure; N/m is pressure times length."""
+"""Unit of a `Column` → powers of length, mass and pressure; N/m is pressure times length; seconds stay."""
 PHYSICAL = (
     *("materials", "laminae", "anisotropic", "orientations", "composites", "sections"),
     *("shells", "beams", "relations", "point_masses", "springs"),
@@ -107,7 +108,7 @@ def rescaled(value: T, length: float = 1.0, mass: float = 1.0, pressure: float =
         for name, (_, column) in columns_of(type(value)).items():  # type: ignore[arg-type]
             quantity = getattr(value, name)
             if quantity is None or column is None or column.unit not in POWERS:
-                changes[name] = changed(quantity) if is_dataclass(quantity) or isinstance(quantity, tuple) else quantity
+                changes[name] = changed(quantity)
             else:
                 by = factor(column.unit)
                 changes[name] = tuple(by * each for each in quantity) if isinstance(quantity, tuple) else by * quantity
@@ -148,14 +149,7 @@ def to_si(mesh: Mesh, length_unit: str, mass_unit: str) -> Mesh:
     Raises UserError for an unknown unit.
     """
     L, M = length_factor(length_unit), mass_factor(mass_unit)
-    loads = {
-        name: replace(
-            rescaled(load, L, M, M / L),
-            body=tuple(replace(b, acceleration=b.acceleration * L, centre=b.centre * L) for b in load.body),
-        )
-        for name, load in mesh.loads.items()
-    }
-    return replace(_rescaled_mesh(mesh, L, M, M / L), loads=loads)
+    return replace(_rescaled_mesh(mesh, L, M, M / L), loads=rescaled(mesh.loads, L, M, M / L))
 
 
 LIKELY_MODULUS = (1e9, 6e11)

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -15,20 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray
+from strainsight.mesh.thin import BeamBlock, ShellBlock, concatenate
 
 VTK_TYPE = {"vertex": 1, "line": 3, "beam": 3, "rod": 3, "beam3": 21} | {
     kind.name: kind.vtk for kind in (*FACETS, *ELEMENTS)
 }
 """VTK's cell type numbers."""
-
-
-class Cells(Protocol):
-    """Cells of one kind: nodes (n, k) indices in VTK order; `CellBlock` is one."""
-
-    @property
-    def kind(self) -> str: ...
-    @property
-    def nodes(self) -> IntArray: ...
 
 
 @dataclass(frozen=True)
@@ -41,7 +33,7 @@ class VtkHdf:
 
 def unstructured_grid(
     position: FloatArray,
-    blocks: Sequence[Cells],
+    blocks: Sequence[CellBlock | ShellBlock | BeamBlock],
     point_data: Mapping[str, ArrayLike] | None = None,
     cell_data: Mapping[str, ArrayLike] | None = None,
     steps: ArrayLike | None = None,
@@ -55,8 +47,8 @@ def unstructured_grid(
     """
     points = np.asarray(position, dtype=np.float64).reshape(-1, 3)
     n, m = len(points), sum(len(block.nodes) for block in blocks)
-    sizes = np.concatenate([np.zeros(0, np.int64), *(np.full(len(b.nodes), b.nodes.shape[1]) for b in blocks)])
-    connectivity = np.concatenate([np.zeros(0, np.int64), *(np.asarray(b.nodes).ravel() for b in blocks)])
+    sizes = concatenate(np.full(len(b.nodes), b.nodes.shape[1]) for b in blocks)
+    connectivity = concatenate(np.asarray(b.nodes).ravel() for b in blocks)
     types = np.concatenate([np.zeros(0, np.uint8), *(np.full(len(b.nodes), VTK_TYPE[b.kind]) for b in blocks)])
     datasets: dict[str, NDArray[Any]] = {
         "NumberOfPoints": np.array([n], dtype=np.int64),
@@ -68,7 +60,7 @@ def unstructured_grid(
         "Connectivity": connectivity.astype(np.int64),
     }
     attributes: dict[str, dict[str, Any]] = {
-        "": {"Version": np.array([2, 2], dtype=np.int64), "Type": np.bytes_("UnstructuredGrid")},
+        "": {"Version": np.array([2, 2], dtype=np.int64), "Type": np.bytes_("UnstructuredGrid")}
     }
     values = None if steps is None else np.asarray(steps, dtype=np.float64).ravel()
     if values is not None:

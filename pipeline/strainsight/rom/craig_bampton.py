@@ -18,7 +18,6 @@ from strainsight.fem.model import FiniteElementModel
 from strainsight.fem.modes import modes as lowest_modes
 from strainsight.fem.modes import signs, turned
 from strainsight.fem.support import TOLERANCE
-from strainsight.mesh.additions import node_index
 from strainsight.rom.inertia import scalar_mass
 
 MOST_MODES = 384
@@ -203,7 +202,7 @@ def interface_motions(model: FiniteElementModel, interface: Sequence[int]) -> tu
 
 def motion_rows(model: FiniteElementModel, node: int) -> np.ndarray:
     """Rows (6,) of z of a node's three translations and three rotations. Raises UserError where it has no rotations."""
-    index = node_index(model.mesh, node)
+    index = model.mesh.node_index(node)
     turning = model.constraint.reference_rows.get(index)
     if turning is None:
         raise UserError(

@@ -73,7 +73,7 @@ SAME = [
 @pytest.mark.parametrize(("name", "text", "fields"), SAME)
 def test_every_format_gives_the_same_fields(cards, name, text, fields):
     (card,) = cards(f"BEGIN BULK\n{text}ENDDATA\n").cards[name]
-    assert [*card.fields[: len(fields)], *filter(None, card.fields[len(fields) :])] == fields
+    assert [*card.tokens[: len(fields)], *filter(None, card.tokens[len(fields) :])] == fields
     assert card.line == 2
 
 
@@ -130,7 +130,7 @@ def test_the_name_of_an_included_file_may_go_on_in_the_next_line(tmp_path, read,
 def test_column_1_of_a_mark_does_not_count(cards, mark, head):
     deck = cards("BEGIN BULK\n" + "CORD2C  1".ljust(64) + "      1." + mark.ljust(8) + f"\n{head.ljust(8)}      1.\nENDDATA\n")
     (card,) = deck.cards["CORD2C"]
-    assert card.fields[7:9] == ["1.", "1."]
+    assert card.tokens[7:9] == ["1.", "1."]
 
 
 def line(head: str, *fields: str, mark: str = "") -> str:
@@ -152,11 +152,11 @@ MASS, HELD = ["703", "703", "", "3."], ["1", "23", "1", "5", "9"]
 def test_continuations_belong_to_the_line_with_their_mark_wherever_they_stand(cards, after):
     head = line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD, mark="+S1") + "SPC1,2,1,703\n"
     deck = cards("BEGIN BULK\n" + head + after + "SPC1,1,123456,701\nENDDATA\n").cards
-    assert [own for own in deck["CONM2"][0].fields if own] == ["703", "703", "3.", ".02", ".03"]
+    assert [own for own in deck["CONM2"][0].tokens if own] == ["703", "703", "3.", ".02", ".03"]
     assert deck["CONM2"][0].real(8, "I11") == 0.02
     assert deck["CONM2"][0].real(10, "I22") == 0.03
-    assert [own for own in deck["SPC1"][0].fields if own] == [*HELD, "702"]
-    assert deck["SPC1"][1].fields == ["2", "1", "703", *[""] * 5]
+    assert [own for own in deck["SPC1"][0].tokens if own] == [*HELD, "702"]
+    assert deck["SPC1"][1].tokens == ["2", "1", "703", *[""] * 5]
 
 
 test_marks_without_their_other_end_or_with_two_are_named = refusal_table(str, [
@@ -192,18 +192,18 @@ def test_a_grid_with_more_fields_than_it_has_is_refused(read, tetrahedron):
 def test_cards_that_repeat_the_one_before_are_written_out(cards, lines):
     """The example of the manual: five nodes 0.2 apart."""
     deck = cards(f"GRID,101,17,1.0,10.5,,17,3456\n{lines}GRID,9,,3.\n").cards["GRID"]
-    assert [card.fields[0] for card in deck] == ["101", "102", "103", "104", "105", "9"]
+    assert [card.tokens[0] for card in deck] == ["101", "102", "103", "104", "105", "9"]
     np.testing.assert_allclose([card.real(2, "X") for card in deck[:5]], 1 + 0.2 * np.arange(5), rtol=1e-15)
-    assert {tuple(card.fields[i] for i in (1, 3, 4, 5, 6, 7)) for card in deck[:5]} == {("17", "10.5", "", "17", "3456", "")}
-    assert deck[-1].fields[:3] == ["9", "", "3."]
-    assert cards("GRID,1\n=,*1,*1\n=(2)\n").cards["GRID"][3].fields[:2] == ["4", "3"]  # a blank field counts from zero
+    assert {tuple(card.tokens[i] for i in (1, 3, 4, 5, 6, 7)) for card in deck[:5]} == {("17", "10.5", "", "17", "3456", "")}
+    assert deck[-1].tokens[:3] == ["9", "", "3."]
+    assert cards("GRID,1\n=,*1,*1\n=(2)\n").cards["GRID"][3].tokens[:2] == ["4", "3"]  # a blank field counts from zero
     assert deck[0].line == 1
     assert deck[1].line == 2
 
 
 def test_case_control_is_not_bulk_data_and_enddata_ends(cards):
     deck = cards("SOL 103\nCEND\nSPC = 1\nBEGIN BULK\nGRID,1\nENDDATA\nGRID,2\nGRID,3\n")
-    assert [card.fields[0] for card in deck.cards["GRID"]] == ["1"]
+    assert [card.tokens[0] for card in deck.cards["GRID"]] == ["1"]
     assert [line.text for line in deck.case_control] == ["SOL 103", "CEND", "SPC = 1"]
     assert deck.after_end == 2
 

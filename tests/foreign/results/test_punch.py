@@ -104,7 +104,7 @@ def test_other_kinds_are_refused_with_line_and_remedy(tmp_path, block, said):
     ("row", "columns", "text", "said", "line"),
     [
         (0, slice(0, 10), "     three", "'three' is no finite number", 7),
-        (3, slice(18, 36), "               NaN", "node 1 moves by", 7),
+        (3, slice(18, 36), "               NaN", "node 1 moves by", "7, subcase 1"),
         (1, slice(0, 18), " " * 18, "a node without its two lines", 7),
     ],
 )

@@ -2,19 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 
-from strainsight.decks.abaqus.scopes import Assembly, Scope
-from strainsight.decks.abaqus.surfaces import Surface, surface_of
+from strainsight.decks.abaqus.surfaces import Surface, Surfaces
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.abaqus.ties import TOLERANCE, facet_size, following
 from strainsight.decks.text import parse_real
 from strainsight.errors import ContactError, UserError
 from strainsight.mesh.model import IntArray, Mesh
+from strainsight.mesh.thin import concatenate
 
 Contact = Literal["bonded", "open"]
 COARSER = 1.5
@@ -40,11 +40,10 @@ class Pair:
 
 def with_contact(
     mesh: Mesh,
-    assembly: Assembly,
+    surfaces: Surfaces,
     keywords: Sequence[Keyword],
-    found: Mapping[tuple[str, str], Surface],
     choice: Contact | None,
-    removed: Collection[tuple[str, str]] = (),
+    removed: Collection[tuple[str, str]],
 ) -> Mesh:
     """A mesh in which the surfaces of contact pairs are bonded, the nodes of the first following the facets of the second that
     they lie on, see `with_surface_tie`, or are open, and not connected; `contacts` says so of each. Pairs whose interaction has
@@ -55,7 +54,7 @@ def with_contact(
     already, or that the other surface follows. Raises ContactError where there is a pair and no choice, DeckError for surfaces
     that are not in the deck, and where surfaces of shells are to be bonded.
     """
-    pairs = list(_pairs(assembly, keywords, found))
+    pairs = list(_pairs(surfaces, keywords))
     gone = [(pair.row.text(0).upper(), pair.row.text(1).upper()) in removed for pair in pairs]
     asked = [pair for pair, out in zip(pairs, gone, strict=True) if not (pair.tied or out)]
     if asked and choice is None:
@@ -87,23 +86,13 @@ def with_contact(
     return replace(mesh, contacts=tuple(said))
 
 
-def _pairs(assembly: Assembly, keywords: Sequence[Keyword], found: Mapping[tuple[str, str], Surface]) -> Iterator[Pair]:
+def _pairs(surfaces: Surfaces, keywords: Sequence[Keyword]) -> Iterator[Pair]:
     tying = _tying(keywords)
-    stepped = [(assembly.scopes[""], k) for step in assembly.steps for k in step.keywords if k.name == "CONTACTPAIR"]
-    for scope, keyword in (*assembly.keywords("CONTACTPAIR"), *stepped):
+    for scope, keyword in surfaces.assembly.keywords("CONTACTPAIR", of_steps=True):
         given = keyword.parameters.get("ADJUST", "")
-        tied = "TIED" in keyword.parameters or keyword.parameters.get("INTERACTION", "").upper() in tying
+        tied = "TIED" in keyword.parameters or keyword.word("INTERACTION") in tying
         for row in keyword.rows():
-            first, second = _both(row, assembly, scope, found)
-            yield Pair(row, first, second, parse_real(given) if given else None, tied)
-
-
-def _both(
-    row: Row, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]
-) -> tuple[Surface, Surface]:
-    """The surface itself where the line names one alone (self-contact)."""
-    first = surface_of(row.text(0), row, assembly, scope, found)
-    return first, surface_of(row.text(1), row, assembly, scope, found) if row.text(1) else first
+            yield Pair(row, *surfaces.find_pair(scope, row), parse_real(given) if given else None, tied)
 
 
 def _tying(keywords: Sequence[Keyword]) -> set[str]:
@@ -111,8 +100,8 @@ def _tying(keywords: Sequence[Keyword]) -> set[str]:
     names, current = set(), ""
     for keyword in keywords:
         if keyword.name == "SURFACEINTERACTION":
-            current = keyword.parameters.get("NAME", "").upper()
-        elif keyword.name == "SURFACEBEHAVIOR" and keyword.parameters.get("PRESSURE-OVERCLOSURE", "").upper() == "TIED":
+            current = keyword.word("NAME")
+        elif keyword.name == "SURFACEBEHAVIOR" and keyword.word("PRESSURE-OVERCLOSURE") == "TIED":
             names.add(current)
     return names
 
@@ -158,10 +147,10 @@ def following_already(mesh: Mesh) -> IntArray:
     """Nodes whose motions, or some of them, follow others by ties and relations."""
     led = [own.nodes for own in mesh.rigid] + [np.array([own.reference]) for own in mesh.averaging]
     led += [own.node[:1] for own in mesh.relations]
-    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *led]))
+    return np.unique(concatenate(led))
 
 
 def _followed_by(mesh: Mesh, nodes: IntArray) -> IntArray:
     """Nodes that some of `nodes` (m,) follow by relations: to follow these in turn would be a circle."""
     ahead = [own.node[1:] for own in mesh.relations if np.isin(own.node[0], nodes)]
-    return np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *ahead]))
+    return np.unique(concatenate(ahead))

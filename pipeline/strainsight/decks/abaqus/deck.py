@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,18 +12,18 @@ import numpy as np
 
 from strainsight.decks.abaqus.contact import Contact, with_contact
 from strainsight.decks.abaqus.history import LARGE, STRESSED, preloads, state_of, stressed
-from strainsight.decks.abaqus.loads import loads_of
+from strainsight.decks.abaqus.loads import LoadReader
 from strainsight.decks.abaqus.materials import by_temperature
 from strainsight.decks.abaqus.parts import SOLIDS, THIN, USUAL
 from strainsight.decks.abaqus.scopes import Assembly, Scope, assemble
 from strainsight.decks.abaqus.sections import beam_blocks, read_sections, shell_blocks
 from strainsight.decks.abaqus.supports import NODES as SPRINGS
 from strainsight.decks.abaqus.supports import equations, nodal_axes, point_masses, springs
-from strainsight.decks.abaqus.surfaces import Surface, cell_blocks, surfaces
+from strainsight.decks.abaqus.surfaces import Surfaces, cell_blocks, surfaces
 from strainsight.decks.abaqus.text import Keyword, read_keywords, split
-from strainsight.decks.abaqus.ties import Ties, ties, with_tied_surfaces, with_whole_ring
+from strainsight.decks.abaqus.ties import ties, with_tied_surfaces, with_whole_ring
 from strainsight.decks.faults import ENFORCED, HELD, check_elements, effects, notes_and_doubts, spelt, turning_nodes
-from strainsight.errors import DeckError
+from strainsight.decks.text import error_at
 from strainsight.mesh.kinds import FAMILIES
 from strainsight.mesh.model import CellBlock, IntArray, Mesh, Origin
 from strainsight.mesh.surface_ties import without_held
@@ -105,7 +105,7 @@ def read_abaqus(
     assembly, out = _without(assembly, named, state.elements)
     dropped += out
     _check_elements(assembly, path, required)
-    loaded = preloads(keywords)
+    loaded = preloads(assembly.steps)
     ignored = _ignored(keywords, assembly) + dropped + Counter({BEFORE: before} if before else {})
     ignored += of_supports
     ignored.update({card: len(steps) for card, steps in loaded.items()})
@@ -123,11 +123,11 @@ def read_abaqus(
         "node": Origin.at(assembly.node_ids, assembly.node_where),
         "element": Origin.at(assembly.element_ids, assembly.element_where),
     }
-    bare = Mesh(assembly.node_ids, assembly.position, blocks, {}, {}, np.zeros((0, 2), dtype=np.int64), origin=origin)
+    bare = Mesh(assembly.node_ids, assembly.position, blocks, origin=origin)
     found = surfaces(assembly, bare, ignored)
-    node_sets |= _surface_sets(found.values(), assembly, node_sets)
+    node_sets |= _surface_sets(found, node_sets)
     axes = nodal_axes(assembly)
-    made: Ties = ties(assembly, found, axes, ignored)
+    made = ties(found, axes, ignored)
     origin["tie"] = Origin.at(np.arange(1, len(made.where) + 1), made.where)
     fixed = state.supports.pairs(made.rotations, ignored, free=spelt(ENFORCED) in named)
     turned = set(nodes_that_turn(shells, beams).tolist())
@@ -135,18 +135,13 @@ def read_abaqus(
     related = equations(assembly, made.rotations, still)
     origin["relation"] = Origin.at(np.arange(1, len(related.where) + 1), related.where)
     turning = turning_nodes(made.rigid, made.averaging, related.relations) | turned
-    loads = loads_of(assembly, found, axes, made.rotations, turning, sections, ignored)
+    loads = LoadReader(found, axes, made.rotations, sections, ignored).read(turning)
     masses = point_masses(assembly, made.rotations)
     mesh = Mesh(
+        **vars(sections.properties),
         node_ids=assembly.node_ids,
         position=assembly.position,
         blocks=blocks,
-        regions=sections.regions,
-        materials=sections.materials,
-        laminae=sections.laminae,
-        anisotropic=sections.anisotropic,
-        orientations=sections.orientations,
-        composites=sections.composites,
         fixed=fixed,
         rigid=tuple(made.rigid),
         averaging=tuple(made.averaging),
@@ -155,7 +150,6 @@ def read_abaqus(
         springs=springs(assembly, axes, made.rotations),
         shells=shells,
         beams=beams,
-        sections=sections.sections,
         axes=axes,
         node_sets=node_sets,
         element_sets=element_sets,
@@ -164,9 +158,9 @@ def read_abaqus(
         included=included,
         origin=origin,
     )
-    mesh, found = with_whole_ring(mesh, assembly, found)
-    mesh, refused = with_tied_surfaces(mesh, assembly, found)
-    mesh = without_held(with_contact(mesh, assembly, keywords, found, contact, state.pairs))
+    mesh, found = with_whole_ring(mesh, found)
+    mesh, refused = with_tied_surfaces(mesh, found)
+    mesh = without_held(with_contact(mesh, found, keywords, contact, state.pairs))
     control = dict.fromkeys(filter(OF_CONTACT.match, ignored), "none") if mesh.contacts else {}
     for card, where in refused.items():
         if spelt(card) in named:
@@ -208,31 +202,29 @@ def _without(assembly: Assembly, named: Collection[str], removed: Collection[int
 def _first(card: str, keywords: Sequence[Keyword], assembly: Assembly) -> str:
     """Where a keyword, or an element of a type, stands first."""
     if card.startswith(ELEMENT):
-        file, line = assembly.element_where[assembly.type.index(card.removeprefix(ELEMENT))]
-        return f"{file}:{line}"
+        return assembly.where(assembly.type.index(card.removeprefix(ELEMENT)))
     return next(keyword.where for keyword in keywords if card.startswith(keyword.title))
 
 
 def _check_elements(assembly: Assembly, path: Path, required: bool) -> None:
     if not assembly.node_ids.size:
-        raise DeckError("the deck holds no node", where=str(path), remedy="check that this is the deck of the model")
+        raise error_at(path, "the deck holds no node", "check that this is the deck of the model")
     if required and not np.any(assembly.families != ""):
-        raise DeckError(
+        raise error_at(
+            path,
             "the deck holds no solid element, and no shell or beam",
-            where=str(path),
-            remedy=f"the model needs {FAMILIES} ({USUAL}), {', '.join(THIN)}",
+            f"the model needs {FAMILIES} ({USUAL}), {', '.join(THIN)}",
         )
 
 
 def _check_connectivity(assembly: Assembly, blocks: tuple[CellBlock, ...]) -> None:
     """No element with a node twice, no two elements on the same nodes."""
     row_of = {int(number): row for row, number in enumerate(assembly.element_ids)}
-
-    def where(_: str, number: int) -> str:
-        file, line = assembly.element_where[row_of[number]]
-        return f"{file}:{line}"
-
-    check_elements(blocks, where, lambda block, i: f"{assembly.type[row_of[int(block.ids[i])]]} {block.ids[i]}")
+    check_elements(
+        blocks,
+        lambda _, number: assembly.where(row_of[number]),
+        lambda block, i: assembly.element(row_of[int(block.ids[i])]),
+    )
 
 
 def _ignored(keywords: list[Keyword], assembly: Assembly) -> Counter[str]:
@@ -297,10 +289,10 @@ def _qualified(written: str, scope: Scope, assembly: Assembly, used: set[str]) -
     return name
 
 
-def _surface_sets(found: Iterable[Surface], assembly: Assembly, node_sets: dict[str, IntArray]) -> dict[str, IntArray]:
+def _surface_sets(surfaces: Surfaces, node_sets: dict[str, IntArray]) -> dict[str, IntArray]:
     """Surfaces as node sets; the name says so where a node set has the same one."""
-    used, made = {name.upper() for name in node_sets}, {}
-    for surface in found:
+    assembly, used, made = surfaces.assembly, {name.upper() for name in node_sets}, {}
+    for surface in surfaces.by_name.values():
         if surface.nodes.size:
             name = _qualified(surface.name, surface.scope, assembly, set())
             name = f"{name} (surface)" if name.upper() in used else name

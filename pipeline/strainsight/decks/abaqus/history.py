@@ -25,17 +25,7 @@ MODAL = {
 LOADS = {"CLOAD", "DLOAD", "DSLOAD", "BOUNDARY", "TEMPERATURE"}
 
 
-@dataclass
-class _LoadStep:
-    """Its *STEP, the names of the keywords up to *END STEP, and whether displacements are large, which goes on from step to step
-    until NLGEOM=NO."""
-
-    keyword: Keyword
-    large: bool
-    inside: set[str] = field(default_factory=set)
-
-
-def preloads(keywords: Sequence[Keyword]) -> dict[str, list[Keyword]]:
+def preloads(steps: Sequence[Step]) -> dict[str, list[Keyword]]:
     """Cards as `Mesh.ignored` names them → where they stand.
 
     "PRELOAD by *STEP, NLGEOM": steps of large displacements before modes, which count in Abaqus, and in CalculiX beside
@@ -44,12 +34,14 @@ def preloads(keywords: Sequence[Keyword]) -> dict[str, list[Keyword]]:
     """
     found: dict[str, list[Keyword]] = {}
     bent: list[Keyword] = []
-    loaded = False
-    for step in _steps(keywords):
-        stated = step.keyword.parameters
-        if not step.inside & MODAL:
-            bent += [step.keyword] if step.large else []
-            loaded |= "STATIC" in step.inside and "NLGEOM" not in stated and bool(step.inside & LOADS)
+    loaded = large = False
+    for step in steps:
+        stated, inside = step.keyword.parameters, _names(step)
+        if "NLGEOM" in stated:  # goes on from step to step
+            large = stated["NLGEOM"].upper() != "NO"
+        if not inside & MODAL:
+            bent += [step.keyword] if large else []
+            loaded |= "STATIC" in inside and "NLGEOM" not in stated and bool(inside & LOADS)
         elif bent:
             found.setdefault(f"{PRELOAD} by {LARGE}", []).extend(bent)
             bent = []
@@ -60,23 +52,7 @@ def preloads(keywords: Sequence[Keyword]) -> dict[str, list[Keyword]]:
 
 def stressed(keywords: Sequence[Keyword]) -> list[Keyword]:
     """*INITIAL CONDITIONS that state stress."""
-    return [
-        own
-        for own in keywords
-        if own.name == "INITIALCONDITIONS" and own.parameters.get("TYPE", "").upper() == "STRESS"
-    ]
-
-
-def _steps(keywords: Sequence[Keyword]) -> list[_LoadStep]:
-    found: list[_LoadStep] = []
-    for keyword in keywords:
-        if keyword.name == "STEP":
-            stated = keyword.parameters.get("NLGEOM")
-            large = (bool(found) and found[-1].large) if stated is None else stated.upper() != "NO"
-            found.append(_LoadStep(keyword, large))
-        elif found:
-            found[-1].inside.add(keyword.name)
-    return found
+    return [own for own in keywords if own.name == "INITIALCONDITIONS" and own.word("TYPE") == "STRESS"]
 
 
 TYPES = {
@@ -219,7 +195,7 @@ class _Reader:
         """The state in a step, from that before it."""
         scope = self.assembly.scopes[""]
         own = [keyword for keyword in step.keywords if keyword.name == "BOUNDARY"]
-        new = any(keyword.parameters.get("OP", "").upper() == "NEW" for keyword in own)
+        new = any(keyword.word("OP") == "NEW" for keyword in own)
         state = before
         if own:
             supports = Supports() if new else before.supports
@@ -232,7 +208,7 @@ class _Reader:
     def changed(self, keyword: Keyword, scope: Scope, state: State) -> State:
         """The state after a *MODEL CHANGE."""
         ways = {"ADD", "REMOVE"} & keyword.parameters.keys()
-        kind = keyword.parameters.get("TYPE", "ELEMENT").upper().replace(" ", "")
+        kind = keyword.word("TYPE", "ELEMENT").replace(" ", "")
         if "ACTIVATE" in keyword.parameters:  # it prepares a change of a later analysis
             return state
         if len(ways) != 1:
@@ -244,7 +220,7 @@ class _Reader:
         if kind != "ELEMENT":
             raise keyword.error(f"TYPE={kind} is neither ELEMENT nor CONTACT PAIR", "correct the type")
         named = [
-            self.assembly.element_rows(entry, scope, row).tolist() for row in rows for entry in row.entries if entry
+            self.assembly.element_rows(entry, scope, row).tolist() for row in rows for entry in row.tokens if entry
         ]
         elements = frozenset(number for own in named for number in own)
         return replace(state, elements=state.elements - elements if "ADD" in ways else state.elements | elements)

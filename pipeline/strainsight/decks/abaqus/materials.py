@@ -13,8 +13,8 @@ from strainsight.decks.abaqus.text import Keyword, Row, split
 from strainsight.decks.faults import OR_CONFIG, elastic_fault, lamina_fault
 from strainsight.decks.text import parse_real
 from strainsight.mesh.anisotropic import Anisotropic, Orientation, constants_fault, orthotropic, stiffness_fault
-from strainsight.mesh.coordinates import BASIC, CoordinateSystem
-from strainsight.mesh.model import FloatArray, Material
+from strainsight.mesh.coordinates import BASIC, CoordinateSystem, rotation
+from strainsight.mesh.model import MATERIAL_FIELDS, FloatArray, Material, Properties
 from strainsight.mesh.thin import Lamina
 
 OURS = [0, 1, 2, 3, 5, 4]
@@ -34,28 +34,20 @@ class Definition:
 
 @dataclass
 class Materials:
-    """definitions: NAME → material of the deck; stated: each that a section names has to be there and elastic; found: number →
-    material, in the order in which sections name them; laminae: those of plies that are orthotropic; solids:
-    those of solids that are anisotropic."""
+    """definitions: NAME → material of the deck; stated: each that a section names has to be there and elastic; properties: where
+    the materials are put, numbered in the order in which sections name them."""
 
     definitions: dict[str, Definition]
     stated: bool
     notes: list[str]
-    found: dict[int, Material] = field(default_factory=dict)
-    laminae: dict[int, Lamina] = field(default_factory=dict)
-    solids: dict[int, Anisotropic] = field(default_factory=dict)
+    properties: Properties
     _numbers: dict[str, int] = field(default_factory=dict)
 
     def _add(self, name: str, make: Callable[[Definition, int, list[str]], Material | Lamina | Anisotropic]) -> int:
         """The number of one more."""
-        number = len(self.found) + len(self.laminae) + len(self.solids) + 1
+        number = self.properties.free_material()
         made = make(self.definitions[name], number, self.notes)
-        if isinstance(made, Lamina):
-            self.laminae[number] = made
-        elif isinstance(made, Anisotropic):
-            self.solids[number] = made
-        else:
-            self.found[number] = made
+        getattr(self.properties, MATERIAL_FIELDS[type(made)])[number] = made
         self._numbers[name] = number
         return number
 
@@ -73,18 +65,18 @@ class Materials:
         if name not in self.definitions or not (self.stated or "ELASTIC" in self.definitions[name].options):
             return 0
         solid = self.anisotropic(keyword)
-        if name in self._numbers and (solid or self._numbers[name] in self.found):
+        if name in self._numbers and (solid or self._numbers[name] in self.properties.materials):
             return self._numbers[name]
         return self._add(name, _anisotropic if solid else _material)
 
     def orthotropic(self, keyword: Keyword) -> bool:
         """Whether the material that a section names is TYPE=LAMINA."""
-        own = self.definitions.get(keyword.parameters.get("MATERIAL", "").upper())
+        own = self.definitions.get(keyword.word("MATERIAL"))
         return own is not None and _type(own) == "LAMINA"
 
     def anisotropic(self, keyword: Keyword) -> bool:
         """Whether the material that a section of solids names is one of `elastic.LINES`."""
-        own = self.definitions.get(keyword.parameters.get("MATERIAL", "").upper())
+        own = self.definitions.get(keyword.word("MATERIAL"))
         solid = keyword.name == "SOLIDSECTION"
         return own is not None and solid and bool(anisotropic_type(own.options.get("ELASTIC")))
 
@@ -112,8 +104,8 @@ class Materials:
 
     def of_section(self, name: str, E: float, nu: float, rho: float) -> int:
         """Number of a material that a section states itself."""
-        number = len(self.found) + len(self.laminae) + len(self.solids) + 1
-        self.found[number] = Material(number, E, nu, rho, name)
+        number = self.properties.free_material()
+        self.properties.materials[number] = Material(number, E, nu, rho, name)
         return number
 
     @property
@@ -155,13 +147,13 @@ def by_temperature(keywords: Sequence[Keyword]) -> bool:
 def _varies(elastic: Keyword) -> bool:
     if kind := anisotropic_type(elastic):
         return len(elastic.texts) > LINES[kind]
-    constants = 6 if elastic.parameters.get("TYPE", "").upper() == "LAMINA" else 2
+    constants = 6 if elastic.word("TYPE") == "LAMINA" else 2
     return len({tuple(parse_real(entry) for entry in split(text)[:constants]) for text in elastic.texts}) > 1
 
 
 def _type(definition: Definition) -> str:
     elastic = definition.options.get("ELASTIC")
-    return "" if elastic is None else elastic.parameters.get("TYPE", "ISO").upper()
+    return "" if elastic is None else elastic.word("TYPE", "ISO")
 
 
 def _material(definition: Definition, number: int, notes: list[str]) -> Material:
@@ -228,7 +220,7 @@ def anisotropic_type(elastic: Keyword | None) -> str:
     """TYPE of an *ELASTIC of anisotropic solids, one of `LINES`; "" of another. CalculiX shortens the names."""
     if elastic is None:
         return ""
-    own = elastic.parameters.get("TYPE", "").upper().replace(" ", "")
+    own = elastic.word("TYPE").replace(" ", "")
     return next((name for name in LINES if own == name or (own in ("ORTHO", "ANISO") and name.startswith(own))), "")
 
 
@@ -290,7 +282,7 @@ def named_orientation(assembly: Assembly, scope: Scope, by: Keyword | Row, name:
         return None
     for within in (scope, assembly.scopes[""]):
         for own in within.part.keywords:
-            if own.name == "ORIENTATION" and own.parameters.get("NAME", "").upper() == name.upper():
+            if own.name == "ORIENTATION" and own.word("NAME") == name.upper():
                 return own
     raise by.error(f"orientation {name.upper()!r} is not in the deck", "add the *ORIENTATION, or correct the name")
 
@@ -324,8 +316,8 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
     own = named_orientation(assembly, scope, by, name)
     if own is None:
         return None
-    system = own.parameters.get("SYSTEM", "RECTANGULAR").upper().replace(" ", "")
-    definition = own.parameters.get("DEFINITION", "COORDINATES").upper()
+    system = own.word("SYSTEM", "RECTANGULAR").replace(" ", "")
+    definition = own.word("DEFINITION", "COORDINATES")
     if system not in SYSTEMS or definition not in ("COORDINATES", ""):
         raise own.error(
             f"SYSTEM={system}, DEFINITION={definition} is not supported for anisotropic solids",
@@ -362,8 +354,4 @@ def solid_axes(assembly: Assembly, scope: Scope, by: Keyword | Row, name: str) -
 
 def turned_about(about: int, degrees: float) -> FloatArray:
     """Axes (3, 3), one in a column, that are turned by an angle [deg] about one of them, 1, 2 or 3."""
-    angle = np.radians(degrees)
-    one, two = about % 3, (about + 1) % 3
-    turn = np.eye(3)
-    turn[[one, one, two, two], [one, two, one, two]] = (np.cos(angle), -np.sin(angle), np.sin(angle), np.cos(angle))
-    return turn
+    return rotation(np.eye(3)[about - 1], np.radians(degrees))

@@ -8,12 +8,13 @@ from functools import cached_property
 import numpy as np
 
 from strainsight.decks.abaqus.text import Keyword, Row, integers, split
-from strainsight.decks.faults import repeated
+from strainsight.decks.faults import check_once
 from strainsight.decks.text import no_integer, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind
 from strainsight.mesh.model import FloatArray, IdTable, IntArray
+from strainsight.mesh.thin import concatenate
 
 SOLIDS = {type_: (kind, how) for kind in ELEMENTS for type_, how in kind.abaqus.items()}
 """Type → kind of element, and how it is reinterpreted. The order of the nodes is that of VTK in all of them."""
@@ -147,12 +148,12 @@ def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
     for row in keyword.rows():
         previous = keyword.texts[row.i - 1] if row.i else ""
         if tokens and previous[-1:] == "," and previous.count(",") > 7:
-            tokens[-1] += row.entries
+            tokens[-1] += row.tokens
             continue
         lines.append(row.i)
-        tokens.append(row.entries)
+        tokens.append(row.tokens)
         if row.integer(0, "the element id") < 1:
-            raise row.error(f"the element id {row.entries[0]} is not positive")
+            raise row.error(f"the element id {row.tokens[0]} is not positive")
     ids = np.array([int(entries[0]) for entries in tokens], dtype=np.int64)
     own = [[entry for entry in entries[1:] if entry] for entries in tokens]
     first = np.cumsum([0, *map(len, own)])
@@ -163,17 +164,12 @@ def _other_cells(keyword: Keyword, type_: str, table: IdTable) -> Cells:
     return Cells(keyword, type_, None, ids, np.where(missing, -1, rows), first, np.array(lines), words)
 
 
-def kind_index(kind: ElementKind | None) -> int:
-    """Position in ELEMENTS; −1 for elements that are no solids."""
-    return ELEMENTS.index(kind) if kind else -1
-
-
 GENERATORS = {"NGEN", "NFILL", "NCOPY", "NMAP", "ELGEN", "ELCOPY"}
 
 
 @dataclass(frozen=True)
 class Part:
-    """keywords as they stand; node ids (n,), position (n, 3) in the axes of the part, where each node stands; elements.
+    """keywords as they stand; node ids (n,), position (n, 3) in the axes of the part, where each node stands; elements likewise.
 
     rows: id(keyword) → rows of the nodes or elements that this *NODE or *ELEMENT defines.
     """
@@ -184,6 +180,7 @@ class Part:
     node_where: tuple[tuple[str, int], ...]
     cells: tuple[Cells, ...]
     elements: IdTable
+    element_where: tuple[tuple[str, int], ...]
     rows: dict[int, IntArray]
 
     @cached_property
@@ -206,20 +203,14 @@ def read_part(keywords: tuple[Keyword, ...]) -> Part:
     ids, position, where, rows = _nodes(keywords)
     table = IdTable(ids)
     cells = tuple(read_cells(keyword, table) for keyword in keywords if keyword.name == "ELEMENT")
-    elements = np.concatenate([c.ids for c in cells]) if cells else np.zeros(0, dtype=np.int64)
-    if twice := repeated(elements):
-        at = [(c, int(i)) for c in cells for i in c.line]
-        (a, i), (b, j) = at[twice[0]], at[twice[1]]
-        raise DeckError(
-            f"element id {elements[twice[1]]} stands twice (first at {a.keyword.where_data(i)})",
-            where=b.keyword.where_data(j),
-            remedy="give every element its own id",
-        )
+    elements = concatenate(c.ids for c in cells)
+    lines = [(c.keyword.files[i], c.keyword.numbers[i]) for c in cells for i in c.line.tolist()]
+    check_once(elements, "element", lambda i: "{}:{}".format(*lines[i]))
     start = 0
     for c in cells:
         rows[id(c.keyword)] = np.arange(start, start + len(c.ids))
         start += len(c.ids)
-    return Part(keywords, table, position, where, cells, IdTable(elements), rows)
+    return Part(keywords, table, position, where, cells, IdTable(elements), tuple(lines), rows)
 
 
 def _nodes(
@@ -237,7 +228,7 @@ def _nodes(
         if keyword.name != "NODE":
             continue
         own, local = _node_lines(keyword)
-        system = keyword.parameters.get("SYSTEM", "R").upper()
+        system = keyword.word("SYSTEM", "R")
         if system == "C":
             r, angle = local[:, 0].copy(), np.radians(local[:, 1])
             local[:, 0], local[:, 1] = r * np.cos(angle), r * np.sin(angle)
@@ -249,13 +240,7 @@ def _nodes(
         rows[id(keyword)] = np.arange(start, start + len(own))
         start += len(own)
     all_ids = np.concatenate(ids)
-    if twice := repeated(all_ids):
-        (a, i), (b, j) = where[twice[0]], where[twice[1]]
-        raise DeckError(
-            f"node id {all_ids[twice[1]]} stands twice (first at {a}:{i})",
-            where=f"{b}:{j}",
-            remedy="give every node its own id",
-        )
+    check_once(all_ids, "node", lambda i: "{}:{}".format(*where[i]))
     return all_ids, np.concatenate(positions), tuple(where), rows
 
 
@@ -287,7 +272,7 @@ def _system(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     if not rows:
         return np.zeros(3), np.eye(3)
     origin, b = rows[0].reals(6, "a coordinate").reshape(2, 3)
-    if not any(rows[0].entries[3:]):
+    if not any(rows[0].tokens[3:]):
         return origin, np.eye(3)
     x = b - origin
     if len(rows) > 1:

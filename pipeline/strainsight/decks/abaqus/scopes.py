@@ -2,21 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
-from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, kind_index, read_part
+from strainsight.decks.abaqus.parts import BEAMS, SHELLS, THIN, Part, read_part
 from strainsight.decks.abaqus.text import Keyword, Row
+from strainsight.decks.faults import entity_error
 from strainsight.decks.text import is_whole, no_integer, parse_integer
 from strainsight.errors import DeckError
+from strainsight.mesh.coordinates import rotation
+from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.thin import concatenate
 
 MESH = ("NODE", "ELEMENT")
 SECTIONS = ("SOLIDSECTION", "SHELLSECTION", "SHELLGENERALSECTION", "BEAMSECTION", "BEAMGENERALSECTION")
+
+
+INSIDE = {"PART": (), "ASSEMBLY": (), "INSTANCE": ("ASSEMBLY",), "STEP": ()}
+"""Keyword that an *END closes → those inside of which it stands."""
 
 
 @dataclass(frozen=True)
@@ -33,66 +41,53 @@ def read_structure(
 ) -> tuple[tuple[Keyword, ...], dict[str, tuple[Keyword, ...]], list[tuple[Keyword, tuple[Keyword, ...]]], list[Step]]:
     """Keywords of the model itself, of each part, of each instance with its *INSTANCE, and the steps."""
     model: list[Keyword] = []
-    parts: dict[str, tuple[Keyword, ...]] = {}
-    instances: list[tuple[Keyword, tuple[Keyword, ...]]] = []
-    named: set[str] = set()
-    steps: list[Step] = []
+    closed: dict[str, list[tuple[Keyword, tuple[Keyword, ...]]]] = {name: [] for name in INSIDE}
+    named: set[tuple[str, str]] = set()
     opened: list[tuple[Keyword, list[Keyword]]] = []
-    inside = {"PART": (), "ASSEMBLY": (), "INSTANCE": ("ASSEMBLY",), "STEP": ()}
     for keyword in keywords:
         name = keyword.name
-        if name in inside:
-            above = tuple(k.name for k, _ in opened)
-            if above != inside[name]:
+        around = opened[-1][0] if opened else None
+        if name in INSIDE:
+            if tuple(k.name for k, _ in opened) != INSIDE[name]:
                 raise keyword.error(
-                    f"stands inside {opened[-1][0].title} at {opened[-1][0].where}"
-                    if opened
-                    else "stands outside *ASSEMBLY",
-                    f"close it with *END {opened[-1][0].name} before"
-                    if opened
-                    else "put it between *ASSEMBLY and its end",
+                    f"stands inside {around.title} at {around.where}" if around else "stands outside *ASSEMBLY",
+                    f"close it with *END {around.name} before" if around else "put it between *ASSEMBLY and its end",
                 )
             opened.append((keyword, []))
-        elif name.startswith("END") and name[3:] in inside:
-            if not opened or opened[-1][0].name != name[3:]:
+        elif name.startswith("END") and name[3:] in INSIDE:
+            if around is None or around.name != name[3:]:
                 raise keyword.error(f"there is no *{name[3:]} to end", "remove the line, or add what it ends")
-            start, own = opened.pop()
-            if start.name == "PART":
-                part_name = start.needs("NAME")
-                if part_name.upper() in parts:
-                    raise start.error(f"part {part_name!r} stands twice", "give every part its own name")
-                parts[part_name.upper()] = tuple(own)
-            elif start.name == "INSTANCE":
-                if start.needs("NAME").upper() in named:
-                    raise start.error(f"instance {start.needs('NAME')!r} stands twice", "give it its own name")
-                named.add(start.needs("NAME").upper())
-                instances.append((start, tuple(own)))
-            elif start.name == "STEP":
-                steps.append(Step(len(steps) + 1, start, tuple(own)))
-        elif opened and opened[-1][0].name != "ASSEMBLY":
-            if opened[-1][0].name == "STEP" and name in (*MESH, *SECTIONS, "MATERIAL"):
+            closed[around.name].append((around, tuple(opened.pop()[1])))
+            if around.name in ("PART", "INSTANCE"):
+                key = (around.name, around.needs("NAME").upper())
+                if key in named:
+                    what = f"{around.name.lower()} {around.parameters['NAME']!r} stands twice"
+                    raise around.error(what, "give each its own name")
+                named.add(key)
+        elif around is None or around.name == "ASSEMBLY":
+            model.append(keyword)
+        else:
+            if around.name == "STEP" and name in (*MESH, *SECTIONS, "MATERIAL"):
                 raise keyword.error("stands inside a *STEP", "move it before the first *STEP")
             # Sets of a step are sets of the model.
-            (model if name in ("NSET", "ELSET", "SURFACE") and opened[-1][0].name == "STEP" else opened[-1][1]).append(
-                keyword
-            )
-        else:
-            model.append(keyword)
+            of_model = name in ("NSET", "ELSET", "SURFACE") and around.name == "STEP"
+            (model if of_model else opened[-1][1]).append(keyword)
     if opened:
         start = opened[-1][0]
         raise start.error(f"no *END {start.name} follows", "the deck may be cut off: write it again")
-    if parts and not instances:
-        start = next(k for k in keywords if k.name == "PART")
-        raise start.error("there is no *INSTANCE of any part", "add an *ASSEMBLY with the instances")
-    return tuple(model), parts, instances, steps
+    if closed["PART"] and not closed["INSTANCE"]:
+        raise closed["PART"][0][0].error("there is no *INSTANCE of any part", "add an *ASSEMBLY with the instances")
+    parts = {start.needs("NAME").upper(): own for start, own in closed["PART"]}
+    steps = [Step(number, start, own) for number, (start, own) in enumerate(closed["STEP"], start=1)]
+    return tuple(model), parts, closed["INSTANCE"], steps
 
 
 def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     """Rotation (3, 3) and translation (3,) of an *INSTANCE: first the translation, then the rotation about an axis of the
-    assembly. Rodrigues: R = I + sin φ [n×] + (1 − cos φ) [n×]²."""
+    assembly."""
     rows = keyword.rows(needed=False)
-    turns = [row for row in rows if any(row.entries[3:])]
-    shifts = [row for row in rows if not any(row.entries[3:])]
+    turns = [row for row in rows if any(row.tokens[3:])]
+    shifts = [row for row in rows if not any(row.tokens[3:])]
     if len(turns) > 1 or len(shifts) > 1:
         raise rows[-1].error("more lines than a translation and a rotation", "give x, y, z and then the axis and angle")
     shift = shifts[0].reals(3, "a translation") if shifts else np.zeros(3)
@@ -102,9 +97,7 @@ def placement(keyword: Keyword) -> tuple[FloatArray, FloatArray]:
     a, axis = values[:3], values[3:6] - values[:3]
     if not np.linalg.norm(axis) > 0:
         raise turns[0].error("the two points of the axis coincide", "give two points, and the angle in degrees")
-    n, angle = axis / np.linalg.norm(axis), np.radians(values[6])
-    cross = np.array([[0, -n[2], n[1]], [n[2], 0, -n[0]], [-n[1], n[0], 0]])
-    R = np.eye(3) + np.sin(angle) * cross + (1 - np.cos(angle)) * (cross @ cross)
+    R = rotation(axis / np.linalg.norm(axis), np.radians(values[6]))
     return R, a + R @ (shift - a)
 
 
@@ -166,13 +159,14 @@ class Assembly:
         """An element in the words of the deck: "S4R 12"."""
         return f"{self.type[row]} {self.element_ids[row]}"
 
+    def where(self, row: int) -> str:
+        """file:line of an element."""
+        return "{}:{}".format(*self.element_where[row])
+
     def element_error(self, row: int, what: str, remedy: str) -> DeckError:
         """A DeckError where an element stands."""
-        file, line = self.element_where[row]
         number = int(self.element_ids[row])
-        return DeckError(
-            f"{self.element(row)} {what}", where=f"{file}:{line}", remedy=remedy, entity=("element", number)
-        )
+        return entity_error("element", number, f"{self.element(row)} {what}", remedy, lambda *_: self.where(row))
 
     def name_of(self, rows: IntArray) -> Callable[[int], str]:
         """Number of an element among some → `element`."""
@@ -187,12 +181,15 @@ class Assembly:
         """Is there at most one instance, so that names need not say which?"""
         return len(self.scopes) <= 2
 
-    def keywords(self, name: str) -> Iterator[tuple[Scope, Keyword]]:
-        """Keywords of this name outside of steps, once for every instance of a part, with the scope of their names."""
+    def keywords(self, name: str, of_steps: bool = False) -> Iterator[tuple[Scope, Keyword]]:
+        """Keywords of this name, once for every instance of a part, with the scope of their names; of_steps: behind them those in
+        steps."""
         for scope in self.scopes.values():
             for keyword in scope.part.keywords:
                 if keyword.name == name:
                     yield scope, keyword
+        for step in self.steps if of_steps else ():
+            yield from ((self.scopes[""], keyword) for keyword in step.keywords if keyword.name == name)
 
     def scope_of(self, name: str, row: Keyword | Row) -> Scope:
         """The instance of this name; DeckError where there is none."""
@@ -223,6 +220,14 @@ class Assembly:
     def element_set(self, name: str, scope: Scope, row: Keyword | Row) -> IntArray:
         """Rows of the element set of this name, also if it is a number; DeckError where there is none."""
         return self._named("ELEMENT", name, scope, row)
+
+    def connectivity(self, rows: IntArray, places: Sequence[int]) -> IntArray:
+        """Rows (k, p) of the nodes of elements at these of their places."""
+        return self.nodes[self.first[rows][:, None] + np.array(places)]
+
+    def nodes_of(self, row: int) -> IntArray:
+        """Rows of the nodes of one element, −1 of those that are not in the deck."""
+        return self.nodes[self.first[row] : self.first[row + 1]]
 
     def element_nodes(self, rows: IntArray) -> IntArray:
         """Rows (k,) of the nodes of elements, each once, sorted."""
@@ -279,7 +284,7 @@ class Assembly:
                 parts.append(scope.part.rows[id(keyword)] + first)
             else:
                 parts.append(self._listed(kind, keyword, scope, (*above, f"{scope.name}.{name}")))
-        self._known[key] = np.unique(np.concatenate([np.zeros(0, dtype=np.int64), *parts]))
+        self._known[key] = np.unique(concatenate(parts))
         return self._known[key]
 
     def _listed(self, kind: str, keyword: Keyword, scope: Scope, above: tuple[str, ...]) -> IntArray:
@@ -291,7 +296,7 @@ class Assembly:
             return self.element_nodes(self.element_set(parameters["ELSET"], scope, keyword))
         if "GENERATE" in parameters:
             return self._generated(kind, keyword, scope)
-        entries: list[tuple[str, Row]] = [(e, row) for row in keyword.rows(needed=False) for e in row.entries if e]
+        entries: list[tuple[str, Row]] = [(e, row) for row in keyword.rows(needed=False) for e in row.tokens if e]
         numbers = [parse_integer(entry) for entry, _ in entries]
         ids = np.array([number or 0 for number in numbers], dtype=np.int64)
         rows, missing = self._numbered(kind, ids, scope)
@@ -357,76 +362,50 @@ def assemble(keywords: list[Keyword]) -> Assembly:
         placed.append((keyword.needs("NAME"), part, *placement(keyword)))
     placed.append(("", read_part(model), np.eye(3), np.zeros(3)))
     node = element = 0
-    for name, part, rotation, translation in placed:
-        scopes[name.upper()] = Scope(name, part, rotation, translation, node, element)
+    for name, part, turn, shift in placed:
+        scopes[name.upper()] = Scope(name, part, turn, shift, node, element)
         node, element = node + len(part.nodes.ids), element + len(part.elements.ids)
     return _joined(scopes, model, tuple(steps))
 
 
 def _joined(scopes: dict[str, Scope], model: tuple[Keyword, ...], steps: tuple[Step, ...]) -> Assembly:
     """Nodes and elements of all scopes in one table."""
-    notes: list[str] = []
-    node_offset = _offsets([scope.part.nodes.ids for scope in scopes.values()])
-    element_offset = _offsets([scope.part.elements.ids for scope in scopes.values()])
-    empty = np.zeros(0, dtype=np.int64)
-    node_ids, position, element_ids, kind, nodes, count = (
-        [empty],
-        [np.zeros((0, 3))],
-        [empty],
-        [empty],
-        [empty],
-        [empty],
-    )
-    node_where: list[tuple[str, int]] = []
-    element_where: list[tuple[str, int]] = []
-    type_: list[str] = []
-    words: list[tuple[int, str, Scope, Row]] = []
-    members = 0
-    for scope, by_node, by_element in zip(scopes.values(), node_offset, element_offset, strict=True):
-        part = scope.part
-        node_ids.append(part.nodes.ids + by_node)
-        position.append(part.position @ scope.rotation.T + scope.translation)
-        node_where += part.node_where
-        element_ids.append(part.elements.ids + by_element)
-        for cells in part.cells:
-            base, lines = members, cells.keyword.rows() if cells.words else []
-            for i, word in cells.words.items():
-                line = lines[cells.line[np.searchsorted(cells.first, i, "right") - 1]]
-                words.append((base + i, word, scope, line))
-            if cells.cut:
-                notes.append(
-                    f"{cells.keyword.where}: lines of {cells.type} hold more nodes and end in a comma, as those of quadratic "
-                    f"elements do: the first {int(cells.first[1])} count, as in CalculiX"
-                )
-            members += len(cells.nodes)
-            nodes.append(np.where(cells.nodes < 0, -1, cells.nodes + scope.first_node))
-            count.append(np.diff(cells.first))
-            kind.append(np.full(len(cells.ids), kind_index(cells.kind)))
-            type_ += [cells.type] * len(cells.ids)
-            element_where += [(cells.keyword.files[i], cells.keyword.numbers[i]) for i in cells.line.tolist()]
-        if by_node or by_element:
+    every = list(scopes.values())
+    cells = [(scope, own) for scope in every for own in scope.part.cells]
+    notes = [
+        f"{own.keyword.where}: lines of {own.type} hold more nodes and end in a comma, as those of quadratic elements do: the "
+        f"first {int(own.first[1])} count, as in CalculiX"
+        for _, own in cells
+        if own.cut
+    ]
+    offsets = _offsets([scope.part.nodes.ids for scope in every]), _offsets([s.part.elements.ids for s in every])
+    for scope, *by in zip(every, *offsets, strict=True):
+        shifts = [f"{what} ids + {more}" for what, more in zip(("node", "element"), by, strict=True) if more]
+        if shifts and scope.part.nodes.ids.size:
             owner = f"instance {scope.name}" if scope.name else "the assembly's own"
-            shifts = [f"{what} ids + {by}" for what, by in (("node", by_node), ("element", by_element)) if by]
-            if part.nodes.ids.size:
-                notes.append(f"{owner}: {', '.join(shifts)}, as several instances have the same ids")
+            notes.append(f"{owner}: {', '.join(shifts)}, as several instances have the same ids")
     assembly = Assembly(
         scopes=scopes,
-        node_ids=np.concatenate(node_ids),
-        position=np.concatenate(position),
-        node_where=node_where,
-        element_ids=np.concatenate(element_ids),
-        kind=np.concatenate(kind),
-        type=type_,
-        nodes=np.concatenate(nodes),
-        first=np.concatenate([[0], np.cumsum(np.concatenate(count))]).astype(np.int64),
-        element_where=element_where,
+        node_ids=concatenate(scope.part.nodes.ids + by for scope, by in zip(every, offsets[0], strict=True)),
+        position=np.concatenate([scope.part.position @ scope.rotation.T + scope.translation for scope in every]),
+        node_where=[at for scope in every for at in scope.part.node_where],
+        element_ids=concatenate(scope.part.elements.ids + by for scope, by in zip(every, offsets[1], strict=True)),
+        kind=concatenate(np.full(len(own.ids), ELEMENTS.index(own.kind) if own.kind else -1) for _, own in cells),
+        type=[own.type for _, own in cells for _ in own.ids],
+        nodes=concatenate(np.where(own.nodes < 0, -1, own.nodes + scope.first_node) for scope, own in cells),
+        first=np.cumsum(concatenate([np.zeros(1, dtype=np.int64), *(np.diff(own.first) for _, own in cells)])),
+        element_where=[at for scope in every for at in scope.part.element_where],
         model=model,
         steps=steps,
         notes=notes,
     )
-    for i, word, scope, row in words:
-        rows = assembly.node_rows(word, scope, row)
-        assembly.nodes[i] = rows[0] if rows.size == 1 else -1
+    base = 0
+    for scope, own in cells:
+        lines = own.keyword.rows() if own.words else []
+        for i, word in own.words.items():
+            rows = assembly.node_rows(word, scope, lines[own.line[np.searchsorted(own.first, i, "right") - 1]])
+            assembly.nodes[base + i] = rows[0] if rows.size == 1 else -1
+        base += len(own.nodes)
     return assembly
 
 

@@ -96,10 +96,7 @@ def own_constants(keyword: Keyword, section: BeamSection, notes: list[str]) -> t
         raise row.error(f"E is {E:g} and G {G:g}", "give positive moduli")
     nu = E / (2 * G) - 1
     if elastic_fault(E, nu):
-        ratio = G / (E / 2)
-        section = replace(
-            section, torsion=section.torsion * ratio, shear=(section.shear[0] * ratio, section.shear[1] * ratio)
-        )
+        section = section.with_shear(G / (E / 2))
         notes.append(f"{row.where}: no isotropic material has E = {E:g} and G = {G:g}: G is taken into J and shear")
         nu = 0.0
     given = keyword.parameters.get("DENSITY", "")
@@ -182,10 +179,7 @@ def _i(
     # y of the figure is n2 and its z −n1: a quarter of a turn, after which y is n1 and z is n2
     turn = np.array([[0.0, -1.0], [1.0, 0.0]])
     turned = replace(
-        upright,
-        second=turn @ upright.second @ turn.T,
-        shear=upright.shear[::-1],
-        points=upright.points @ turn.T,
+        upright, second=turn @ upright.second @ turn.T, shear=upright.shear[::-1], points=upright.points @ turn.T
     )
     return turned, np.array([0.0, -foot - l])
 
@@ -204,7 +198,7 @@ def _offset(keyword: Keyword, shape: str, d: list[float]) -> FloatArray:
 def _n1(keyword: Keyword, rows: list[Row]) -> FloatArray:
     """The line of n1. Blank lines are passed over: the second of two lines is that of the moduli where they have to follow."""
     moduli = keyword.name == GENERAL and "MATERIAL" not in keyword.parameters
-    if len(rows) < (3 if moduli else 2) or not any(rows[1].entries[:3]):
+    if len(rows) < (3 if moduli else 2) or not any(rows[1].tokens[:3]):
         return np.array(DEFAULT_N1)
     n1 = np.array([rows[1].real(i, "a component of n1", 0.0) for i in range(3)])
     if not np.linalg.norm(n1) > 0:
@@ -273,7 +267,7 @@ def shell_section(
     beside = keyword.number("DENSITY", 0.0, CONSTANT)
     if beside < 0:
         raise keyword.error(f"DENSITY, the mass per area beside the material, is {beside:g}", "give a positive one")
-    given = keyword.parameters.get("OFFSET", "0").upper()
+    given = keyword.word("OFFSET", "0")
     off = SIDES[given] if given in SIDES else keyword.number("OFFSET", 0.0, CONSTANT)
     section: ShellSection | Laminate
     if "COMPOSITE" in keyword.parameters:
@@ -349,7 +343,7 @@ def _layer(assembly: Assembly, scope: Scope, row: Row, number: int, axes: SolidA
     if not row.text(2):
         raise row.error(f"layer {number} has no material", "give it as the third entry of the line")
     material = made.of_layer(row.text(2), row)
-    if material not in made.solids:
+    if material not in made.properties.anisotropic:
         return Layer(material, t, Orientation(BASIC, np.eye(3)))
     angle = parse_real(row.text(3)) if row.text(3) else 0.0
     own = axes if angle is not None else solid_axes(assembly, scope, row, row.text(3))

@@ -20,9 +20,8 @@ from strainsight.decks.abaqus.section_cards import (
 from strainsight.decks.abaqus.text import Keyword
 from strainsight.decks.faults import OR_CONFIG, folded, note_shared
 from strainsight.errors import DeckError
-from strainsight.mesh.anisotropic import Anisotropic, CompositeSolid, Orientation
 from strainsight.mesh.given_sections import beam_axes
-from strainsight.mesh.model import FloatArray, IntArray, Material, Region
+from strainsight.mesh.model import FloatArray, IntArray, Properties, Region
 from strainsight.mesh.node_order import plate_normals
 from strainsight.mesh.thin import (
     BEAM_KINDS,
@@ -30,7 +29,6 @@ from strainsight.mesh.thin import (
     SHELL_KINDS,
     BeamBlock,
     BeamSection,
-    Lamina,
     Laminate,
     ShellBlock,
     ShellSection,
@@ -50,23 +48,16 @@ WANTED = {"solid": "*SOLID SECTION", "shell": "*SHELL SECTION", "beam": "*BEAM S
 
 @dataclass(frozen=True)
 class Sections:
-    """region (m,) of each element, 0 of those that are not imported; the regions, one a section; their materials,
-    laminae those of plies, anisotropic those of solids that are, with the axes of regions of these, composites those
-    with layers.
+    """region (m,) of each element, 0 of those that are not imported; properties: the regions, one a section, and what they
+    refer to.
 
-    sections: region → section of its shells, beams or rods; offset: region → where their middle lies from their nodes, along the
-    normal of a shell, along n1 and n2 of a beam; direction (3,): n1 of a beam, x of the material of a shell; left (k,): rows of
-    the shells, beams and rods without a section.
+    offset: region → where the middle of its elements lies from their nodes, along the normal of a shell, along n1 and n2 of a
+    beam; direction (3,): n1 of a beam, x of the material of a shell; left (k,): rows of the shells, beams and rods without a
+    section.
     """
 
     region: IntArray
-    regions: dict[int, Region] = field(default_factory=dict)
-    materials: dict[int, Material] = field(default_factory=dict)
-    laminae: dict[int, Lamina] = field(default_factory=dict)
-    anisotropic: dict[int, Anisotropic] = field(default_factory=dict)
-    orientations: dict[int, Orientation] = field(default_factory=dict)
-    composites: dict[int, CompositeSolid] = field(default_factory=dict)
-    sections: dict[int, ShellSection | BeamSection | Laminate] = field(default_factory=dict)
+    properties: Properties
     offset: dict[int, FloatArray] = field(default_factory=dict)
     direction: dict[int, FloatArray] = field(default_factory=dict)
     left: IntArray = field(default_factory=lambda: np.zeros(0, dtype=np.int64))
@@ -88,43 +79,44 @@ def read_sections(
     section, with two or with one of another kind, for a section without material or set, one that is not supported, and a
     material that is not linear and elastic, or of shells and beams not isotropic.
     """
-    made = Materials(definitions(keywords), stated, assembly.notes)
-    family = assembly.families
-    found = Sections(
-        np.zeros(len(family), dtype=np.int64), materials=made.found, laminae=made.laminae, anisotropic=made.solids
-    )
+    properties = Properties()
+    materials = Materials(definitions(keywords), stated, assembly.notes, properties)
+    found = Sections(np.zeros(len(assembly.families), dtype=np.int64), properties)
     left = [found.left]
     for scope in assembly.scopes.values():
         for keyword in scope.part.keywords:
             if keyword.name not in FOR:
                 continue
             rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
-            known = rows[family[rows] != ""]
+            known = rows[assembly.families[rows] != ""]
             if not known.size and (rows.size or keyword.name != "SOLIDSECTION"):
                 continue
-            _check_family(assembly, keyword, known, family)
+            _check_family(assembly, keyword, known)
             if (taken := known[found.region[known] > 0]).size:
                 raise keyword.error(
                     f"element {assembly.element_ids[taken[0]]} is in the section of "
-                    f"{found.regions[int(found.region[taken[0]])].name} already",
+                    f"{properties.regions[int(found.region[taken[0]])].name} already",
                     "let every element belong to one section",
                 )
+            within, written = assembly.split_name(keyword.parameters["ELSET"], scope)
+            name = set_name.get((within.name, written.upper()), written)
             try:
-                _add(assembly, scope, keyword, known, family, made, found, set_name)
+                _add(assembly, scope, keyword, known, materials, found, name)
             except DeckError:
                 if required or keyword.name == "SOLIDSECTION":
                     raise
                 left.append(known)
-    left.append(_without(assembly, found, family, np.concatenate(left), required, stated))
+    left.append(_without(assembly, found, np.concatenate(left), required, stated))
     gone = np.unique(np.concatenate(left))
     gone = gone[found.region[gone] == 0]
     ignored.update(Counter(f"*ELEMENT, TYPE={assembly.type[row]}" for row in gone.tolist()))
-    if made.unused:
-        ignored["*MATERIAL that no section refers to"] += made.unused
+    if materials.unused:
+        ignored["*MATERIAL that no section refers to"] += materials.unused
     return replace(found, left=gone)
 
 
-def _check_family(assembly: Assembly, keyword: Keyword, rows: IntArray, family: np.ndarray) -> None:
+def _check_family(assembly: Assembly, keyword: Keyword, rows: IntArray) -> None:
+    family = assembly.families
     other = rows[~np.isin(family[rows], FOR[keyword.name])]
     if other.size:
         row = int(other[0])
@@ -135,24 +127,16 @@ def _check_family(assembly: Assembly, keyword: Keyword, rows: IntArray, family: 
 
 
 def _add(
-    assembly: Assembly,
-    scope: Scope,
-    keyword: Keyword,
-    rows: IntArray,
-    family: np.ndarray,
-    made: Materials,
-    found: Sections,
-    set_name: dict[tuple[str, str], str],
+    assembly: Assembly, scope: Scope, keyword: Keyword, rows: IntArray, made: Materials, found: Sections, name: str
 ) -> None:
-    """A region of the elements in rows (k,)."""
-    number, offset, direction = len(found.regions) + 1, np.zeros(2), np.full(3, np.nan)
+    """A region of the elements in rows (k,), of that name."""
+    number, offset, direction = len(found.properties.regions) + 1, np.zeros(2), np.full(3, np.nan)
     section: ShellSection | BeamSection | Laminate | None = None
-    name = _region_name(assembly, keyword, scope, set_name)
     material = None
     if keyword.name == "SOLIDSECTION":
-        rods = family[rows] == "rod"
+        rods = assembly.families[rows] == "rod"
         if "COMPOSITE" in keyword.parameters:
-            found.composites[number] = composite_solid(assembly, scope, keyword, rows, made)
+            found.properties.composites[number] = composite_solid(assembly, scope, keyword, rows, made)
             material = 0  # those of its layers
         if made.anisotropic(keyword):
             if rods.any():
@@ -160,7 +144,7 @@ def _add(
                     f"{assembly.element(int(rows[np.argmax(rods)]))} is a truss, and its material is anisotropic",
                     "give trusses an isotropic material",
                 )
-            found.orientations[number] = solid_orientation(assembly, scope, keyword)
+            found.properties.orientations[number] = solid_orientation(assembly, scope, keyword)
         if rods.any():
             section = _truss(keyword, assembly.notes)
     elif keyword.name.startswith("SHELL"):
@@ -180,10 +164,10 @@ def _add(
         material = 0  # those of its plies
     elif material is None:
         material = made.number(keyword)
-    found.regions[number] = Region(number, name, material)
+    found.properties.regions[number] = Region(number, name, material)
     found.region[rows] = number
     if section is not None:
-        found.sections[number], found.offset[number], found.direction[number] = section, offset, direction
+        found.properties.sections[number], found.offset[number], found.direction[number] = section, offset, direction
 
 
 def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
@@ -195,23 +179,21 @@ def _truss(keyword: Keyword, notes: list[str]) -> BeamSection:
     return BeamSection(rows[0].positive(0, "the area"))
 
 
-def _without(
-    assembly: Assembly, found: Sections, family: np.ndarray, left: IntArray, required: bool, stated: bool
-) -> IntArray:
+def _without(assembly: Assembly, found: Sections, left: IntArray, required: bool, stated: bool) -> IntArray:
     """Solids without section are a region, unless it has to be stated; rows of other elements without one, unless required."""
-    without = np.flatnonzero((family != "") & (found.region == 0))
-    without = np.setdiff1d(without, left)
+    family, regions = assembly.families, found.properties.regions
+    without = np.setdiff1d(np.flatnonzero((family != "") & (found.region == 0)), left)
     solid = without[family[without] == "solid"]
-    if solid.size and not stated:
-        number = len(found.regions) + 1
-        found.regions[number] = Region(number, "without section", 0)
-        found.region[solid] = number
-    elif solid.size:
+    if solid.size and stated:
         raise assembly.element_error(
             int(solid[0]),
             f"has no section ({solid.size} elements)",
             f"add a *SOLID SECTION with its element set and a material{OR_CONFIG}",
         )
+    if solid.size:
+        number = len(regions) + 1
+        regions[number] = Region(number, "without section", 0)
+        found.region[solid] = number
     thin = without[family[without] != "solid"]
     if thin.size and required:
         row = int(thin[0])
@@ -222,11 +204,6 @@ def _without(
             f"(mesh.ignore: [{assembly.type[row]}])",
         )
     return thin
-
-
-def _region_name(assembly: Assembly, keyword: Keyword, scope: Scope, set_name: dict[tuple[str, str], str]) -> str:
-    within, written = assembly.split_name(keyword.parameters["ELSET"], scope)
-    return set_name.get((within.name, written.upper()), written)
 
 
 IN_ORDER = {"beam": (0, 1), "rod": (0, 1), "beam3": (0, 2, 1)}
@@ -246,7 +223,7 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
         rows = np.flatnonzero((kinds == kind) & (sections.region > 0))
         if not rows.size:
             continue
-        nodes = assembly.nodes[assembly.first[rows][:, None] + np.arange(NODES[kind])]
+        nodes = assembly.connectivity(rows, range(NODES[kind]))
         if (at := folded(nodes)) is not None:
             raise assembly.element_error(
                 int(rows[at]), "has a node twice", "write a collapsed quadrangle as an S3, take others out"
@@ -262,7 +239,7 @@ def shell_blocks(assembly: Assembly, sections: Sections) -> tuple[ShellBlock, ..
         region = sections.region[rows]
         offset = np.array([sections.offset[number][0] for number in region.tolist()])
         axis = np.array([sections.direction[number] for number in region.tolist()])
-        plies = [isinstance(sections.sections[number], Laminate) for number in region.tolist()]
+        plies = [isinstance(sections.properties.sections[number], Laminate) for number in region.tolist()]
         bare = np.isnan(axis).any(axis=1) & plies
         axis[bare] = default_axes(assembly.position[nodes[bare, : CORNERS[NODES[kind]]]])
         blocks.append(ShellBlock(kind, assembly.element_ids[rows], nodes, region, offset, axis))
@@ -286,7 +263,7 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
         if not rows.size:
             continue
         _check_count(assembly, rows, IN_ORDER[kind])
-        nodes = assembly.nodes[assembly.first[rows][:, None] + np.array(IN_ORDER[kind])]
+        nodes = assembly.connectivity(rows, IN_ORDER[kind])
         x = np.diff(assembly.position[nodes[:, :2]], axis=1)[:, 0]
         if (short := ~(np.linalg.norm(x, axis=1) > APART * extent)).any():
             raise assembly.element_error(
@@ -321,7 +298,7 @@ def beam_blocks(assembly: Assembly, sections: Sections) -> tuple[BeamBlock, ...]
 def _check_count(assembly: Assembly, rows: IntArray, order: tuple[int, ...]) -> None:
     """As many nodes as a beam has, or one more that n1 points to, which trusses have not."""
     for row in rows.tolist():
-        nodes = assembly.nodes[assembly.first[row] : assembly.first[row + 1]]
+        nodes = assembly.nodes_of(row)
         truss = assembly.type[row].startswith("T")
         if not len(order) <= len(nodes) <= len(order) + (not truss):
             count, more = ("two", "third") if len(order) == 2 else ("three", "fourth")
@@ -339,6 +316,5 @@ def _directions(assembly: Assembly, sections: Sections, rows: IntArray, region: 
     """v (n, 3) of each beam of `count` nodes."""
     v = np.array([sections.direction[number] for number in region.tolist()])
     more = np.flatnonzero(assembly.first[rows + 1] - assembly.first[rows] == count + 1)
-    begin = assembly.first[rows[more]]
-    v[more] = assembly.position[assembly.nodes[begin + count]] - assembly.position[assembly.nodes[begin]]
+    v[more] = np.diff(assembly.position[assembly.connectivity(rows[more], (0, count))], axis=1)[:, 0]
     return v

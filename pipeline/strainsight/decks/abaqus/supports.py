@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -28,7 +28,7 @@ def nodal_axes(assembly: Assembly) -> dict[int, FloatArray]:
     for scope, keyword in assembly.keywords("TRANSFORM"):
         row = keyword.rows()[0]
         a, b = row.reals(6, "a coordinate").reshape(2, 3)
-        kind = keyword.parameters.get("TYPE", "R").upper() or "R"
+        kind = keyword.word("TYPE", "R") or "R"
         nodes = assembly.node_set(keyword.needs("NSET"), scope, keyword)
         if kind not in ("R", "C", "S"):
             raise keyword.error(f"TYPE={kind} is not R, C or S", "give the type of the system")
@@ -67,52 +67,60 @@ def point_masses(assembly: Assembly, rotations: Mapping[int, int]) -> tuple[Poin
     rotations: see `Supports.pairs`. Raises DeckError for an element without value or node, or on a ROT NODE, whose motions
     are rotations, and for values that are negative.
     """
-    masses: dict[int, tuple[int, float]] = {}
-    for row, (_, line) in _valued(assembly, "MASS", "MASS"):
-        masses[row] = (_node_of(assembly, row, rotations), line.not_negative(0, "the mass"))
-    inertias: dict[int, tuple[int, FloatArray]] = {}
-    for row, (scope, line) in _valued(assembly, "ROTARYI", "ROTARYINERTIA"):
-        if line.keyword.parameters.get("ORIENTATION"):
-            raise line.keyword.error("ORIENTATION is not supported", "write the inertia along the basic axes")
+    points = []
+    for row, (_, keyword) in _stated(assembly, ("MASS",), "MASS"):
+        mass = keyword.rows()[0].not_negative(0, "the mass")
+        points.append(PointMass(int(assembly.element_ids[row]), _node_of(assembly, row, rotations), mass))
+    for row, (scope, keyword) in _stated(assembly, ("ROTARYI",), "ROTARYINERTIA"):
+        line = keyword.rows()[0]
         a, b, c, ab, ac, bc = line.reals(6, "the inertia")
         tensor = np.array([[a, ab, ac], [ab, b, bc], [ac, bc, c]])
         lowest = float(np.linalg.eigvalsh(tensor)[0])
         if lowest < -1e-9 * np.abs(tensor).max():
             raise line.error(f"the least principal inertia is {lowest:g}, negative", "correct the six values")
-        inertias[row] = (_node_of(assembly, row, rotations), scope.rotation @ tensor @ scope.rotation.T)
-    points = [PointMass(int(assembly.element_ids[row]), node, mass) for row, (node, mass) in masses.items()]
-    for row, (node, tensor) in inertias.items():
+        node, turned = _node_of(assembly, row, rotations), scope.rotation @ tensor @ scope.rotation.T
         i = next((i for i, point in enumerate(points) if point.node == node), None)
         if i is None:
-            points.append(PointMass(int(assembly.element_ids[row]), node, 0.0, inertia=tensor))
+            points.append(PointMass(int(assembly.element_ids[row]), node, 0.0, inertia=turned))
         else:
-            point = points[i]
-            points[i] = PointMass(point.id, node, point.mass, inertia=point.inertia + tensor)
+            points[i] = replace(points[i], inertia=points[i].inertia + turned)
     return tuple(sorted(points, key=lambda point: point.id))
 
 
-def _valued(assembly: Assembly, element: str, name: str) -> Iterable[tuple[int, tuple[Scope, Row]]]:
-    """Rows of the elements of a type, with the data line that gives their value."""
-    wanted = np.array([type_ == element for type_ in assembly.type], dtype=bool)
-    given: dict[int, tuple[Scope, Row]] = {}
+REFUSED = {
+    "SPRING": (("NONLINEAR", "ORIENTATION", "COMPLEXSTIFFNESS"), "give one constant stiffness"),
+    "ROTARYINERTIA": (("ORIENTATION",), "write the inertia along the basic axes"),
+    "MASS": ((), ""),
+}
+"""Keyword → parameters that are not supported, and the remedy."""
+
+
+def _stated(assembly: Assembly, types: Sequence[str], name: str) -> Iterator[tuple[int, tuple[Scope, Keyword]]]:
+    """Rows of the elements of some types, with the keyword of this name that gives their value."""
+    wanted = np.isin(np.array(assembly.type, dtype=str), types)
+    given: dict[int, tuple[Scope, Keyword]] = {}
     for scope, keyword in assembly.keywords(name):
-        if keyword.parameters.get("TYPE", "ISOTROPIC").upper() not in ("ISOTROPIC", ""):
+        parameters, remedy = REFUSED[name]
+        for parameter in parameters:
+            if keyword.parameters.get(parameter) is not None:
+                raise keyword.error(f"{parameter} is not supported", remedy)
+        if keyword.word("TYPE", "ISOTROPIC") not in ("ISOTROPIC", ""):
             raise keyword.error("masses that differ by direction are not supported", "give one mass")
-        line = keyword.rows()[0]
         rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
         for row in rows[wanted[rows]].tolist():
             if row in given:
                 raise keyword.error(f"element {assembly.element_ids[row]} has a value already", "give it one value")
-            given[row] = (scope, line)
+            given[row] = (scope, keyword)
     for row in np.flatnonzero(wanted).tolist():
         if row not in given:
-            title = "MASS" if element == "MASS" else "ROTARY INERTIA"
-            raise assembly.element_error(row, "has no value", f"add its *{title}")
-    return given.items()
+            title = "ROTARY INERTIA" if name == "ROTARYINERTIA" else name
+            remedy = f"add its *{title}, or leave these elements out (mesh.ignore: [{assembly.type[row]}])"
+            raise assembly.element_error(row, "has no value", remedy)
+        yield row, given[row]
 
 
 def _node_of(assembly: Assembly, row: int, rotations: Mapping[int, int]) -> int:
-    nodes = assembly.nodes[assembly.first[row] : assembly.first[row + 1]]
+    nodes = assembly.nodes_of(row)
     if len(nodes) != 1 or nodes[0] < 0:
         raise assembly.element_error(row, "does not stand on one node of the deck", "give its id and one node")
     if int(nodes[0]) in rotations:
@@ -151,67 +159,37 @@ def springs(assembly: Assembly, axes: Mapping[int, FloatArray], rotations: Mappi
     one (CalculiX) → that node. Raises DeckError for an element without *SPRING or node, for stiffness that is not constant or
     turned (NONLINEAR, ORIENTATION), and for a translation against a rotation.
     """
-    kinds = np.array([type_ if type_ in NODES else "" for type_ in assembly.type])
-    given: dict[int, tuple[Scope, Keyword]] = {}
-    for scope, keyword in assembly.keywords("SPRING"):
-        for parameter in ("NONLINEAR", "ORIENTATION", "COMPLEXSTIFFNESS"):
-            if parameter in keyword.parameters:
-                raise keyword.error(f"{parameter} is not supported", "give one constant stiffness")
-        rows = assembly.element_set(keyword.needs("ELSET"), scope, keyword)
-        for row in rows[kinds[rows] != ""].tolist():
-            if row in given:
-                raise keyword.error(f"element {assembly.element_ids[row]} has a *SPRING already", "give it one")
-            given[row] = (scope, keyword)
     found = []
-    for row in np.flatnonzero(kinds != "").tolist():
-        name = f"{kinds[row]} {assembly.element_ids[row]}"
-        file, number = assembly.element_where[row]
-        nodes = assembly.nodes[assembly.first[row] : assembly.first[row + 1]].tolist()
-        if row not in given or len(nodes) != NODES[str(kinds[row])] or min(nodes) < 0:
-            lacks = "no *SPRING gives it a stiffness" if row not in given else "it does not stand on nodes of the deck"
-            raise DeckError(
-                f"{name}: {lacks}",
-                where=f"{file}:{number}",
-                remedy=f"add it, or leave the elements out (mesh.ignore: [{kinds[row]}])",
+    for row, (_, keyword) in _stated(assembly, tuple(NODES), "SPRING"):
+        kind, nodes = assembly.type[row], assembly.nodes_of(row).tolist()
+        if len(nodes) != NODES[kind] or min(nodes) < 0:
+            remedy = f"add them, or leave these elements out (mesh.ignore: [{kind}])"
+            raise assembly.element_error(row, "does not stand on nodes of the deck", remedy)
+        lines = keyword.rows()
+        if kind == "SPRINGA":
+            along = assembly.position[nodes[1]] - assembly.position[nodes[0]]
+            if not np.linalg.norm(along) > 0:
+                raise keyword.error(f"the nodes of {assembly.element(row)} coincide", "use a SPRING2")
+            e = along / np.linalg.norm(along)
+            ends = [(nodes[0], 0, -e), (nodes[1], 0, e)]
+        else:
+            ends = []
+            for i, (node, sign) in enumerate(zip(nodes, (1.0, -1.0), strict=False)):
+                component = lines[0].component(i)
+                axis = axes.get(node, np.eye(3))[:, component % 3]
+                turns = component > 2 or node in rotations
+                ends.append((rotations.get(node, node), 3 if turns else 0, sign * axis))
+            if len({first for _, first, _ in ends}) > 1:
+                raise lines[0].error("one end is a translation, the other a rotation", "let both be of one kind")
+        # the line of degrees of freedom is blank for a SPRINGA, and blank lines are none
+        line = lines[-1]
+        if len(lines) > 2 or (kind != "SPRINGA" and len(lines) < 2):
+            raise line.error(
+                "not a line of degrees of freedom and one of stiffness", "give the two lines, or add the second"
             )
-        found.append(_spring(assembly, name, str(kinds[row]), nodes, given[row][1], axes, rotations))
+        k = line.not_negative(0 if line.text(0) or kind != "SPRINGA" else 1, "the stiffness")
+        found.append(spring_between(assembly.element(row), k, ends))
     return tuple(found)
-
-
-def _spring(
-    assembly: Assembly,
-    name: str,
-    kind: str,
-    nodes: list[int],
-    keyword: Keyword,
-    axes: Mapping[int, FloatArray],
-    rotations: Mapping[int, int],
-) -> Springs:
-    rows = keyword.rows()
-    if kind == "SPRINGA":
-        along = assembly.position[nodes[1]] - assembly.position[nodes[0]]
-        if not np.linalg.norm(along) > 0:
-            raise keyword.error(f"the nodes of {name} coincide", "use a SPRING2")
-        ends = [(node, 0, sign * along / np.linalg.norm(along)) for node, sign in zip(nodes, (-1.0, 1.0), strict=True)]
-    else:
-        ends = []
-        for i, (node, sign) in enumerate(zip(nodes, (1.0, -1.0), strict=False)):
-            component = rows[0].integer(i, "the degree of freedom")
-            if not 1 <= component <= 6:
-                raise rows[0].error(f"degree of freedom {component}", "give one of 1 to 6")
-            axis = axes.get(node, np.eye(3))[:, (component - 1) % 3]
-            turns = component > 3 or node in rotations
-            ends.append((rotations.get(node, node), 3 if turns else 0, sign * axis))
-        if len({first for _, first, _ in ends}) > 1:
-            raise rows[0].error("one end is a translation, the other a rotation", "let both be of one kind")
-    # the line of degrees of freedom is blank for a SPRINGA, and blank lines are none
-    line = rows[-1]
-    if len(rows) > 2 or (kind != "SPRINGA" and len(rows) < 2):
-        raise line.error(
-            "not a line of degrees of freedom and one of stiffness", "give the two lines, or add the second"
-        )
-    k = line.not_negative(0 if line.text(0) or kind != "SPRINGA" else 1, "the stiffness")
-    return spring_between(name, k, ends)
 
 
 @dataclass
@@ -224,7 +202,7 @@ class Equations:
 
 @dataclass(frozen=True)
 class Term:
-    """What an entry names: nodes (k,), one or as many as equations, ascending by id; degree of freedom 1-6, coefficient."""
+    """What an entry names: nodes (k,), one or as many as equations, ascending by id; component 0-5, coefficient."""
 
     nodes: IntArray
     component: int
@@ -257,7 +235,11 @@ def equations(assembly: Assembly, rotations: Mapping[int, int], still: Collectio
                 assembly.notes.append(f"{start.where}: an equation between temperatures or pressures is left out")
                 continue
             terms = [_term(assembly, scope, *entry) for entry in entries]
-            _add(assembly, start, terms, rotations, still, found)
+            value = np.array([term.value for term in terms])
+            for node, component in _motions(assembly, terms, rotations, still):
+                found.where.append((keyword.files[start.i], keyword.numbers[start.i]))
+                number = len(found.where)
+                found.relations.append(Relation(number, np.array(node), np.array(component), value, "*EQUATION"))
     return found
 
 
@@ -266,7 +248,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
     rows = iter(keyword.rows())
     for start in rows:
         count = start.integer(0, "the number of terms")
-        if count < 1 or any(start.entries[1:]):
+        if count < 1 or any(start.tokens[1:]):
             raise start.error(
                 "is no number of terms", "begin an equation with it, alone on a line, then give the terms"
             )
@@ -277,7 +259,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
                 raise start.error(
                     f"{count} terms are stated, {len(terms)} follow", "give them all, or correct the number"
                 )
-            used = 1 + max(i for i, entry in enumerate(row.entries) if entry) if any(row.entries) else 0
+            used = 1 + max(i for i, entry in enumerate(row.tokens) if entry) if any(row.tokens) else 0
             if used % 3:
                 raise row.error(
                     "not three entries a term", "give node, degree of freedom and coefficient of every term"
@@ -289,9 +271,7 @@ def _equations(keyword: Keyword) -> Iterator[tuple[Row, list[tuple[Row, int]]]]:
 
 
 def _term(assembly: Assembly, scope: Scope, row: Row, at: int) -> Term:
-    component = row.integer(at + 1, "the degree of freedom")
-    if not 1 <= component <= 6:
-        raise row.error(f"degree of freedom {component}", "give one of 1 to 6")
+    component = row.component(at + 1)
     nodes = assembly.node_rows(row.text(at), scope, row)
     if not nodes.size:
         raise row.error(f"node set {row.text(at)!r} is empty", "name another set")
@@ -302,20 +282,14 @@ def _term(assembly: Assembly, scope: Scope, row: Row, at: int) -> Term:
 
 def _unsorted(assembly: Assembly, entry: str, scope: Scope) -> bool:
     within, name = assembly.split_name(entry, scope)
-    named = [
-        k for k in within.part.keywords if k.name == "NSET" and k.parameters.get("NSET", "").upper() == name.upper()
-    ]
+    named = [k for k in within.part.keywords if k.name == "NSET" and k.word("NSET") == name.upper()]
     return parse_integer(name) is None and any("UNSORTED" in keyword.parameters for keyword in named)
 
 
-def _add(
-    assembly: Assembly,
-    start: Row,
-    terms: list[Term],
-    rotations: Mapping[int, int],
-    still: Collection[int],
-    found: Equations,
-) -> None:
+def _motions(
+    assembly: Assembly, terms: list[Term], rotations: Mapping[int, int], still: Collection[int]
+) -> Iterator[tuple[list[int], list[int]]]:
+    """Nodes and components 0-5 of the terms of each equation that they make."""
     count = len(terms[0].nodes)
     for term in terms:
         if len(term.nodes) not in (1, count):
@@ -328,19 +302,13 @@ def _add(
             "the coefficient of the first term is 0", "give a motion first that can follow the others"
         )
     for i in range(count):
-        node: list[int] = []
-        component: list[int] = []
-        for term in terms:
-            own = int(term.nodes[i if len(term.nodes) > 1 else 0])
-            turns = 3 if own in rotations else 0
-            node.append(rotations.get(own, own))
-            component.append(term.component - 1 + turns)
-            if (component[-1] > 2 and term.value != 0 and node[-1] in still) or component[-1] > 5:
+        named = [int(term.nodes[i if len(term.nodes) > 1 else 0]) for term in terms]
+        node = [rotations.get(own, own) for own in named]
+        component = [term.component + 3 * (own in rotations) for term, own in zip(terms, named, strict=True)]
+        for term, own, row, c in zip(terms, named, node, component, strict=True):
+            if (c > 2 and term.value != 0 and row in still) or c > 5:
                 raise term.row.error(
-                    f"degree of freedom {term.component} of node {assembly.node_ids[own]}, which has no such rotation",
+                    f"degree of freedom {term.component + 1} of node {assembly.node_ids[own]}, which has no such rotation",
                     "nodes of solids have translations only (1 to 3)",
                 )
-        file, line = start.keyword.files[start.i], start.keyword.numbers[start.i]
-        found.where.append((file, line))
-        value = np.array([term.value for term in terms])
-        found.relations.append(Relation(len(found.where), np.array(node), np.array(component), value, "*EQUATION"))
+        yield node, component

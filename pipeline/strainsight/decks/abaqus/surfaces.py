@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -16,6 +15,7 @@ from strainsight.mesh.kinds import ELEMENTS, FACETS
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh
 from strainsight.mesh.projection import area_vector
+from strainsight.mesh.thin import concatenate
 
 
 @dataclass(frozen=True)
@@ -39,11 +39,27 @@ EDGES = {f"E{i}": i - 1 for i in range(1, 5)} | {f"S{i}": i - 3 for i in range(3
 OF_NODES = {len(kind.nodes): kind for kind in FACETS if not len(kind.read_at)}
 
 
-@dataclass
-class _Builder:
+@dataclass(frozen=True)
+class Surfaces:
+    """The surfaces of a deck; by_name: (INSTANCE, NAME) → surface."""
+
     assembly: Assembly
-    mesh: Mesh
-    exterior: Facets | None = None
+    by_name: dict[tuple[str, str], Surface]
+
+    def find(self, entry: str, scope: Scope, by: Keyword | Row) -> Surface:
+        """The surface that an entry names; DeckError where there is none."""
+        within, name = self.assembly.split_name(entry, scope)
+        surface = self.by_name.get((within.name.upper(), name.upper()))
+        if surface is None:
+            raise by.error(
+                f"surface {entry!r} is not in the deck, or of another type", "correct the name, or add the *SURFACE"
+            )
+        return surface
+
+    def find_pair(self, scope: Scope, row: Row) -> tuple[Surface, Surface]:
+        """The two surfaces that a line names, the same one twice where it names one alone; DeckError where one is not there."""
+        first = self.find(row.text(0), scope, row)
+        return first, self.find(row.text(1), scope, row) if row.text(1) else first
 
 
 def cell_blocks(assembly: Assembly, region: IntArray) -> tuple[CellBlock, ...]:
@@ -52,83 +68,72 @@ def cell_blocks(assembly: Assembly, region: IntArray) -> tuple[CellBlock, ...]:
     for i, kind in enumerate(ELEMENTS):
         rows = np.flatnonzero(assembly.kind == i)
         if rows.size:
-            nodes = assembly.nodes[assembly.first[rows][:, None] + np.arange(len(kind.nodes))]
+            nodes = assembly.connectivity(rows, range(len(kind.nodes)))
             blocks.append(CellBlock(kind.name, assembly.element_ids[rows], nodes, region[rows]))
     return tuple(blocks)
 
 
-def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> dict[tuple[str, str], Surface]:
-    """(INSTANCE, NAME) → surface, of *SURFACE with TYPE=ELEMENT (S1 to S6, or the facets outside, of solids; SPOS, SNEG, edges or
+def surfaces(assembly: Assembly, mesh: Mesh, ignored: Counter[str]) -> Surfaces:
+    """Those of *SURFACE with TYPE=ELEMENT (S1 to S6, or the facets outside, of solids; SPOS, SNEG, edges or
     both sides of shells) and TYPE=NODE.
 
     Facets of other elements are left out, of beams with a note; other types are counted. A facet's area is shared equally among
     its nodes, an edge's length likewise. Raises DeckError for sets that are not there and for facets that an element does not
     have.
     """
-    builder = _Builder(assembly, mesh)
-    gathered: dict[tuple[str, str], list[tuple[IntArray, FloatArray]]] = {}
-    facets: dict[tuple[str, str], list[tuple[Kind, IntArray]]] = {}
-    names: dict[tuple[str, str], tuple[str, Scope]] = {}
-    sideless: set[tuple[str, str]] = set()
+    gathered: dict[tuple[str, str], _Parts] = {}
+    outside: Facets | None = None
     family = assembly.families
     for scope, keyword in assembly.keywords("SURFACE"):
-        kind = keyword.parameters.get("TYPE", "ELEMENT").upper()
+        kind = keyword.word("TYPE", "ELEMENT")
         if kind not in ("ELEMENT", "NODE") or "COMBINE" in keyword.parameters or "CROP" in keyword.parameters:
             ignored[f"*SURFACE, {'TYPE=' + kind if kind not in ('ELEMENT', 'NODE') else 'COMBINE'}"] += 1
             continue
-        key = (scope.name.upper(), keyword.needs("NAME").upper())
-        names.setdefault(key, (keyword.parameters["NAME"], scope))
-        own = gathered.setdefault(key, [])
+        name = keyword.needs("NAME")
+        parts = gathered.setdefault((scope.name.upper(), name.upper()), _Parts(name, scope))
         if not keyword.texts:
-            assembly.notes.append(f"{keyword.where}: surface {keyword.parameters['NAME']} is empty")
+            assembly.notes.append(f"{keyword.where}: surface {name} is empty")
         for row in keyword.rows(needed=False):
             if kind == "NODE":
                 nodes = assembly.node_rows(row.text(0), scope, row)
-                own.append((nodes, np.full(len(nodes), row.real(1, "the area", 1.0))))
+                parts.shares.append((nodes, np.full(len(nodes), row.real(1, "the area", 1.0))))
+                continue
+            rows = assembly.element_rows(row.text(0), scope, row)
+            if np.isin(family[rows], ("beam", "rod")).any():
+                assembly.notes.append(f"{row.where}: beams of surface {name} are left out of it")
+            solids, label = rows[family[rows] == "solid"], row.text(1).upper()
+            if label:
+                number = parse_integer(label[1:]) if label.startswith("S") else None
+                pairs = facets_of(assembly, solids, number, row, "S")
+            elif solids.size:
+                with mesh.located():
+                    outside = exterior_facets(mesh) if outside is None else outside
+                pairs = _by_kind(outside.some(np.isin(outside.element_id, assembly.element_ids[solids])))
             else:
-                rows = assembly.element_rows(row.text(0), scope, row)
-                if (family[rows] == "beam").any() or (family[rows] == "rod").any():
-                    assembly.notes.append(
-                        f"{row.where}: beams of surface {keyword.parameters['NAME']} are left out of it"
-                    )
-                pairs = _facets(builder, row, rows[family[rows] == "solid"])
-                sides, lines = _of_shells(assembly, row, rows[family[rows] == "shell"])
-                own += [_shares(assembly, facet, nodes) for facet, nodes in pairs + sides] + lines
-                if row.text(1) or not sides:
-                    facets.setdefault(key, []).extend(pairs + sides)
-                else:
-                    facets.setdefault(key, []).extend(pairs)
-                if lines or (sides and not row.text(1)):
-                    sideless.add(key)
-    found = {}
-    for key, parts in gathered.items():
-        nodes = np.concatenate([np.zeros(0, dtype=np.int64), *(nodes for nodes, _ in parts)])
-        weight = np.concatenate([np.zeros(0), *(weight for _, weight in parts)])
+                pairs = []
+            sides, lines = _of_shells(assembly, row, rows[family[rows] == "shell"])
+            parts.shares += [_shares(assembly, facet, nodes) for facet, nodes in pairs + sides] + lines
+            parts.facets += pairs + sides if label else pairs
+            parts.sideless |= bool(lines or (sides and not label))
+    return Surfaces(assembly, {key: parts.surface() for key, parts in gathered.items()})
+
+
+@dataclass
+class _Parts:
+    """What the lines of a surface name, see `Surface`; shares: nodes and the area of each."""
+
+    name: str
+    scope: Scope
+    shares: list[tuple[IntArray, FloatArray]] = field(default_factory=list)
+    facets: list[tuple[Kind, IntArray]] = field(default_factory=list)
+    sideless: bool = False
+
+    def surface(self) -> Surface:
+        nodes = concatenate(nodes for nodes, _ in self.shares)
+        weight = np.concatenate([np.zeros(0), *(weight for _, weight in self.shares)])
         rows, place = np.unique(nodes, return_inverse=True)
         share = np.bincount(place, weight, minlength=len(rows)).astype(float)
-        found[key] = Surface(*names[key], rows, share, tuple(facets.get(key, ())), key in sideless)
-    return found
-
-
-def surface_of(
-    entry: str, by: Keyword | Row, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]
-) -> Surface:
-    """The surface that an entry names; DeckError where there is none."""
-    within, name = assembly.split_name(entry, scope)
-    surface = found.get((within.name.upper(), name.upper()))
-    if surface is None:
-        raise by.error(
-            f"surface {entry!r} is not in the deck, or of another type", "correct the name, or add the *SURFACE"
-        )
-    return surface
-
-
-def _facets(builder: _Builder, row: Row, rows: IntArray) -> list[tuple[Kind, IntArray]]:
-    """The facets of the solids in rows that a data line names: their kind and nodes (f, k)."""
-    label = row.text(1).upper()
-    if not label:
-        return _outside(builder, rows) if rows.size else []
-    return facets_of(builder.assembly, rows, parse_integer(label[1:]) if label.startswith("S") else None, row, "S")
+        return Surface(self.name, self.scope, rows, share, tuple(self.facets), self.sideless)
 
 
 def _of_shells(
@@ -164,10 +169,7 @@ def _of_shells(
 def shell_facets(assembly: Assembly, rows: IntArray) -> list[tuple[Kind, IntArray]]:
     """Shells in rows as facets with their normal: kind and nodes (f, k)."""
     count = assembly.first[rows + 1] - assembly.first[rows]
-    return [
-        (OF_NODES[int(k)], assembly.nodes[assembly.first[rows[count == k]][:, None] + np.arange(k)])
-        for k in np.unique(count)
-    ]
+    return [(OF_NODES[k], assembly.connectivity(rows[count == k], range(k))) for k in np.unique(count).tolist()]
 
 
 def facets_of(
@@ -184,23 +186,17 @@ def facets_of(
             )
         kind, local = facets[number - 1]
         own = rows[assembly.kind[rows] == i]
-        found.append((kind, assembly.nodes[assembly.first[own][:, None] + np.array(local)]))
+        found.append((kind, assembly.connectivity(own, local)))
     return found
 
 
-def _outside(builder: _Builder, rows: IntArray) -> list[tuple[Kind, IntArray]]:
-    """Facets of elements that belong to no other element."""
-    if builder.exterior is None:
-        with builder.mesh.located():
-            builder.exterior = exterior_facets(builder.mesh)
-    outside = builder.exterior
-    chosen = np.isin(outside.element_id, builder.assembly.element_ids[rows])
-    found = []
-    for i, kind in enumerate(FACETS):
-        nodes = outside.nodes[chosen & (outside.kind == i)]
-        if nodes.size:
-            found.append((kind, nodes[:, : len(kind.nodes)]))
-    return found
+def _by_kind(facets: Facets) -> list[tuple[Kind, IntArray]]:
+    """Kind and nodes (f, k) of facets."""
+    return [
+        (kind, facets.nodes[facets.kind == i][:, : len(kind.nodes)])
+        for i, kind in enumerate(FACETS)
+        if (facets.kind == i).any()
+    ]
 
 
 def _shares(assembly: Assembly, kind: Kind, nodes: IntArray) -> tuple[IntArray, FloatArray]:

@@ -13,7 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.text import LARGEST_ID, Entries, Includes, Line, parse_real, text_lines
+from strainsight.decks.text import LARGEST_ID, Entries, Includes, Line, error_at, parse_real, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import FloatArray, IntArray
 
@@ -70,6 +70,10 @@ class Keyword:
             raise self.error(f"has no {parameter}", f"give {parameter}=…")
         return value
 
+    def word(self, parameter: str, default: str = "") -> str:
+        """The value of a parameter in capitals, `default` where it is missing."""
+        return self.parameters.get(parameter, default).upper()
+
     def number(self, parameter: str, default: float, remedy: str) -> float:
         """The value of a parameter as a finite real, `default` where it is missing or empty; DeckError for no number."""
         text = self.parameters.get(parameter.replace(" ", ""), "")
@@ -90,14 +94,10 @@ class Keyword:
         return ",".join(texts).split(","), np.array([text.count(",") + 1 for text in texts], dtype=np.int64)
 
 
-class Row(Entries, NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("entries", list[str])])):
+class Row(NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("tokens", list[str])]), Entries):
     """A data line: its keyword, its number among the data lines from 0, and its entries."""
 
     __slots__ = ()
-
-    @property
-    def tokens(self) -> list[str]:
-        return self.entries
 
     @property
     def where(self) -> str:
@@ -106,8 +106,8 @@ class Row(Entries, NamedTuple("_Row", [("keyword", Keyword), ("i", int), ("entri
 
     def reals(self, count: int, meaning: str) -> FloatArray:
         """The first `count` entries, blank ones zero; DeckError for more than that."""
-        if any(self.entries[count:]):
-            raise self.error(f"{len(self.entries)} entries where {count} belong")
+        if any(self.tokens[count:]):
+            raise self.error(f"{len(self.tokens)} entries where {count} belong")
         return np.array([self.real(i, meaning, 0.0) for i in range(count)])
 
     def error(self, what: str, remedy: str = _CORRECT) -> DeckError:
@@ -159,24 +159,22 @@ def read_keywords(path: Path, include: Sequence[Path] = ()) -> tuple[list[Keywor
             for own in _lines(target, includes, (*above, target.resolve())):
                 files.setdefault(own.file)
                 if own.text[0] == "*":
-                    raise DeckError(
+                    raise own.error(
                         f"{own.text[:24]!r} in a file that should hold the data of {keyword.title}",
-                        where=own.where,
-                        remedy="take the file in with *INCLUDE, or remove the keyword",
+                        "take the file in with *INCLUDE, or remove the keyword",
                     )
                 _append(keyword, own)
     if not keywords and before:
         raise _no_keyword(before[0])
     if not keywords:
-        raise DeckError("the deck holds no keyword", where=str(path), remedy="check that this is the right file")
+        raise error_at(path, "the deck holds no keyword", "check that this is the right file")
     return keywords, tuple(name for name in files if name != str(path)), len(before), includes.notes
 
 
 def _no_keyword(line: Line) -> DeckError:
-    return DeckError(
+    return line.error(
         f"{line.text[:24]!r} stands before the first keyword",
-        where=line.where,
-        remedy="an Abaqus or CalculiX deck begins with a line such as *HEADING or *NODE; a Nastran deck of this name is read "
+        "an Abaqus or CalculiX deck begins with a line such as *HEADING or *NODE; a Nastran deck of this name is read "
         "with mesh.format: nastran",
     )
 
@@ -231,7 +229,7 @@ def _keyword(line: Line) -> Keyword:
     head, *entries = split_quoted(line.text.rstrip(", \t"))
     title = "*" + " ".join(head[1:].upper().split())
     if not title[1:2].isalpha():
-        raise DeckError(f"{line.text[:24]!r} is no keyword", where=line.where, remedy="a comment begins with **")
+        raise line.error(f"{line.text[:24]!r} is no keyword", "a comment begins with **")
     keyword = Keyword(title, {}, line.file, line.number)
     for part in entries:
         key, _, value = part.partition("=")

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from strainsight.decks.abaqus.scopes import Assembly, Scope
 from strainsight.decks.abaqus.supports import component_range
-from strainsight.decks.abaqus.surfaces import Surface, surface_of
+from strainsight.decks.abaqus.surfaces import Surface, Surfaces
 from strainsight.decks.abaqus.text import Keyword, Row
 from strainsight.decks.faults import Doubt
 from strainsight.decks.text import parse_integer
@@ -24,12 +24,17 @@ from strainsight.mesh.thin import nodes_that_turn
 
 SIX = (0, 1, 2, 3, 4, 5)
 TRANSLATIONS = (0, 1, 2)
+NOTHING = np.zeros(0, dtype=np.int64)
 
 
 @dataclass
 class Ties:
-    """Rigid and averaging elements, numbered together from 1, and where each stands; rotations: see `Supports.pairs`."""
+    """Rigid and averaging elements, numbered together from 1, and where each stands; rotations: see `Supports.pairs`; axes: row
+    of a node → its *TRANSFORM; ignored: what is not supported is counted there."""
 
+    surfaces: Surfaces
+    axes: Mapping[int, FloatArray]
+    ignored: Counter[str]
     rigid: list[RigidElement] = field(default_factory=list)
     averaging: list[AveragingElement] = field(default_factory=list)
     where: list[tuple[str, int]] = field(default_factory=list)
@@ -37,62 +42,147 @@ class Ties:
 
     def number(self, at: Keyword | Row) -> int:
         """The next id, noted with its line."""
-        if isinstance(at, Row):
-            self.where.append((at.keyword.files[at.i], at.keyword.numbers[at.i]))
-        else:
-            self.where.append((at.file, at.line))
+        self.where.append(
+            (at.keyword.files[at.i], at.keyword.numbers[at.i]) if isinstance(at, Row) else (at.file, at.line)
+        )
         return len(self.where)
 
+    def reference(self, scope: Scope, keyword: Keyword, parameter: str = "REF NODE") -> int:
+        """The node that a parameter names; DeckError where it is not one."""
+        rows = self.surfaces.assembly.node_rows(keyword.needs(parameter), scope, keyword)
+        if len(rows) != 1:
+            raise keyword.error(
+                f"{parameter}={keyword.parameters[parameter.replace(' ', '')]} holds {len(rows)} nodes", "give one node"
+            )
+        return int(rows[0])
 
-def ties(
-    assembly: Assembly,
-    found: dict[tuple[str, str], Surface],
-    axes: dict[int, FloatArray],
-    ignored: Counter[str],
-) -> Ties:
+    def add_rigid(self, at: Keyword | Row, reference: int, nodes: IntArray, components: tuple[int, ...]) -> None:
+        """One rigid element more."""
+        name = at.keyword.title if isinstance(at, Row) else at.title
+        self.rigid.append(RigidElement(self.number(at), reference, nodes, components, name))
+
+    def check_axes(self, at: Keyword | Row, nodes: IntArray, components: tuple[int, ...]) -> None:
+        """Abaqus means basic axes here, `Mesh` those of the node: they agree where all three components are tied, or none."""
+        turned = next((node for node in nodes.tolist() if node in self.axes), None)
+        if turned is not None and _single(components):
+            raise at.error(
+                f"ties single components of node {self.surfaces.assembly.node_ids[turned]}, which has axes of its own "
+                "(*TRANSFORM)",
+                "tie all three components, or take the node out of the *TRANSFORM",
+            )
+
+    def add_kinematic_coupling(self, scope: Scope, keyword: Keyword) -> None:
+        reference = self.reference(scope, keyword)
+        for row in keyword.rows():
+            nodes = _without(self.surfaces.assembly.node_rows(row.text(0), scope, row), reference, row)
+            components = component_range([row], 1)
+            _check_orientation(keyword, row, components)
+            self.check_axes(row, nodes, components)
+            self.add_rigid(row, reference, nodes, components)
+
+    def add_rigid_body(self, scope: Scope, keyword: Keyword) -> None:
+        assembly, given = self.surfaces.assembly, keyword.parameters
+        tied, pinned = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
+        for parameter, members in (("TIENSET", tied), ("NSET", tied), ("PINNSET", pinned)):
+            if given.get(parameter):
+                members.append(assembly.node_set(given[parameter], scope, keyword))
+        if given.get("ELSET"):
+            tied.append(assembly.element_nodes(assembly.element_set(given["ELSET"], scope, keyword)))
+        every = np.concatenate([*tied, *pinned])
+        if given.get("REFNODE") or not every.size:
+            reference = self.reference(scope, keyword)
+        else:
+            # CalculiX adds a node that nothing else can name: the body moves alike, whichever node of it leads
+            reference = int(every[0])
+            assembly.notes.append(
+                f"{keyword.where}: *RIGID BODY without REF NODE is led by its first node, {assembly.node_ids[reference]}"
+            )
+        if given.get("ROTNODE"):
+            turning = self.reference(scope, keyword, "ROT NODE")
+            if not np.allclose(self.axes.get(turning, np.eye(3)), self.axes.get(reference, np.eye(3))):
+                raise keyword.error("REF NODE and ROT NODE have different axes (*TRANSFORM)", "give both the same ones")
+            self.rotations[turning] = reference
+        if given.get("POSITION", "INPUT").upper() != "INPUT":
+            assembly.notes.append(f"{keyword.where}: *RIGID BODY keeps the place of its reference node")
+        whole = np.unique(np.concatenate(tied))
+        points = np.setdiff1d(np.concatenate(pinned), whole)
+        _without(np.concatenate([whole, points]), reference, keyword)
+        for nodes, components in ((whole, SIX), (points, TRANSLATIONS)):
+            if (nodes := nodes[nodes != reference]).size:
+                self.add_rigid(keyword, reference, nodes, components)
+
+    def add_coupling(self, scope: Scope, keyword: Keyword, following: Sequence[Keyword]) -> None:
+        assembly = self.surfaces.assembly
+        if not following or following[0].name not in ("KINEMATIC", "DISTRIBUTING"):
+            raise keyword.error("neither *KINEMATIC nor *DISTRIBUTING follows", "add the one that is meant")
+        kind = following[0]
+        reference = self.reference(scope, keyword)
+        surface = self.surfaces.find(keyword.needs("SURFACE"), scope, keyword)
+        radius = keyword.number("INFLUENCE RADIUS", np.inf, "give a radius")
+        keep = np.linalg.norm(assembly.position[surface.nodes] - assembly.position[reference], axis=1) <= radius
+        keep &= surface.nodes != reference
+        nodes = _without(surface.nodes[keep], reference, keyword)
+        components = component_range(kind.rows(needed=False), 0)
+        _check_orientation(keyword, keyword, components)
+        if kind.name == "KINEMATIC":
+            self.check_axes(keyword, nodes, components)
+            self.add_rigid(keyword, reference, nodes, components)
+            return
+        method = kind.word("WEIGHTINGMETHOD", "UNIFORM")
+        if method != "UNIFORM":
+            assembly.notes.append(f"{kind.where}: *DISTRIBUTING with WEIGHTING METHOD={method} taken as UNIFORM")
+        if kind.word("COUPLING", "CONTINUUM") != "CONTINUUM":
+            assembly.notes.append(f"{kind.where}: *DISTRIBUTING averages displacements only (COUPLING=CONTINUUM)")
+        components = tuple(sorted({*components, *TRANSLATIONS}))
+        self.check_axes(keyword, np.array([reference]), components)
+        self.averaging.append(
+            AveragingElement(
+                self.number(keyword), reference, nodes, surface.weight[keep], components, name=keyword.title
+            )
+        )
+
+    def add_multi_point(self, scope: Scope, row: Row) -> None:
+        """BEAM: the first entry, a node or a set, follows the second, one node; TIE and PIN likewise, PIN in translations only,
+        where all are at the same place. What has other entries or is of another type is counted."""
+        assembly, kind = self.surfaces.assembly, row.text(0).upper()
+        members = [entry for entry in row.tokens[1:] if entry]
+        nodes = reference = NOTHING
+        if kind in ("BEAM", "TIE", "PIN") and len(members) == 2:
+            nodes, reference = (assembly.node_rows(entry, scope, row) for entry in members)
+        apart = assembly.position[nodes] - assembly.position[reference[:1]] if len(reference) == 1 else np.zeros((0, 3))
+        size = float(np.ptp(assembly.position, axis=0).max())
+        if len(reference) != 1 or (kind != "BEAM" and np.linalg.norm(apart, axis=1).max(initial=0.0) > 1e-9 * size):
+            self.ignored[f"*MPC {kind}"] += 1
+            return
+        nodes = _without(nodes, int(reference[0]), row)
+        self.add_rigid(row, int(reference[0]), nodes, TRANSLATIONS if kind == "PIN" else SIX)
+
+
+def ties(surfaces: Surfaces, axes: Mapping[int, FloatArray], ignored: Counter[str]) -> Ties:
     """*RIGID BODY, *COUPLING with *KINEMATIC or *DISTRIBUTING, *KINEMATIC COUPLING and *MPC of types BEAM, TIE and PIN.
 
     Raises DeckError for references that are not one node, sets and surfaces that are not there, and single components of
     nodes with axes of their own or along an ORIENTATION.
     """
-    made = Ties()
-    for scope in assembly.scopes.values():
+    made = Ties(surfaces, axes, ignored)
+    for scope in surfaces.assembly.scopes.values():
         keywords = scope.part.keywords
         for i, keyword in enumerate(keywords):
             match keyword.name:
                 case "RIGIDBODY":
-                    _rigid_body(assembly, scope, keyword, axes, made)
+                    made.add_rigid_body(scope, keyword)
                 case "COUPLING":
-                    _coupling(assembly, scope, keyword, keywords[i + 1 : i + 2], found, axes, made)
+                    made.add_coupling(scope, keyword, keywords[i + 1 : i + 2])
                 case "KINEMATICCOUPLING":
-                    reference = _reference(assembly, scope, keyword)
-                    for row in keyword.rows():
-                        nodes = _without(assembly.node_rows(row.text(0), scope, row), reference, row)
-                        components = component_range([row], 1)
-                        _check_orientation(keyword, row, components)
-                        _add_rigid(assembly, made, row, reference, nodes, components, axes)
-                case "MPC" if option := _other_mpc(keyword):
-                    ignored[f"*MPC, {option}"] += len(keyword.rows())
+                    made.add_kinematic_coupling(scope, keyword)
+                case "MPC" if "USER" in keyword.parameters:
+                    ignored["*MPC, USER"] += len(keyword.rows())
+                case "MPC" if keyword.word("MODE") == "DOF":
+                    ignored["*MPC, MODE=DOF"] += len(keyword.rows())
                 case "MPC":
                     for row in keyword.rows():
-                        _multi_point(assembly, scope, row, made, ignored)
+                        made.add_multi_point(scope, row)
     return made
-
-
-def _other_mpc(keyword: Keyword) -> str:
-    """What makes the types of an *MPC mean another thing: "USER", "MODE=DOF", or nothing."""
-    if "USER" in keyword.parameters:
-        return "USER"
-    return "MODE=DOF" if keyword.parameters.get("MODE", "").upper() == "DOF" else ""
-
-
-def _reference(assembly: Assembly, scope: Scope, keyword: Keyword, parameter: str = "REF NODE") -> int:
-    rows = assembly.node_rows(keyword.needs(parameter), scope, keyword)
-    if len(rows) != 1:
-        raise keyword.error(
-            f"{parameter}={keyword.parameters[parameter.replace(' ', '')]} holds {len(rows)} nodes", "give one node"
-        )
-    return int(rows[0])
 
 
 def _without(nodes: IntArray, reference: int, at: Keyword | Row) -> IntArray:
@@ -100,32 +190,6 @@ def _without(nodes: IntArray, reference: int, at: Keyword | Row) -> IntArray:
     if not rest.size:
         raise at.error("holds no node beside its reference node", "give the nodes that follow it")
     return rest
-
-
-def _add_rigid(
-    assembly: Assembly,
-    made: Ties,
-    at: Keyword | Row,
-    reference: int,
-    nodes: IntArray,
-    components: tuple[int, ...],
-    axes: dict[int, FloatArray],
-) -> None:
-    _check_axes(assembly, at, nodes, components, axes)
-    name = at.keyword.title if isinstance(at, Row) else at.title
-    made.rigid.append(RigidElement(made.number(at), reference, nodes, components, name))
-
-
-def _check_axes(
-    assembly: Assembly, at: Keyword | Row, nodes: IntArray, components: tuple[int, ...], axes: dict[int, FloatArray]
-) -> None:
-    """Abaqus means basic axes here, `Mesh` those of the node: they agree where all three components are tied, or none."""
-    turned = next((node for node in nodes.tolist() if node in axes), None)
-    if turned is not None and _single(components):
-        raise at.error(
-            f"ties single components of node {assembly.node_ids[turned]}, which has axes of its own (*TRANSFORM)",
-            "tie all three components, or take the node out of the *TRANSFORM",
-        )
 
 
 def _check_orientation(keyword: Keyword, at: Keyword | Row, components: tuple[int, ...]) -> None:
@@ -137,94 +201,6 @@ def _check_orientation(keyword: Keyword, at: Keyword | Row, components: tuple[in
 def _single(components: tuple[int, ...]) -> bool:
     """Are some, but not all, of the translations tied, or of the rotations?"""
     return any(sum(c // 3 == kind for c in components) in (1, 2) for kind in (0, 1))
-
-
-def _rigid_body(assembly: Assembly, scope: Scope, keyword: Keyword, axes: dict[int, FloatArray], made: Ties) -> None:
-    tied, pinned = [np.zeros(0, dtype=np.int64)], [np.zeros(0, dtype=np.int64)]
-    for parameter, members in (("TIENSET", tied), ("NSET", tied), ("PINNSET", pinned)):
-        if keyword.parameters.get(parameter):
-            members.append(assembly.node_set(keyword.parameters[parameter], scope, keyword))
-    if keyword.parameters.get("ELSET"):
-        rows = assembly.element_set(keyword.parameters["ELSET"], scope, keyword)
-        tied.append(assembly.element_nodes(rows))
-    members_of_all = np.concatenate([*tied, *pinned])
-    if keyword.parameters.get("REFNODE") or not members_of_all.size:
-        reference = _reference(assembly, scope, keyword)
-    else:
-        # CalculiX adds a node that nothing else can name: the body moves alike, whichever node of it leads
-        reference = int(members_of_all[0])
-        assembly.notes.append(
-            f"{keyword.where}: *RIGID BODY without REF NODE is led by its first node, {assembly.node_ids[reference]}"
-        )
-    if keyword.parameters.get("ROTNODE"):
-        turning = _reference(assembly, scope, keyword, "ROT NODE")
-        if not np.allclose(axes.get(turning, np.eye(3)), axes.get(reference, np.eye(3))):
-            raise keyword.error("REF NODE and ROT NODE have different axes (*TRANSFORM)", "give both the same ones")
-        made.rotations[turning] = reference
-    if keyword.parameters.get("POSITION", "INPUT").upper() != "INPUT":
-        assembly.notes.append(f"{keyword.where}: *RIGID BODY keeps the place of its reference node")
-    whole = np.unique(np.concatenate(tied))
-    points = np.setdiff1d(np.concatenate(pinned), whole)
-    _without(np.concatenate([whole, points]), reference, keyword)
-    for nodes, components in ((whole, SIX), (points, TRANSLATIONS)):
-        if (nodes := nodes[nodes != reference]).size:
-            _add_rigid(assembly, made, keyword, reference, nodes, components, {})
-
-
-def _coupling(
-    assembly: Assembly,
-    scope: Scope,
-    keyword: Keyword,
-    following: tuple[Keyword, ...],
-    found: dict[tuple[str, str], Surface],
-    axes: dict[int, FloatArray],
-    made: Ties,
-) -> None:
-    if not following or following[0].name not in ("KINEMATIC", "DISTRIBUTING"):
-        raise keyword.error("neither *KINEMATIC nor *DISTRIBUTING follows", "add the one that is meant")
-    kind = following[0]
-    reference = _reference(assembly, scope, keyword)
-    surface = surface_of(keyword.needs("SURFACE"), keyword, assembly, scope, found)
-    keep = surface.nodes != reference
-    radius = keyword.number("INFLUENCE RADIUS", np.inf, "give a radius")
-    keep &= np.linalg.norm(assembly.position[surface.nodes] - assembly.position[reference], axis=1) <= radius
-    nodes, weight = surface.nodes[keep], surface.weight[keep]
-    _without(nodes, reference, keyword)
-    components = component_range(kind.rows(needed=False), 0)
-    _check_orientation(keyword, keyword, components)
-    if kind.name == "KINEMATIC":
-        _add_rigid(assembly, made, keyword, reference, nodes, components, axes)
-        return
-    method = kind.parameters.get("WEIGHTINGMETHOD", "UNIFORM").upper()
-    if method != "UNIFORM":
-        assembly.notes.append(f"{kind.where}: *DISTRIBUTING with WEIGHTING METHOD={method} taken as UNIFORM")
-    if kind.parameters.get("COUPLING", "CONTINUUM").upper() != "CONTINUUM":
-        assembly.notes.append(f"{kind.where}: *DISTRIBUTING averages displacements only (COUPLING=CONTINUUM)")
-    components = tuple(sorted({*components, *TRANSLATIONS}))
-    _check_axes(assembly, keyword, np.array([reference]), components, axes)
-    made.averaging.append(
-        AveragingElement(made.number(keyword), reference, nodes, weight, components, name=keyword.title)
-    )
-
-
-def _multi_point(assembly: Assembly, scope: Scope, row: Row, made: Ties, ignored: Counter[str]) -> None:
-    """BEAM: the first entry, a node or a set, follows the second, one node; TIE and PIN likewise, PIN in translations only,
-    where all are at the same place. What has other entries or is of another type is counted."""
-    kind = row.text(0).upper()
-    members = [entry for entry in row.entries[1:] if entry]
-    if kind not in ("BEAM", "TIE", "PIN") or len(members) != 2:
-        ignored[f"*MPC {kind}"] += 1
-        return
-    nodes, reference = (assembly.node_rows(entry, scope, row) for entry in members)
-    apart = (
-        len(reference) == 1 and np.linalg.norm(assembly.position[nodes] - assembly.position[reference], axis=1).max()
-    )
-    size = float(np.ptp(assembly.position, axis=0).max())
-    if len(reference) != 1 or (kind != "BEAM" and apart > 1e-9 * size):
-        ignored[f"*MPC {kind}"] += 1
-        return
-    components = TRANSLATIONS if kind == "PIN" else SIX
-    _add_rigid(assembly, made, row, int(reference[0]), _without(nodes, int(reference[0]), row), components, {})
 
 
 PLAIN = {"NAME", "ADJUST", "POSITIONTOLERANCE", "TYPE", "NOROTATION", "CONSTRAINTRATIO", "TIEDNSET", "INPUT"}
@@ -239,11 +215,6 @@ OF_THIN, OTHER = "*TIE that joins shells or beams", "*TIE that is a symmetry"
 """What a *TIE that is not supported is called, so that `mesh.ignore` can name it and keep the others."""
 
 
-def plain_ties(assembly: Assembly) -> list[tuple[Scope, Keyword]]:
-    """The *TIE that join surfaces; cyclic symmetry and the like are none."""
-    return [(scope, keyword) for scope, keyword in assembly.keywords("TIE") if set(keyword.parameters) <= PLAIN]
-
-
 def cyclic_ties(assembly: Assembly) -> list[tuple[Scope, Keyword]]:
     """The *TIE of cut faces, in a deck that is a sector."""
     if not any(True for _ in assembly.keywords(SECTOR)):
@@ -251,9 +222,7 @@ def cyclic_ties(assembly: Assembly) -> list[tuple[Scope, Keyword]]:
     return [pair for pair in assembly.keywords("TIE") if "CYCLICSYMMETRY" in pair[1].parameters]
 
 
-def with_tied_surfaces(
-    mesh: Mesh, assembly: Assembly, found: Mapping[tuple[str, str], Surface]
-) -> tuple[Mesh, dict[str, list[str]]]:
+def with_tied_surfaces(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, dict[str, list[str]]]:
     """A mesh in which the nodes of the first surface of each *TIE follow the second, see `with_surface_tie`; nodes that lie
     farther off than POSITION TOLERANCE, or than `TOLERANCE` of a facet, are left out, with a note, as in Abaqus and CalculiX.
 
@@ -261,13 +230,14 @@ def with_tied_surfaces(
     not of solids, `OF_THIN` → file:line of each.
     Raises DeckError for surfaces that are not in the deck, and where no node of the first lies on the second.
     """
-    plain = plain_ties(assembly)
-    taken = [*plain, *cyclic_ties(assembly)]
-    others = [keyword.where for pair in assembly.keywords("TIE") if pair not in taken for keyword in pair[1:]]
-    refused = {OTHER: others} if others else {}
-    for scope, keyword in plain:
+    assembly, cyclic = surfaces.assembly, [keyword for _, keyword in cyclic_ties(surfaces.assembly)]
+    refused: dict[str, list[str]] = {}
+    for scope, keyword in assembly.keywords("TIE"):
+        if not set(keyword.parameters) <= PLAIN:
+            refused.setdefault(OTHER, []).extend([] if keyword in cyclic else [keyword.where])
+            continue
         for row in keyword.rows():
-            first, second = (surface_of(row.text(i), row, assembly, scope, found) for i in (0, 1))
+            first, second = (surfaces.find(row.text(i), scope, row) for i in (0, 1))
             size = facet_size(mesh, first, second)
             if size is None:
                 refused.setdefault(OF_THIN, []).append(row.where)
@@ -285,7 +255,7 @@ def with_tied_surfaces(
                 ways = "give *TIE a larger POSITION TOLERANCE, or tie them in the config (mesh.ties, type: surface)"
                 said = Doubt(f"{said}; {off}: {ways}")
             assembly.notes.append(said)
-    return mesh, refused
+    return mesh, {card: where for card, where in refused.items() if where}
 
 
 def facet_size(mesh: Mesh, first: Surface, second: Surface) -> float | None:
@@ -315,9 +285,7 @@ def following(mesh: Mesh, row: Row, nodes: IntArray, onto: IntArray, within: flo
     return replace(mesh, origin={**mesh.origin, "relation": more}), made // 3
 
 
-def with_whole_ring(
-    mesh: Mesh, assembly: Assembly, found: dict[tuple[str, str], Surface]
-) -> tuple[Mesh, dict[tuple[str, str], Surface]]:
+def with_whole_ring(mesh: Mesh, surfaces: Surfaces) -> tuple[Mesh, Surfaces]:
     """The mesh, and its surfaces, of the whole ring where the deck is a sector, see `whole_ring`, and a note on it: N of *CYCLIC
     SYMMETRY MODEL, its axis, and the cut faces of the *TIE, CYCLIC SYMMETRY. Nodes of the first of these that meet none of the
     second follow its facets.
@@ -325,9 +293,10 @@ def with_whole_ring(
     Faces of a model with CONTACT press on those of the next sector, as their *CONTACT PAIR says, and are no cut. Raises DeckError
     for sectors of several numbers or axes (multistage), and for what `whole_ring` refuses.
     """
+    assembly = surfaces.assembly
     models = list(assembly.keywords(SECTOR))
     if not models:
-        return mesh, found
+        return mesh, surfaces
     first = models[0][1]
     count, axis = _of(first)
     for _, keyword in models[1:]:
@@ -336,9 +305,9 @@ def with_whole_ring(
                 f"sectors of another number or axis than those of {first.where}",
                 "a structure of several stages is not made whole: mesh all of it",
             )
-    touching = {k.parameters.get("TIE", "").upper() for _, k in models if "CONTACT" in k.parameters}
-    ties = [(s, tie) for s, tie in cyclic_ties(assembly) if tie.parameters.get("NAME", "").upper() not in touching]
-    cuts = [(row, *_cut(row, assembly, scope, found)) for scope, tie in ties for row in tie.rows()]
+    touching = {k.word("TIE") for _, k in models if "CONTACT" in k.parameters}
+    ties = [(s, tie) for s, tie in cyclic_ties(assembly) if tie.word("NAME") not in touching]
+    cuts = [(row, *_cut(row, scope, surfaces)) for scope, tie in ties for row in tie.rows()]
     if not cuts:
         raise first.error("no *TIE, CYCLIC SYMMETRY has its cut faces", "add it, with the two surfaces")
     a, b = axis.reshape(2, 3)
@@ -347,7 +316,7 @@ def with_whole_ring(
     except UserError as error:
         raise first.error(error.what, error.remedy or "") from None
     made = _with_loose(ring, cuts, assembly)
-    surfaces = {key: _whole(surface, ring.at) for key, surface in found.items()}
+    whole = {key: _whole(surface, ring.at) for key, surface in surfaces.by_name.items()}
     n = len(mesh.position)
     loose = sum(len(own) for own, _ in ring.loose)
     met = count * n - len(ring.mesh.position)
@@ -359,7 +328,7 @@ def with_whole_ring(
         + (f"; {', '.join(own)}, whose axes turn: a region in each, as '{own[0]} (sector 2)'" if own else "")
         + "; sets and loads are on every copy, SECTOR-1, SECTOR-2, … have one each"
     )
-    return made, surfaces
+    return made, replace(surfaces, by_name=whole)
 
 
 def _of(keyword: Keyword) -> tuple[int, np.ndarray]:
@@ -373,10 +342,8 @@ def _of(keyword: Keyword) -> tuple[int, np.ndarray]:
     return count, axis
 
 
-def _cut(
-    row: Row, assembly: Assembly, scope: Scope, found: Mapping[tuple[str, str], Surface]
-) -> tuple[Surface, Surface]:
-    one, other = (surface_of(row.text(i), row, assembly, scope, found) for i in (0, 1))
+def _cut(row: Row, scope: Scope, surfaces: Surfaces) -> tuple[Surface, Surface]:
+    one, other = (surfaces.find(row.text(i), scope, row) for i in (0, 1))
     if not len(one.nodes) or not len(other.nodes):
         raise row.error("a cut face has no nodes", "correct the surface")
     return one, other

@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections import Counter, defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.faults import Where, check_elements, check_nodes, plural
+from strainsight.decks.faults import check_elements, check_nodes, entity_error, plural
 from strainsight.decks.gmsh.records import KINDS, TYPES, Chunk, NodeRows, remedy
 from strainsight.decks.gmsh.sections import GmshFile, is_gmsh, read_file
+from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import (
     LINE,
@@ -23,8 +25,9 @@ from strainsight.mesh.given_sections import (
     with_given,
 )
 from strainsight.mesh.kinds import ELEMENTS
-from strainsight.mesh.kinds.kind import in_order
+from strainsight.mesh.kinds.kind import Order, in_order
 from strainsight.mesh.model import CellBlock, IdTable, IntArray, Mesh, Origin, Region
+from strainsight.mesh.thin import concatenate
 
 
 @dataclass(frozen=True)
@@ -73,19 +76,17 @@ def note_doubled(doubled: Doubled) -> list[str]:
     ]
 
 
-def indices(chunk: Chunk, table: IdTable, where: Where) -> IntArray:
-    index, missing = table.rows(chunk.nodes)
+def block_of(file: GmshFile, chunk: Chunk, kind: str, order: Order, region: int) -> CellBlock:
+    """Elements of a chunk by the rows of their nodes. Raises DeckError for a node that is not in the file."""
+    rows, missing = file.table.rows(chunk.nodes)
     if missing.any():
         row, column = np.argwhere(missing)[0]
         element = int(chunk.ids[row])
-        raise DeckError(
-            f"element {element} ({TYPES[chunk.type].name}) refers to node {chunk.nodes[row, column]}, "
-            "which is not in the file",
-            where=where("element", element),
-            remedy="write the mesh again with all its nodes",
-            entity=("element", element),
+        what = (
+            f"element {element} ({chunk.kind.name}) refers to node {chunk.nodes[row, column]}, which is not in the file"
         )
-    return index
+        raise entity_error("element", element, what, "write the mesh again with all its nodes", file.where)
+    return CellBlock(kind, chunk.ids, in_order(rows, order), np.full(len(chunk.ids), region))
 
 
 def kept_ids(ids: IntArray, doubled: Doubled) -> IntArray:
@@ -111,12 +112,7 @@ class Thin:
 
 
 def thin_cells(
-    file: GmshFile,
-    table: IdTable,
-    given: Mapping[str, GivenSection],
-    solids: Mapping[int, Region],
-    where: Where,
-    notes: list[str],
+    file: GmshFile, given: Mapping[str, GivenSection], solids: Mapping[int, Region], notes: list[str]
 ) -> Thin:
     """Elements of the physical groups that have a section; solids: regions of the volumes.
 
@@ -125,39 +121,47 @@ def thin_cells(
     chosen = regions_with_sections(_groups(file), given, solids, notes)
     chunks = []
     for chunk in file.elements:
-        dimension = TYPES[chunk.type].dimension
+        dimension = chunk.kind.dimension
         own: list[int | None] = [tag for tag in chunk.groups or (None,) if (dimension, tag) in chosen]
         if not own or not len(chunk.ids):
             continue
         if chunk.type not in THIN_KINDS:
-            element = int(chunk.ids[0])
-            raise DeckError(
-                f"element {element} is a {TYPES[chunk.type].name}, and {chosen[dimension, own[0]][0]} has a section: "
-                f"its elements may be {', '.join(TYPES[number].name + 's' for number in THIN_KINDS)}",
-                where=where("element", element),
-                remedy="set Mesh.SecondOrderIncomplete = 1 before meshing"
-                if chunk.type == NINE
-                else "set Mesh.ElementOrder = 2 (or 1) before meshing",
-                entity=("element", element),
-            )
+            element, names = int(chunk.ids[0]), ", ".join(TYPES[number].name + "s" for number in THIN_KINDS)
+            what = f"element {element} is a {chunk.kind.name}, and {chosen[dimension, own[0]][0]} has a section"
+            incomplete = "set Mesh.SecondOrderIncomplete = 1 before meshing"
+            lower = "set Mesh.ElementOrder = 2 (or 1) before meshing"
+            remedy = incomplete if chunk.type == NINE else lower
+            raise entity_error("element", element, f"{what}: its elements may be {names}", remedy, file.where)
         groups = tuple(sorted(tag for tag in own if tag is not None))
         chunks.append(replace(chunk, groups=groups))
     left, doubled = merged(chunks, file.version)
-    together = [*_in_several(left), *_written_twice(chunks, doubled)]
-    for element, dimension, tags in together:
-        _check_one_section(element, [chosen[dimension, tag] for tag in tags], where)
-    if together:
+    several = [*_in_several(left), *_written_twice(chunks, doubled)]
+    for element, dimension, tags in several:
+        (first, section), *others = (chosen[dimension, tag] for tag in tags)
+        if other := next((region for region, another in others if another is not section), None):
+            what = f"element {element} is in {first} and in {other}, which have different sections"
+            remedy = "give one of the two a section (mesh.sections), or part the physical groups"
+            raise entity_error("element", element, what, remedy, file.where)
+    if several:
         notes.append(
-            f"element {together[0][0]} is in several physical groups with a section: in the region of the lowest tag"
+            f"element {several[0][0]} is in several physical groups with a section: in the region of the lowest tag"
         )
-    return Thin(left, tuple(_cells(left, chosen, table, where)), chosen, doubled)
+    cells = []
+    for number, kind in THIN_KINDS.items():
+        regions = {
+            tag: region.id for (dimension, tag), (region, _) in chosen.items() if dimension == TYPES[number].dimension
+        }
+        own_kind = [chunk for chunk in left if chunk.type == number]
+        blocks = [block_of(file, c, kind, (), regions[c.groups[0] if c.groups else None]) for c in own_kind]
+        cells += [CellBlock.joined(blocks)] if blocks else []
+    return Thin(left, tuple(cells), chosen, doubled)
 
 
 def _groups(file: GmshFile) -> dict[int, dict[int | None, str]]:
     """Names of the physical groups that hold elements, by dimension; None: elements in none."""
     groups: dict[int, dict[int | None, str]] = {}
     for chunk in file.elements:
-        dimension = TYPES[chunk.type].dimension
+        dimension = chunk.kind.dimension
         if dimension and len(chunk.ids):
             for tag in chunk.groups or (None,):
                 word = GROUP[dimension]
@@ -170,7 +174,7 @@ def _in_several(chunks: list[Chunk]) -> Iterator[tuple[int, int, tuple[int, ...]
     """The first element of those in several groups, its dimension and their tags."""
     for chunk in chunks:
         if len(chunk.groups) > 1:
-            yield int(chunk.ids[0]), TYPES[chunk.type].dimension, chunk.groups
+            yield int(chunk.ids[0]), chunk.kind.dimension, chunk.groups
 
 
 def _written_twice(chunks: list[Chunk], doubled: Doubled) -> Iterator[tuple[int, int, tuple[int, ...]]]:
@@ -178,35 +182,7 @@ def _written_twice(chunks: list[Chunk], doubled: Doubled) -> Iterator[tuple[int,
     wanted = {*doubled.dropped.tolist(), *doubled.kept.tolist()}
     of = {i: chunk for chunk in chunks for i in chunk.ids.tolist() if i in wanted}
     for dropped, kept in zip(doubled.dropped.tolist(), doubled.kept.tolist(), strict=True):
-        yield kept, TYPES[of[kept].type].dimension, (of[kept].groups[0], of[dropped].groups[0])
-
-
-def _check_one_section(element: int, regions: list[tuple[Region, GivenSection]], where: Where) -> None:
-    (a, own), *others = regions
-    for b, other in others:
-        if other is not own:
-            raise DeckError(
-                f"element {element} is in {a} and in {b}, which have different sections",
-                where=where("element", element),
-                remedy="give one of the two a section (mesh.sections), or part the physical groups",
-                entity=("element", element),
-            )
-
-
-def _cells(chunks: list[Chunk], chosen: Chosen, table: IdTable, where: Where) -> Iterator[CellBlock]:
-    for number, kind in THIN_KINDS.items():
-        own = [chunk for chunk in chunks if chunk.type == number]
-        if own:
-            region = [
-                np.full(len(c.ids), chosen[TYPES[number].dimension, c.groups[0] if c.groups else None][0].id)
-                for c in own
-            ]
-            yield CellBlock(
-                kind,
-                np.concatenate([chunk.ids for chunk in own]),
-                np.concatenate([indices(chunk, table, where) for chunk in own]),
-                np.concatenate(region),
-            )
+        yield kept, of[kept].kind.dimension, (of[kept].groups[0], of[dropped].groups[0])
 
 
 __all__ = ["is_gmsh", "read_gmsh"]
@@ -225,29 +201,25 @@ def read_gmsh(path: Path, *, required: bool = True, given: Mapping[str, GivenSec
     path = Path(path)
     file = read_file(path)
     if file.skipped["$PartitionedEntities"]:
-        raise DeckError(
+        raise error_at(
+            path,
             "the mesh is partitioned: its physical groups hang on the partitions",
-            where=str(path),
-            remedy="save it unpartitioned (gmsh: Modules, Mesh, Unpartition)",
+            "save it unpartitioned (gmsh: Modules, Mesh, Unpartition)",
         )
-    nodes, elements = file.nodes, file.elements
-    solids = [chunk for chunk in elements if TYPES[chunk.type].dimension == 3 and len(chunk.ids)]
-    where = _places(str(path), nodes, elements)
-    check_nodes(nodes.ids, nodes.position, where)
-    _check_types(solids, elements if required and not given else None, str(path), where)
-    table = IdTable(nodes.ids)
+    nodes, given = file.nodes, given or {}
+    solids = [chunk for chunk in file.elements if chunk.kind.dimension == 3 and len(chunk.ids)]
+    check_nodes(nodes.ids, nodes.position, file.where)
+    _check_types(solids, file, required and not given)
     solids, doubled = merged(solids, file.version)
-    blocks, regions, notes = _blocks(solids, table, file, where)
-    thin = thin_cells(file, table, given or {}, regions, where, notes)
-    check_elements([*blocks, *thin.cells], where)
-    node_sets, element_sets, more = _sets(elements, file, table, thin, doubled, where)
+    blocks, regions, notes = _blocks(solids, file)
+    thin = thin_cells(file, given, regions, notes)
+    check_elements([*blocks, *thin.cells], file.where)
+    node_sets, element_sets, more = _sets(file, thin, doubled)
     mesh = Mesh(
         node_ids=nodes.ids,
         position=np.ascontiguousarray(nodes.position),
         blocks=blocks,
         regions=regions | {region.id: region for region, _ in thin.chosen.values()},
-        materials={},
-        fixed=np.zeros((0, 2), dtype=np.int64),
         node_sets=node_sets,
         element_sets=element_sets,
         ignored=dict(sorted(file.skipped.items())),
@@ -259,48 +231,28 @@ def read_gmsh(path: Path, *, required: bool = True, given: Mapping[str, GivenSec
     return with_given(mesh, thin.cells, sections_by_region(thin.chosen))
 
 
-def _places(path: str, nodes: NodeRows, elements: list[Chunk]) -> Where:
-    """The line of the last entry with this number, or the file where it has no lines."""
-
-    def where(what: str, number: int) -> str:
-        rows: Iterable[NodeRows | Chunk] = [nodes] if what == "node" else elements
-        for row in reversed(list(rows)):
-            hits = np.flatnonzero(row.ids == number)
-            if hits.size and row.line is not None:
-                return f"{path}:{row.line[hits[-1]]}"
-        return path
-
-    return where
-
-
-def _check_types(solids: list[Chunk], elements: list[Chunk] | None, path: str, where: Where) -> None:
-    """Raise DeckError for solids of other kinds, and where there are none beside `elements`."""
-    if not solids and elements is not None:
-        found = {TYPES[chunk.type].name: 0 for chunk in elements}
-        for chunk in elements:
-            found[TYPES[chunk.type].name] += len(chunk.ids)
+def _check_types(solids: list[Chunk], file: GmshFile, required: bool) -> None:
+    """Raise DeckError for solids of other kinds, and where there are none though they are required."""
+    if not solids and required:
+        found: Counter[str] = Counter()
+        for chunk in file.elements:
+            found[chunk.kind.name] += len(chunk.ids)
         shown = ", ".join(plural(count, name) for name, count in found.items()) or "no elements"
         raise DeckError(
             f"the mesh holds no solid element ({shown})",
-            where=path,
+            where=file.path,
             remedy="mesh in three dimensions (gmsh -3); where there are physical groups, put every volume in one, "
             f"or set Mesh.SaveAll = 1; {SHELLS}",
         )
     for chunk in solids:
         if chunk.type not in KINDS:
-            name, count = TYPES[chunk.type].name, sum(len(c.ids) for c in solids if c.type == chunk.type)
+            name, count = chunk.kind.name, sum(len(c.ids) for c in solids if c.type == chunk.type)
             element = int(chunk.ids[0])
-            raise DeckError(
-                f"element {element} is a {name}, which is not supported ({count} in the file)",
-                where=where("element", element),
-                remedy=remedy(chunk.type),
-                entity=("element", element),
-            )
+            what = f"element {element} is a {name}, which is not supported ({count} in the file)"
+            raise entity_error("element", element, what, remedy(chunk.type), file.where)
 
 
-def _blocks(
-    solids: list[Chunk], table: IdTable, file: GmshFile, where: Where
-) -> tuple[tuple[CellBlock, ...], dict[int, Region], list[str]]:
+def _blocks(solids: list[Chunk], file: GmshFile) -> tuple[tuple[CellBlock, ...], dict[int, Region], list[str]]:
     """Blocks of one kind each, and the physical volumes that they are in as regions."""
     tags = sorted({tag for chunk in solids for tag in chunk.groups})
     regions = {tag: Region(tag, file.names.get((3, tag)) or f"volume {tag}", 0) for tag in tags}
@@ -322,25 +274,20 @@ def _blocks(
         own = [chunk for chunk in solids if chunk.type == kind.gmsh]
         if not own:
             continue
-        index = np.concatenate([indices(chunk, table, where) for chunk in own])
-        region = [np.full(len(chunk.ids), min(chunk.groups, default=spare)) for chunk in own]
-        ids = np.concatenate([chunk.ids for chunk in own])
-        nodes = in_order(index, kind.gmsh_order)
-        blocks.append(CellBlock(kind.name, ids, nodes, np.concatenate(region).astype(np.int64)))
+        parts = [block_of(file, c, kind.name, kind.gmsh_order, min(c.groups, default=spare)) for c in own]
+        blocks.append(CellBlock.joined(parts))
     used = {int(tag) for block in blocks for tag in np.unique(block.region)}
     return tuple(blocks), {tag: region for tag, region in regions.items() if tag in used}, notes
 
 
-def _sets(
-    elements: list[Chunk], file: GmshFile, table: IdTable, thin: Thin, doubled: Doubled, where: Where
-) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
+def _sets(file: GmshFile, thin: Thin, doubled: Doubled) -> tuple[dict[str, IntArray], dict[str, IntArray], list[str]]:
     """Every physical group as a set of nodes, those that are regions also as one of elements; and notes on their names."""
-    members: dict[tuple[int, int], list[Chunk]] = {}
-    for chunk in elements:
+    members: defaultdict[tuple[int, int], list[Chunk]] = defaultdict(list)
+    for chunk in file.elements:
         if len(chunk.ids) and chunk.type not in KINDS:
-            indices(chunk, table, where)
+            block_of(file, chunk, "", (), 0)  # all its nodes are there
         for tag in chunk.groups:
-            members.setdefault((TYPES[chunk.type].dimension, tag), []).append(chunk)
+            members[chunk.kind.dimension, tag].append(chunk)
     names, notes = _set_names(members, file.names)
     node_sets: dict[str, IntArray] = {}
     element_sets: dict[str, IntArray] = {}
@@ -374,8 +321,8 @@ def _set_names(
 def _origin(path: str, nodes: NodeRows, solids: list[Chunk]) -> dict[str, Origin]:
     if nodes.line is None:
         return {}
-    ids = np.concatenate([np.zeros(0, np.int64), *(chunk.ids for chunk in solids)])
-    line = np.concatenate([np.zeros(0, np.int64), *(chunk.line for chunk in solids if chunk.line is not None)])
+    ids = concatenate(chunk.ids for chunk in solids)
+    line = concatenate(chunk.line for chunk in solids if chunk.line is not None)
     return {
         "node": Origin(nodes.ids, nodes.line, np.zeros(len(nodes.ids), dtype=np.int64), (path,)),
         "element": Origin(ids, line, np.zeros(len(ids), dtype=np.int64), (path,)),

@@ -12,9 +12,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from strainsight.decks.text import error_at
 from strainsight.errors import DeckError
 from strainsight.mesh.kinds import ELEMENTS
 from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.thin import concatenate
 
 
 class ElementType(NamedTuple):
@@ -130,7 +132,7 @@ class Text:
         return self._error(what, int(np.searchsorted(self._ends, begin, side="right")) + self.line, remedy)
 
     def _error(self, what: str, line: int, remedy: str = "correct the line, or write the mesh again") -> DeckError:
-        return DeckError(f"${self.name}: {what}", where=f"{self.path}:{line}", remedy=remedy)
+        return error_at(f"{self.path}:{line}", f"${self.name}: {what}", remedy)
 
     def finish(self) -> None:
         """Raise DeckError where numbers are left over."""
@@ -188,7 +190,7 @@ class Binary:
 
     def error(self, what: str, remedy: str = "write the mesh again: the file is damaged or truncated") -> DeckError:
         """An error in this section."""
-        return DeckError(f"${self.name}: {what}", where=self.path, remedy=remedy)
+        return error_at(self.path, f"${self.name}: {what}", remedy)
 
     def finish(self) -> None:
         """Raise DeckError where the section does not end here."""
@@ -223,10 +225,19 @@ class Chunk:
     groups: tuple[int, ...]
     line: IntArray | None
 
+    @property
+    def kind(self) -> ElementType:
+        """What type of elements they are."""
+        return TYPES[self.type]
 
-def _together(parts: list[IntArray | None]) -> IntArray | None:
-    given = [part for part in parts if part is not None]
-    return np.concatenate(given) if given else None
+
+def _joined(parts: list[NodeRows]) -> NodeRows:
+    lines = [part.line for part in parts if part.line is not None]
+    return NodeRows(
+        concatenate(part.ids for part in parts),
+        np.concatenate([np.zeros((0, 3)), *(part.position for part in parts)]),
+        np.concatenate(lines) if lines else None,
+    )
 
 
 def _nodes_of(source: Numbers, number: int) -> int:
@@ -242,25 +253,19 @@ def nodes_2(source: Numbers, count: int, parametric: bool) -> NodeRows:
         return NodeRows(ids, position, source.lines(count, 4))
     if isinstance(source, Binary):
         raise source.error("binary parametric nodes of format 2 are not supported", "save with Mesh.SaveParametric = 0")
-    ids, position = np.zeros(0, np.int64), np.zeros((0, 3))
-    lines = np.zeros(0, np.int64)
-    every_ids, every_position, every_line = [ids], [position], [lines]
+    parts = []
     for _ in range(count):
-        one, row = source.rows(1, 5)
-        line = source.lines(1, 6)
-        dimension = int(row[0, 3])
-        source.take("double", dimension if dimension in (1, 2) else 0)
-        every_ids.append(one)
-        every_position.append(row[:, :3])
-        every_line.append(line if line is not None else lines)
-    return NodeRows(np.concatenate(every_ids), np.concatenate(every_position), np.concatenate(every_line))
+        ids, row = source.rows(1, 5)
+        parts.append(NodeRows(ids, row[:, :3], source.lines(1, 6)))
+        source.take("double", int(row[0, 3]) if row[0, 3] in (1, 2) else 0)
+    return _joined(parts)
 
 
 def nodes_4(source: Numbers, version: str) -> NodeRows:
     """Blocks of nodes, one a geometrical entity; parameters on the entity are left."""
     latest = version == "4.1"
     blocks, total = (int(n) for n in source.take("size", 4 if latest else 2)[:2])
-    ids, position, line = [np.zeros(0, np.int64)], [np.zeros((0, 3))], []
+    parts = []
     for _ in range(blocks):
         header = source.take("int", 3)
         dimension, parametric = int(header[0 if latest else 1]), int(header[2])
@@ -269,18 +274,15 @@ def nodes_4(source: Numbers, version: str) -> NodeRows:
         count = int(source.take("size", 1)[0])
         width = 3 + (dimension if parametric else 0)
         if latest:
-            ids.append(source.take("size", count))
-            position.append(source.take("double", count * width).reshape(count, width)[:, :3])
-            line.append(source.lines(count, width))
+            ids = source.take("size", count)
+            x = source.take("double", count * width).reshape(count, width)
         else:
-            numbers, x = source.rows(count, width)
-            ids.append(numbers)
-            position.append(x[:, :3])
-            line.append(source.lines(count, 1 + width))
-    found = sum(map(len, ids))
+            ids, x = source.rows(count, width)
+        parts.append(NodeRows(ids, x[:, :3], source.lines(count, width if latest else 1 + width)))
+    found = sum(len(part.ids) for part in parts)
     if found != total:
         raise source.error(f"{total} nodes are claimed, the blocks hold {found}")
-    return NodeRows(np.concatenate(ids), np.concatenate(position), _together(line))
+    return _joined(parts)
 
 
 def entity_groups(source: Numbers, version: str) -> dict[tuple[int, int], tuple[int, ...]]:

@@ -5,7 +5,10 @@ from __future__ import annotations
 import re
 from collections import Counter
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
+
+import numpy as np
 
 from strainsight.decks.gmsh.records import (
     NO_NODES,
@@ -20,8 +23,9 @@ from strainsight.decks.gmsh.records import (
     nodes_2,
     nodes_4,
 )
-from strainsight.decks.text import UNPACKING, opened, parse_integer, read_bytes
+from strainsight.decks.text import UNPACKING, error_at, opened, parse_integer, read_bytes
 from strainsight.errors import DeckError
+from strainsight.mesh.model import IdTable
 
 _HEADER = re.compile(rb"\$(\w+)[ \t]*\r?\n")
 _BLANKS = re.compile(rb"\s*")
@@ -33,11 +37,25 @@ _READ = ("PhysicalNames", "Entities", "Nodes", "ParametricNodes", "Elements")
 class GmshFile:
     """What a file holds: version "2.2"; names (dimension, physical tag) → name; nodes; elements; sections not read."""
 
+    path: str
     version: str = ""
     names: dict[tuple[int, int], str] = field(default_factory=dict)
     nodes: NodeRows = NO_NODES
     elements: list[Chunk] = field(default_factory=list)
     skipped: Counter[str] = field(default_factory=Counter)
+
+    @cached_property
+    def table(self) -> IdTable:
+        """Numbers of the nodes to their rows."""
+        return IdTable(self.nodes.ids)
+
+    def where(self, what: str, number: int) -> str:
+        """The line of the last "node" or "element" with this number, or the file where it has no lines."""
+        for rows in [self.nodes] if what == "node" else reversed(self.elements):
+            hits = np.flatnonzero(rows.ids == number)
+            if hits.size and rows.line is not None:
+                return f"{self.path}:{rows.line[hits[-1]]}"
+        return self.path
 
 
 def is_gmsh(path: Path) -> bool:
@@ -62,7 +80,7 @@ class _Reader:
 
     def __init__(self, content: bytes, path: str):
         self.content, self.path = content, path
-        self.file = GmshFile()
+        self.file = GmshFile(path)
         self.groups: dict[tuple[int, int], tuple[int, ...]] = {}
         self.binary, self.order, self.size = False, "<", 8
 
@@ -130,10 +148,10 @@ class _Reader:
             match = _NAME.fullmatch(text)
             dimension, tag = (parse_integer(match[i]) for i in (1, 2)) if match else (None, None)
             if not match or dimension not in (0, 1, 2, 3) or tag is None:
-                raise DeckError(
+                raise error_at(
+                    f"{self.path}:{number}",
                     f"$PhysicalNames: {text.strip()[:60]!r} should read like '3 1 \"hub\"'",
-                    where=f"{self.path}:{number}",
-                    remedy="correct the line",
+                    "correct the line",
                 )
             self.file.names[dimension, tag] = match[3]
         claimed = rows[0][1].strip() if rows else b""
@@ -175,7 +193,7 @@ class _Reader:
 
     def _error(self, what: str, at: int, remedy: str = "write the mesh again: the file is damaged") -> DeckError:
         where = self.path if self.binary and at > 200 else f"{self.path}:{self._line(at)}"
-        return DeckError(what, where=where, remedy=remedy)
+        return error_at(where, what, remedy)
 
 
 _SAVE = "save it with Mesh.MshFileVersion = 4.1 (or 2.2)"

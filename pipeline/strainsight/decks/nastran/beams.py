@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 
 import numpy as np
 
 from strainsight.decks.faults import folded
-from strainsight.decks.nastran.cards import Card
+from strainsight.decks.nastran.cards import Card, Cards, Elements
 from strainsight.decks.nastran.grids import Grids
 from strainsight.decks.nastran.springs import components
-from strainsight.decks.text import parse_integer, parse_real
+from strainsight.decks.text import parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.given_sections import beam_axes
-from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.model import FloatArray
 from strainsight.mesh.section_shapes import SHAPES, section_of_shape
 from strainsight.mesh.thin import BeamBlock, BeamSection
 
@@ -24,28 +23,28 @@ APART = 1e-9
 """Length of an element over the extent of the model, below which its ends coincide."""
 
 
-def with_defaults(cards: dict[str, list[Card]]) -> dict[str, list[Card]]:
+def with_defaults(cards: Cards) -> dict[str, list[Card]]:
     """CBAR and CBEAM by name, in whose blank PID, X1 to X3 (or G0) and OFFT stands what BAROR and BEAMOR say."""
     found: dict[str, list[Card]] = {}
     for name, default in DEFAULTS.items():
-        given = cards.get(default, [])
+        given = cards.of(default)
         if len(given) > 1:
             raise given[1].error(f"a second one (first at {given[0].where})", f"keep one {default}")
-        found[name] = [_filled(card, given[0]) for card in cards.get(name, [])] if given else cards.get(name, [])
+        found[name] = [_filled(card, given[0]) for card in cards.of(name)] if given else cards.of(name)
     return found
 
 
 def _filled(card: Card, default: Card) -> Card:
-    fields = [*card.fields, *[""] * (8 - len(card.fields))]
+    fields = [*card.tokens, *[""] * (8 - len(card.tokens))]
     for group in ((1,), (4, 5, 6), (7,)):
         if not any(fields[i] for i in group):
             for i in group:
                 fields[i] = "" if i == 1 and default.text(1) == "0" else default.text(i)
-    return card._replace(fields=fields)
+    return card._replace(tokens=fields)
 
 
-def read_beams(cards: Sequence[Card], ids: IntArray, region: IntArray, grids: Grids) -> tuple[BeamBlock, ...]:
-    """Beams and rods, whose ids and regions are (n,).
+def read_beams(elements: Elements, grids: Grids) -> tuple[BeamBlock, ...]:
+    """Beams and rods.
 
         x from GA + WA to GB + WB,     z = x × v/|x × v|,   y = z × x,     v = X1 to X3 in the system CD of GA, or GA to G0
 
@@ -55,10 +54,9 @@ def read_beams(cards: Sequence[Card], ids: IntArray, region: IntArray, grids: Gr
     extent = float(np.ptp(grids.position, axis=0).max())
     blocks = []
     for kind, names in (("beam", BEAMS), ("rod", RODS)):
-        rows = np.flatnonzero([card.name in names for card in cards])
-        if not rows.size:
+        own, ids, region = elements.of(names)
+        if not own:
             continue
-        own = [cards[i] for i in rows.tolist()]
         given = np.array(
             [[card.integer((1 if card.name == "CONROD" else 2) + i, "a node id") for i in (0, 1)] for card in own],
             dtype=np.int64,
@@ -86,7 +84,7 @@ def read_beams(cards: Sequence[Card], ids: IntArray, region: IntArray, grids: Gr
         axes, lost = beam_axes(along, v)
         if lost.any():
             raise own[int(np.argmax(lost))].error("G0 or X1 to X3 lie on its axis", "give a point or vector off it")
-        blocks.append(BeamBlock(kind, ids[rows], nodes, region[rows], axes, offset, released))
+        blocks.append(BeamBlock(kind, ids, nodes, region, axes, offset, released))
     return tuple(blocks)
 
 
@@ -122,15 +120,12 @@ def _released(card: Card, end: int) -> list[int]:
 
 def _orientation(card: Card, A: int, grids: Grids) -> FloatArray:
     """The vector v (3,), along the basic axes."""
-    if card.text(4) and not (card.text(5) or card.text(6)) and parse_integer(card.text(4)) is not None:
-        return np.asarray(grids.position[grids.nodes.row(card.integer(4, "the node G0"), card)] - grids.position[A])
-    if not any(card.text(i) for i in (4, 5, 6)):
+    v = grids.direction(card, A, basic=card.text(7).upper().startswith("B"))
+    if v is None:
         raise card.error(
             f"neither G0 nor X1 to X3 give its plane, nor does a {DEFAULTS[card.name]}", "give one of them"
         )
-    v = np.array([card.real(i, "a component of X", 0.0) for i in (4, 5, 6)])
-    axes = np.eye(3) if card.text(7).upper().startswith("B") else grids.axes.get(A, np.eye(3))
-    return np.asarray(axes @ v)
+    return v
 
 
 LINEAR = 1e-3
@@ -228,10 +223,7 @@ def beam_section(card: Card, notes: list[str]) -> tuple[int, BeamSection]:
     if idle := [word for i, word in enumerate(words) if more[word] and word[:2] in ("NS", "CW") and card.text(at + i)]:
         notes.append(f"PBEAM {card.text(0)}: {', '.join(idle)} (inertia about the axis, warping) have no effect")
     shear = (more["K1"], more["K2"])
-    same = all(np.array_equal(a, b) for a, b in zip(_values(end_a), _values(end_b), strict=True))
-    same = same and np.array_equal(end_a.points, end_b.points)
-    same = same and (end_a.neutral, end_a.beside) == (end_b.neutral, end_b.beside)
-    made = replace(end_a, shear=shear, at_b=None if same else replace(end_b, shear=shear))
+    made = replace(end_a, shear=shear, at_b=None if _alike(end_a, end_b) else replace(end_b, shear=shear))
     return card.integer(1, "the material id"), _checked(card, made)
 
 
@@ -247,6 +239,11 @@ def _values(own: BeamSection) -> list[float]:
     """A, I1, I2, I12, J, NSM."""
     I = own.second
     return [own.area, float(I[0, 0]), float(I[1, 1]), float(I[0, 1]), own.torsion, own.nonstructural]
+
+
+def _alike(a: BeamSection, b: BeamSection) -> bool:
+    """Whether the sections at both ends are the same."""
+    return all(np.array_equal(getattr(a, entry.name), getattr(b, entry.name)) for entry in fields(a))
 
 
 def _between(x: float, a: BeamSection, b: BeamSection) -> BeamSection:
@@ -339,8 +336,7 @@ def beam_shape(card: Card) -> tuple[int, BeamSection]:
                 f"the shear centre of this {kind} is not its centroid: such a section of a CBEAM is not supported",
                 "make it a CBAR with a PBARL, whose axis is through the centroid, with WA and WB where it lies elsewhere",
             )
-    same = end_b is end_a or _equal(end_a, end_b)
-    return card.integer(1, "the material id"), end_a if same else replace(end_a, at_b=end_b)
+    return card.integer(1, "the material id"), end_a if _alike(end_a, end_b) else replace(end_a, at_b=end_b)
 
 
 def _shape(card: Card) -> tuple[str, int]:
@@ -366,9 +362,3 @@ def _symmetric(points: FloatArray) -> bool:
     """Is there, for each of the points (p, 2), one on the other side of the centroid?"""
     apart = np.linalg.norm(points[:, None] + points[None], axis=2).min(axis=1)
     return bool(apart.max() <= CENTRED * np.abs(points).max())
-
-
-def _equal(a: BeamSection, b: BeamSection) -> bool:
-    return (a.area, a.torsion, a.nonstructural) == (b.area, b.torsion, b.nonstructural) and np.array_equal(
-        a.second, b.second
-    )

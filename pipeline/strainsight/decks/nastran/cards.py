@@ -7,23 +7,15 @@ format, reads past ENDDATA and knows no line numbers. pyyeti is the oracle of th
 from __future__ import annotations
 
 import re
-from collections.abc import Generator, Iterator, Sequence
+from collections.abc import Collection, Generator, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
-from strainsight.decks.faults import repeated
-from strainsight.decks.text import (
-    Entries,
-    Includes,
-    Line,
-    entry,
-    parse_integer,
-    parse_real,
-    text_lines,
-)
+from strainsight.decks.faults import check_once
+from strainsight.decks.text import Entries, Includes, Line, entry, error_at, parse_integer, parse_real, text_lines
 from strainsight.errors import DeckError
 from strainsight.mesh.model import IntArray, Origin
 
@@ -39,11 +31,7 @@ def times(head: str, made: int, line: Line) -> int:
     match = HEAD.fullmatch(head)
     count = int(match[1] or match[2] or 1) if match else 1
     if made + count > MOST:
-        raise DeckError(
-            f"{head} makes {made + count} cards of the deck repeated ones",
-            where=line.where,
-            remedy=f"at most {MOST} may be",
-        )
+        raise line.error(f"{head} makes {made + count} cards of the deck repeated ones", f"at most {MOST} may be")
     return count
 
 
@@ -73,10 +61,8 @@ def _sum(before: str, step: str, what: str, line: Line) -> str:
         return str(whole + more)
     x, h = parse_real(before), parse_real(step)
     if x is None or h is None:
-        raise DeckError(
-            f"{what} adds {step!r} to {before!r}, and both have to be numbers",
-            where=line.where,
-            remedy="correct the card, or write it out",
+        raise line.error(
+            f"{what} adds {step!r} to {before!r}, and both have to be numbers", "correct the card, or write it out"
         )
     return repr(x + h)
 
@@ -91,24 +77,32 @@ _LONGEST_NAME = 8
 """Lines over which the name of an included file may go."""
 
 
-class Card(Entries, NamedTuple("_Card", [("name", str), ("fields", list[str]), ("file", str), ("line", int)])):
-    """One bulk-data entry: NAME (upper case, no asterisk), data fields (stripped), where its first line stands."""
+class Card(NamedTuple("_Card", [("name", str), ("tokens", list[str]), ("file", str), ("line", int)]), Entries):
+    """One bulk-data entry: NAME (upper case, no asterisk), tokens of the data fields (stripped), where its first line stands."""
 
     __slots__ = ()
     WORD, FIRST = "field", 2
-
-    @property
-    def tokens(self) -> list[str]:
-        return self.fields
 
     @property
     def where(self) -> str:
         """file:line."""
         return f"{self.file}:{self.line}"
 
+    def is_blank(self, i: int) -> bool:
+        """Whether a field is blank, or 0, which says the same where an id belongs."""
+        return self.text(i) in ("", "0")
+
     def error(self, what: str, remedy: str = "correct the card and run again") -> DeckError:
         """A DeckError at this card."""
         return DeckError(f"{self.name} {self.text(0)}: {what}", where=self.where, remedy=remedy)
+
+
+class Cards(dict[str, list[Card]]):
+    """Cards by name, those of one name in file order."""
+
+    def of(self, *names: str) -> list[Card]:
+        """The cards of these names, one name after the other."""
+        return [card for name in names for card in self.get(name, [])]
 
 
 @dataclass(frozen=True)
@@ -116,7 +110,7 @@ class Deck:
     """cards by name in file order, the case-control lines, how many lines stand after ENDDATA, the files that are included and
     notes on them, whether there is a BEGIN BULK, whether ENDDATA shows that the deck is whole, and its last line."""
 
-    cards: dict[str, list[Card]]
+    cards: Cards
     case_control: tuple[Line, ...]
     after_end: int
     included: tuple[str, ...]
@@ -131,31 +125,26 @@ def unique_ids(cards: Sequence[Card], what: str) -> IntArray:
     ids = np.array([card.integer(0, f"the {what} id") for card in cards], dtype=np.int64)
     if ids.size and ids.min() < 1:
         raise cards[int(np.argmin(ids))].error(f"the {what} id must be positive")
-    if twice := repeated(ids):
-        first, second = (cards[i] for i in twice)
-        raise DeckError(
-            f"{what} id {second.fields[0]} stands twice (first at {first.where})",
-            where=second.where,
-            remedy=f"give every {what} its own id",
-        )
+    check_once(ids, what, lambda i: cards[i].where)
     return ids
+
+
+class Elements(NamedTuple):
+    """Elements (n,): their cards, ids and regions."""
+
+    cards: Sequence[Card]
+    ids: IntArray
+    region: IntArray
+
+    def of(self, names: Collection[str]) -> Elements:
+        """Those on cards of these names."""
+        rows = np.flatnonzero([card.name in names for card in self.cards])
+        return Elements([self.cards[i] for i in rows.tolist()], self.ids[rows], self.region[rows])
 
 
 def origin(ids: IntArray, cards: Sequence[Card]) -> Origin:
     """Where the entities with these ids (n,) stand, one a card."""
     return Origin.at(ids, [(card.file, card.line) for card in cards])
-
-
-def together(first: Origin, second: Origin) -> Origin:
-    """Where the entities of both stand."""
-    if not second.ids.size:
-        return first
-    return Origin(
-        np.concatenate([first.ids, second.ids]),
-        np.concatenate([first.line, second.line]),
-        np.concatenate([first.file, second.file + len(first.files)]),
-        (*first.files, *second.files),
-    )
 
 
 def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
@@ -173,25 +162,22 @@ def read_deck(path: Path, include: Sequence[Path] = ()) -> Deck:
     begins = [i for i, line in enumerate(lines) if _BEGIN.match(line.text)]
     if len(begins) > 1 or (begins and not _BEGIN_BULK.match(lines[begins[0]].text)):
         line = lines[begins[-1]]
-        raise DeckError(
+        raise line.error(
             f"{line.text.strip()!r}: superelements are not supported",
-            where=line.where,
-            remedy="give the deck of one structure with one BEGIN BULK",
+            "give the deck of one structure with one BEGIN BULK",
         )
     start = begins[0] + 1 if begins else 0
     if not begins:
         for line in lines:
             if _CASE_CONTROL.match(line.text):
-                raise DeckError(
-                    f"{line.text.strip()!r} without BEGIN BULK", where=line.where, remedy="add the line BEGIN BULK"
-                )
+                raise line.error(f"{line.text.strip()!r} without BEGIN BULK", "add the line BEGIN BULK")
     end = next((i for i in range(start, len(lines)) if _ENDDATA.match(lines[i].text)), len(lines))
     ended = end < len(lines)
-    cards: dict[str, list[Card]] = {}
+    cards = Cards()
     for card in _cards(lines[start:end]):
         cards.setdefault(card.name, []).append(card)
     if not cards:
-        raise DeckError("the deck holds no bulk data", where=str(path), remedy="check that this is the right file")
+        raise error_at(path, "the deck holds no bulk data", "check that this is the right file")
     case_control = tuple(lines[: begins[0]]) if begins else ()
     after = max(len(lines) - end - 1, 0)
     return Deck(cards, case_control, after, included, tuple(includes.notes), bool(begins), ended, lines[-1])
@@ -236,9 +222,7 @@ def _file_name(argument: str, following: Sequence[str], where: str) -> tuple[str
             return (quoted[2] if quoted[1] else quoted[3]), more
         if whole[:1] not in ("'", '"'):
             break
-    raise DeckError(
-        f"INCLUDE {argument.strip()}: no complete file name", where=where, remedy="write INCLUDE 'file' on one line"
-    )
+    raise error_at(where, f"INCLUDE {argument.strip()}: no complete file name", "write INCLUDE 'file' on one line")
 
 
 class _Piece(NamedTuple):
@@ -268,10 +252,9 @@ def _cards(lines: list[Line]) -> Iterator[Card]:
         line = piece.line
         if piece.head[0] == "=":
             if not name or len(fields) != 8 or (pattern is None and piece.head != "="):
-                raise DeckError(
+                raise line.error(
                     f"{line.text.strip()[:24]!r} repeats no card that stands on one line before it",
-                    where=line.where,
-                    remedy="write repeated cards out",
+                    "write repeated cards out",
                 )
             pattern = piece.data if piece.head == "=" else pattern
             count = times(piece.head, made, line)
@@ -329,20 +312,18 @@ def _continuations(pieces: list[_Piece]) -> dict[int, int]:
             before = _other_end(pieces, i, ending.get(key, []), beginning[key])
         if before < 0 or pieces[before].head[:1] == "=":
             what = "a continuation with no card before it"
-            raise DeckError(what, where=piece.line.where, remedy="correct the order of the lines")
+            raise piece.line.error(what, "correct the order of the lines")
         if before in follower:
-            raise DeckError(
+            raise piece.line.error(
                 f"a second continuation of line {pieces[before].line.where} (first at {pieces[follower[before]].line.where})",
-                where=piece.line.where,
-                remedy="give every line and its continuation a mark of their own",
+                "give every line and its continuation a mark of their own",
             )
         follower[before] = i
     for i, piece in enumerate(pieces):
         if piece.mark[:1] in ("+", "*") and _key(piece.mark) and i not in follower:
-            raise DeckError(
+            raise piece.line.error(
                 f"no continuation has the mark {piece.mark!r} of this line",
-                where=piece.line.where,
-                remedy="add the continuation, or remove the mark if the card ends here",
+                "add the continuation, or remove the mark if the card ends here",
             )
     return follower
 
@@ -353,11 +334,10 @@ def _other_end(pieces: list[_Piece], i: int, ending: list[int], beginning: list[
     if len(ending) == 1 == len(beginning) and ending[0] != i:
         return ending[0]
     again = [pieces[j].line.where for j in sorted({*ending, *beginning} - {i})]
-    raise DeckError(
+    raise piece.line.error(
         f"continuation {piece.head!r}: "
         + (f"its mark also stands at {', '.join(again[:3])}" if ending else "no line ends in its mark"),
-        where=piece.line.where,
-        remedy="put the continuation behind the line that it continues, or give both a mark of their own",
+        "put the continuation behind the line that it continues, or give both a mark of their own",
     )
 
 
@@ -391,17 +371,14 @@ def _cut(line: Line) -> _Piece:
         )
         mark = text[72:80].strip().upper()
         if head and text[0] == " " and head[0] not in "+*":
-            raise DeckError(
+            raise line.error(
                 f"{head!r} does not begin in column 1",
-                where=line.where,
-                remedy="a card begins in column 1, a continuation with eight blanks, + or *",
+                "a card begins in column 1, a continuation with eight blanks, + or *",
             )
     if head and head[0] not in "+*":
         head = head.rstrip("*").rstrip()
         if not head[:1].isalpha() and not HEAD.fullmatch(head):
-            raise DeckError(
-                f"{text.strip()[:24]!r} is no bulk-data card", where=line.where, remedy="a card begins with its name"
-            )
+            raise line.error(f"{text.strip()[:24]!r} is no bulk-data card", "a card begins with its name")
     return _Piece(line, head, data, mark, large)
 
 
@@ -419,10 +396,9 @@ def _free_fields(tokens: list[str], width: int, line: Line) -> tuple[list[str], 
             if tokens[1][:1] in ("+", "*") and _key(tokens[0]) == _key(tokens[1]):
                 tokens = tokens[2:]
             elif parse_real(tokens[0]) is None:
-                raise DeckError(
+                raise line.error(
                     f"the mark {tokens[0]!r} in field {width + 2} is followed by {tokens[1]!r} on the same line",
-                    where=line.where,
-                    remedy="begin a new line behind the mark, or remove it",
+                    "begin a new line behind the mark, or remove it",
                 )
         if not tokens:
             return data, ""

@@ -5,16 +5,17 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from difflib import get_close_matches
 
 import numpy as np
 
 from strainsight.decks.faults import Doubt
 from strainsight.decks.nastran.cards import Card, Deck
-from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
-from strainsight.errors import DeckError
+from strainsight.decks.text import Line, error_at, is_whole, no_integer, parse_integer, parse_real
 from strainsight.mesh.model import IntArray
 
+_SELECTION = re.compile(r"\s*(SPC|MPC)\s*=\s*(\w+)", re.IGNORECASE)
 _SET = re.compile(r"\s*SET\s+(\d+)\s*=\s*(.*)$", re.IGNORECASE)
 
 
@@ -35,9 +36,7 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
                 excluded.add(value)
                 i += 1
             if not excluded or not parts:
-                raise DeckError(
-                    "EXCEPT without ids of the range before it", where=where, remedy="write first THRU last EXCEPT ids"
-                )
+                raise error_at(where, "EXCEPT without ids of the range before it", "write first THRU last EXCEPT ids")
             parts[-1] = parts[-1][~np.isin(parts[-1], list(excluded))]
             continue
         first = _id(words[i], where)
@@ -47,9 +46,7 @@ def expand(tokens: Sequence[str], existing: IntArray, where: str) -> tuple[IntAr
             if i < len(words) and words[i] == "BY":
                 step, i = _id(words[i + 1] if i + 1 < len(words) else "", where), i + 2
             if high < low:
-                raise DeckError(
-                    f"the range {low} THRU {high} runs backwards", where=where, remedy="write the lower id first"
-                )
+                raise error_at(where, f"the range {low} THRU {high} runs backwards", "write the lower id first")
             within = existing[np.searchsorted(existing, low) : np.searchsorted(existing, high, side="right")]
             parts.append(within[(within - low) % step == 0])
             continue
@@ -67,16 +64,12 @@ def _id(word: str, where: str) -> int:
     value = parse_integer(word)
     if value is None or value < 1:
         what = f"an id {no_integer(word)}" if value is None and is_whole(word) else f"{word!r} is no id"
-        raise DeckError(what, where=where, remedy="ids are positive integers, ranges first THRU last")
+        raise error_at(where, what, "ids are positive integers, ranges first THRU last")
     return value
 
 
 def sets(
-    deck: Deck,
-    node_ids: IntArray,
-    element_ids: IntArray,
-    left_out: Mapping[str, Sequence[Card]],
-    ignored: Counter[str],
+    deck: Deck, node_ids: IntArray, element_ids: IntArray, left_out: Mapping[str, Sequence[Card]], ignored: Counter[str]
 ) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
     """Node sets and element sets by name.
 
@@ -98,15 +91,15 @@ def sets(
                 taken = True
         if not taken:
             ignored["SET of the case control"] += 1
-    for card in deck.cards.get("SET1", []):
-        tokens = [token for token in card.fields[1:] if token.upper() != "SKIN"]
+    for card in deck.cards.of("SET1"):
+        tokens = [token for token in card.tokens[1:] if token.upper() != "SKIN"]
         nodes[_name(card, nodes)] = _members(card, tokens, node_ids, "node")
-    for card in deck.cards.get("SET3", []):
+    for card in deck.cards.of("SET3"):
         match card.text(1).upper():
             case "GRID" | "POINT":
-                nodes[_name(card, nodes)] = _members(card, card.fields[2:], node_ids, "node")
+                nodes[_name(card, nodes)] = _members(card, card.tokens[2:], node_ids, "node")
             case "ELEM" | "ELEMENT":
-                own = card.fields[2:]
+                own = card.tokens[2:]
                 if other := _others({**left_out, **deck.cards}, own, element_ids, card.where):
                     ignored["SET3 with elements that are not imported"] += 1
                     own = [token for token in own if token not in other]
@@ -154,6 +147,61 @@ def _case_control_sets(deck: Deck) -> list[tuple[int, list[str], str]]:
     return found
 
 
+@dataclass(frozen=True)
+class CardSets:
+    """Sets of supports ("SPC") or relations ("MPC"), what they are called; cards of all; combined: set → sets that an SPCADD or
+    MPCADD makes it of; ids of all, and top: those that are part of no other; chosen: ids, as written, that lines "SPC = n" of the
+    case control select, and the first line of each; left_out: some cards were, so that none need be there."""
+
+    what: str
+    cards: list[Card]
+    combined: dict[int, set[int]]
+    ids: set[int]
+    top: set[int]
+    chosen: dict[str, Line]
+    left_out: bool
+
+    def parts(self, number: int) -> set[int]:
+        """Sets that a set is made of, or itself."""
+        return self.combined.get(number, {number})
+
+    def card(self, number: int) -> Card:
+        """The first card of a set."""
+        return next(card for card in self.cards if int(card.tokens[0]) == number)
+
+    def choices(self, more: str = "") -> str:
+        """What to do about a set that is not there; more: beside selecting another one."""
+        return f"select one of {', '.join(map(str, sorted(self.ids)))}{more}" if self.ids else "add the set"
+
+    def select(self, more: str) -> int:
+        """The set that the first line selects. Raises DeckError, with `more` as remedy, where it is not there."""
+        text, line = next(iter(self.chosen.items()))
+        number = parse_integer(text) or 0
+        if number not in self.ids and not self.left_out:
+            raise line.error(f"{self.what} = {text} selects a set that is not in the deck", self.choices(more))
+        return number
+
+
+def card_sets(deck: Deck, what: str, names: Sequence[str], *, left_out: bool) -> CardSets:
+    """The sets on cards of these names. Raises DeckError for a set that is part of one and has no card."""
+    single = {card.integer(0, "the set id") for card in deck.cards.of(*names)}
+    combined: dict[int, set[int]] = {}
+    for card in deck.cards.of(f"{what}ADD"):
+        number = card.integer(0, "the set id")
+        if number in combined:
+            raise card.error("the set id stands twice")
+        combined[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.tokens[1:]) if token}
+        if (lost := combined[number] - single) and not left_out:
+            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or take it out")
+    ids = single | set(combined)
+    chosen: dict[str, Line] = {}
+    for line in deck.case_control:
+        if (match := _SELECTION.match(line.text)) and match[1].upper() == what:
+            chosen.setdefault(match[2], line)
+    top = ids - {member for members in combined.values() for member in members}
+    return CardSets(what, deck.cards.of(*names, f"{what}ADD"), combined, ids, top, chosen, left_out)
+
+
 HONOURED = ("WTMASS",)
 """Those that count here as in Nastran."""
 SCALES = ("CK1", "CK2", "CK3", "CM1", "CM2", "CB1", "CB2", "CP1", "CP2")
@@ -183,7 +231,7 @@ def mass_scale(deck: Deck) -> float:
     """PARAM WTMASS: the factor that turns the deck's weights into masses.
 
     Raises DeckError where it is not positive, and where bulk data and case control, or subcases, state different ones."""
-    found = _named(deck.cards.get("PARAM", []), "WTMASS")[-1:]  # of the bulk data the last one counts
+    found = _named(deck.cards.of("PARAM"), "WTMASS")[-1:]  # of the bulk data the last one counts
     found += _named(_of_case_control(deck), "WTMASS")
     factors = [card.real(1, "the factor") for card in found]
     for card, scale in zip(found, factors, strict=True):
@@ -228,7 +276,7 @@ def count_parameters(deck: Deck, ignored: Counter[str], notes: list[str]) -> dic
 
 
 def _parameters(deck: Deck) -> tuple[Card, ...]:
-    return (*deck.cards.get("PARAM", []), *_of_case_control(deck))
+    return (*deck.cards.of("PARAM"), *_of_case_control(deck))
 
 
 def _named(cards: Sequence[Card], name: str) -> list[Card]:

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from strainsight.decks.faults import ENFORCED, HELD, MISSING_END, effects, notes_and_doubts, spelt, turning_nodes
-from strainsight.decks.nastran.cards import Card, Deck, origin, read_deck, together, unique_ids
+from strainsight.decks.nastran.cards import Cards, Deck, origin, read_deck, unique_ids
 from strainsight.decks.nastran.case_control import count_parameters, lumped, mass_scale, sets
 from strainsight.decks.nastran.grids import BY_NODES, BY_POINTS, read_grids
 from strainsight.decks.nastran.loads import LOADS, PLATES, preloads, static_loads
@@ -23,7 +23,7 @@ from strainsight.decks.nastran.thin import TAKEN as THIN
 from strainsight.decks.nastran.thin import read_thin
 from strainsight.decks.nastran.ties import NAMES as RIGID_BARS
 from strainsight.decks.nastran.ties import averaging_elements, rigid_bars, rigid_elements, selected_cards, terms
-from strainsight.decks.text import parse_integer
+from strainsight.decks.text import error_at, parse_integer
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import Relation
 from strainsight.mesh.kinds import FAMILIES
@@ -51,25 +51,16 @@ SYSTEM_FIELDS: Mapping[str, Sequence[int]] = {
 """Card → fields that name a coordinate system; of a shell a whole number is one, a real number an angle."""
 
 
-def structural_lines(deck: Deck) -> list[str]:
-    """Names of lines of the case control that make the structure another one: "STATSUB of the case control"."""
-    found = (_LINE.match(line.text) for line in deck.case_control)
-    return [f"{match[1].upper()} of the case control" for match in found if match]
-
-
-def unused_systems(cards: Mapping[str, Sequence[Card]]) -> dict[str, int]:
+def unused_systems(cards: Cards) -> dict[str, int]:
     """CORD1 and CORD2 that no card refers to, "CORD2R that no card refers to" → how many."""
     used = {
-        parse_integer(card.text(i))
-        for name, fields in SYSTEM_FIELDS.items()
-        for card in cards.get(name, [])
-        for i in fields
+        parse_integer(card.text(i)) for name, fields in SYSTEM_FIELDS.items() for card in cards.of(name) for i in fields
     }
     found: dict[str, int] = {}
     for name in (*BY_POINTS, *BY_NODES):
         # a CORD1 may define two
         of_card = (0, 4) if name in BY_NODES else (0,)
-        ids = [parse_integer(card.text(i)) for card in cards.get(name, []) for i in of_card if card.text(i)]
+        ids = [parse_integer(card.text(i)) for card in cards.of(name) for i in of_card if card.text(i)]
         if count := sum(own not in used for own in ids):
             found[f"{name} that no card refers to"] = count
     return found
@@ -127,19 +118,19 @@ def read_nastran(
     first = {name: found[0].where for name, found in cards.items()}
     grids, middles = with_middles(cards, read_grids(cards, notes, path), notes)
     nodes = grids.nodes
-    blocks, elements = read_solids(cards, nodes, grids.position, notes)
+    blocks, solids = read_solids(cards, nodes, grids.position, notes)
     scale = mass_scale(deck)
-    thin = read_thin(cards, grids, blocks, elements, scale, required, notes)
+    thin = read_thin(cards, grids, blocks, solids, required, notes)
     if required and not (blocks or thin.shells or thin.beams):
-        raise DeckError(
+        raise error_at(
+            path,
             "the deck holds no solid element, and no shell or beam",
-            where=str(path),
-            remedy=f"the model needs {FAMILIES} ({', '.join(SOLIDS)}), CQUAD4, CTRIA3, CBAR or CBEAM",
+            f"the model needs {FAMILIES} ({', '.join(SOLIDS)}), CQUAD4, CTRIA3, CBAR or CBEAM",
         )
     ignored += thin.left_out
-    elements = together(elements, thin.elements)
-    found = properties(cards, blocks, grids.position, thin, grids.systems, ignored, notes, stated)
-    ties = [card for name in ("RBE2", "RBE3", *RIGID_BARS) for card in cards.get(name, [])]
+    element_ids = np.concatenate([solids.ids, thin.elements.ids])
+    region_properties = rescaled(properties(cards, blocks, grids, thin, ignored, notes, stated), mass=scale)
+    ties = cards.of("RBE2", "RBE3", *RIGID_BARS)
     tie_ids = unique_ids(ties, "rigid element")
     turned = nodes_that_turn(thin.shells, thin.beams)
     bars, mpc = rigid_bars(cards, grids), selected_cards(deck, ignored)
@@ -157,16 +148,16 @@ def read_nastran(
     rigid = (*rigid_elements(cards, nodes, {int(nodes.ids[row]) for row in turning}, notes), *bars.rigid)
     averaging = averaging_elements(cards, nodes, turning_nodes(rigid, ()) | turning)
     turning |= turning_nodes(rigid, averaging)
-    node_sets, element_sets = sets(deck, nodes.sorted, np.sort(elements.ids), left_out, ignored)
+    node_sets, element_sets = sets(deck, nodes.sorted, np.sort(element_ids), left_out, ignored)
     free = spelt(ENFORCED) in {spelt(name) for name in ignore}
     fixed = fixed_components(deck, nodes, grids.permanent, ignored, notes, spc, free)
     sprung = springs(cards, grids, notes)
     turning |= {int(row) for own in sprung for row in own.turned}
     masses = point_masses(cards, grids, scale, turning, notes)
     # a plate that is left out still says where a pressure acts
-    loads = static_loads(
-        {**{n: left_out[n] for n in PLATES if n in left_out}, **cards}, grids, blocks, thin.shells, turning, notes
-    )
+    loaded_cards = Cards({**{name: left_out[name] for name in PLATES if name in left_out}, **cards})
+    mesh = Mesh(nodes.ids, grids.position, blocks, shells=thin.shells)
+    loads = static_loads(loaded_cards, grids, mesh, turning, notes)
     of_parameters = _count_ignored(deck, ignored, notes)
     loaded = preloads(deck)
     ignored.update({card: len(lines) for card, lines in loaded.items()})
@@ -177,15 +168,10 @@ def read_nastran(
     by_temperature = any(name.startswith("MATT") for name in cards)
     said, doubts = notes_and_doubts(notes)
     return Mesh(
+        **vars(region_properties),
         node_ids=nodes.ids,
         position=grids.position,
         blocks=blocks,
-        regions=found.regions,
-        materials=rescaled(found.materials, mass=scale),
-        laminae=rescaled(found.laminae, mass=scale),
-        anisotropic=rescaled(found.anisotropic, mass=scale),
-        orientations=found.orientations,
-        composites=found.composites,
         fixed=fixed,
         rigid=rigid,
         averaging=averaging,
@@ -194,7 +180,6 @@ def read_nastran(
         springs=sprung,
         shells=thin.shells,
         beams=thin.beams,
-        sections=found.sections,
         axes=grids.axes,
         node_sets=node_sets,
         element_sets=element_sets,
@@ -218,7 +203,7 @@ def read_nastran(
         included=deck.included,
         origin={
             "node": origin(nodes.ids, [*cards["GRID"], *middles.cards]),
-            "element": elements,
+            "element": origin(element_ids, [*solids.cards, *thin.elements.cards]),
             "tie": origin(tie_ids, ties),
             "relation": relation_origin,
         },
@@ -251,7 +236,8 @@ def _count_ignored(deck: Deck, ignored: Counter[str], notes: list[str]) -> dict[
             ignored[name] += len(found)
     if deck.after_end:
         ignored["lines after ENDDATA"] += deck.after_end
-    lines = structural_lines(deck)
+    matches = (_LINE.match(line.text) for line in deck.case_control)
+    lines = [f"{match[1].upper()} of the case control" for match in matches if match]
     ignored.update(lines)
     systems = unused_systems(deck.cards)
     ignored.update(systems)

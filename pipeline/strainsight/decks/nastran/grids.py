@@ -8,9 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from strainsight.decks.nastran.cards import Card, unique_ids
+from strainsight.decks.nastran.cards import Card, Cards, unique_ids
 from strainsight.decks.nastran.case_control import expand
-from strainsight.errors import DeckError
+from strainsight.decks.text import error_at, parse_integer
 from strainsight.mesh.coordinates import BASIC, CoordinateSystem, local_axes
 from strainsight.mesh.model import FloatArray, IdTable, IntArray
 
@@ -30,7 +30,7 @@ class _Definition:
     systems: tuple[int, int, int]
 
 
-def coordinate_systems(cards: dict[str, list[Card]], point_of: PointOf) -> dict[int, CoordinateSystem]:
+def coordinate_systems(cards: Cards, point_of: PointOf) -> dict[int, CoordinateSystem]:
     """Coordinate systems by id; 0 is the basic one.
 
         z = (B − A)/|B − A|,   y = z × (C − A)/|z × (C − A)|,   x = y × z
@@ -62,7 +62,7 @@ def coordinate_systems(cards: dict[str, list[Card]], point_of: PointOf) -> dict[
     return systems
 
 
-def _definitions(cards: dict[str, list[Card]], point_of: PointOf) -> dict[int, _Definition]:
+def _definitions(cards: Cards, point_of: PointOf) -> dict[int, _Definition]:
     found: dict[int, _Definition] = {}
 
     def add(cid: int, definition: _Definition) -> None:
@@ -73,13 +73,13 @@ def _definitions(cards: dict[str, list[Card]], point_of: PointOf) -> dict[int, _
             raise definition.card.error(f"system id {cid} stands twice (first at {first})", "give each its own id")
         found[cid] = definition
 
-    for card in (card for name in BY_POINTS for card in cards.get(name, [])):
+    for card in cards.of(*BY_POINTS):
         points = np.array([card.real(2 + i, "a coordinate", 0.0) for i in range(9)]).reshape(3, 3)
         reference = card.integer(1, "the reference system", 0)
         add(card.integer(0, "the system id"), _Definition(card, points, (reference,) * 3))
-    for card in (card for name in BY_NODES for card in cards.get(name, [])):
+    for card in cards.of(*BY_NODES):
         for at in (0, 4):
-            if at and not any(card.fields[at : at + 4]):
+            if at and not any(card.tokens[at : at + 4]):
                 continue
             a, b, c = (point_of(card.integer(at + i, "a node id"), card) for i in (1, 2, 3))
             points = np.array([a[0], b[0], c[0]])
@@ -142,7 +142,7 @@ class NodeTable(IdTable):
 
     def _fault(self, node_id: int) -> tuple[str, str]:
         own = np.array([node_id])
-        if any((expand(card.fields, own, card.where)[0] == node_id).any() for card in self._scalar):
+        if any((expand(card.tokens, own, card.where)[0] == node_id).any() for card in self._scalar):
             return (
                 f"node {node_id} is a scalar point: scalar points are not supported",
                 "take it out, or give it as a GRID card with a place in space",
@@ -160,23 +160,31 @@ class Grids:
     axes: dict[int, FloatArray]
     permanent: list[tuple[Card, int, str]]
 
+    def direction(self, card: Card, A: int, basic: bool = False) -> FloatArray | None:
+        """The vector (3,) of fields 4 to 6 along the system CD of node A or the basic one, or that from A to the node in field 4;
+        None where these are blank."""
+        if not any(card.text(i) for i in (4, 5, 6)):
+            return None
+        if not (card.text(5) or card.text(6)) and parse_integer(card.text(4)) is not None:
+            return np.asarray(self.position[self.nodes.row(card.integer(4, "the node G0"), card)] - self.position[A])
+        axes = np.eye(3) if basic else self.axes.get(A, np.eye(3))
+        return np.asarray(axes @ [card.real(i, "a component of X", 0.0) for i in (4, 5, 6)])
 
-def read_grids(cards: dict[str, list[Card]], notes: list[str], path: Path) -> Grids:
+
+def read_grids(cards: Cards, notes: list[str], path: Path) -> Grids:
     """GRID with what GRDSET says where its CP, CD or PS is blank.
 
     Raises DeckError for a deck without GRID, an id that stands twice, and a system that is not there.
     """
-    grids = cards.get("GRID", [])
+    grids = cards.of("GRID")
     if not grids:
-        raise DeckError(
-            "the deck holds no GRID card", where=str(path), remedy="check that this is the deck of the model"
-        )
-    if long := [card for card in grids if len(card.fields) > 8 and any(card.fields[8:])]:
+        raise error_at(path, "the deck holds no GRID card", "check that this is the deck of the model")
+    if long := [card for card in grids if len(card.tokens) > 8 and any(card.tokens[8:])]:
         raise long[0].error(
             "more than 8 data fields", "remove what is behind field 9; a line of its own begins every card"
         )
-    CP, CD, PS = _defaults(cards.get("GRDSET", []))
-    nodes = NodeTable(unique_ids(grids, "node"), cards.get("SPOINT", []))
+    CP, CD, PS = _defaults(cards.of("GRDSET"))
+    nodes = NodeTable(unique_ids(grids, "node"), cards.of("SPOINT"))
     local = np.array([[card.real(i, "a coordinate", 0.0) for i in (2, 3, 4)] for card in grids])
     given = np.array([card.integer(1, "the system CP", CP) for card in grids])
     meant = np.array([card.integer(5, "the system CD", CD) for card in grids])

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from strainsight.decks.faults import PRELOAD, moment_note
-from strainsight.decks.nastran.cards import Card, Deck
+from strainsight.decks.nastran.cards import Card, Cards, Deck
 from strainsight.decks.nastran.case_control import expand, large_displacements
 from strainsight.decks.nastran.grids import Grids, axes_at, resolved_system
 from strainsight.decks.text import Line
@@ -18,8 +19,7 @@ from strainsight.mesh.facets import consistent_forces
 from strainsight.mesh.joins import BodyForce, NodalForces
 from strainsight.mesh.kinds import FACETS, facet_of, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, Kind
-from strainsight.mesh.model import CellBlock, FloatArray, IntArray
-from strainsight.mesh.thin import ShellBlock
+from strainsight.mesh.model import FloatArray, IntArray, Mesh
 
 PLATES = {"CQUAD4": 4, "CQUADR": 4, "CQUAD8": 4, "CTRIA3": 3, "CTRIAR": 3, "CTRIA6": 3}
 """Card → number of corners; where one that is not imported coats a solid, a pressure on it is one on the solid."""
@@ -37,9 +37,7 @@ class Pressed:
     along: tuple[CoordinateSystem, tuple[float, float, float]] | None = None
 
 
-def pressure_forces(
-    cards: dict[str, list[Card]], grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]
-) -> Iterator[tuple[int, IntArray, FloatArray]]:
+def pressure_forces(cards: Cards, grids: Grids, mesh: Mesh) -> Iterator[tuple[int, IntArray, FloatArray]]:
     """(set, rows (m,), force (m, 3)) of the pressures, the consistent forces of
 
         t = −p n       or       t = p N/|N| along the vector N of a PLOAD4,     p linear or bilinear between the corners.
@@ -48,9 +46,8 @@ def pressure_forces(
     of a PLOAD and on plates (PLOAD2, PLOAD4), which are shells of the model or coat a solid.
     Raises DeckError for an element, node or face that is not there, and for loads on edges (SORL = LINE).
     """
-    pressed = _pressed(cards, grids, blocks, shells)
     groups: dict[tuple[int, str, int, object], list[Pressed]] = {}
-    for own in pressed:
+    for own in _pressed(cards, grids, mesh):
         along = None if own.along is None else (id(own.along[0]), own.along[1])
         groups.setdefault((own.set, own.kind.name, len(own.p), along), []).append(own)
     for group in groups.values():
@@ -74,24 +71,24 @@ def _forces(position: FloatArray, like: Pressed, linear: Kind, nodes: IntArray, 
     return consistent_forces(position, like.kind, nodes, traction)
 
 
-def _pressed(
-    cards: dict[str, list[Card]], grids: Grids, blocks: Sequence[CellBlock], shells: Sequence[ShellBlock]
-) -> list[Pressed]:
+def _pressed(cards: Cards, grids: Grids, mesh: Mesh) -> list[Pressed]:
     found: list[Pressed] = []
     outlines: list[
         tuple[Card, tuple[int, ...], tuple[float, ...]]
     ] = []  # of PLOAD and plates: corners in their sequence
-    place = {int(i): (block, row) for block in blocks for row, i in enumerate(block.ids)} if "PLOAD4" in cards else {}
+    place = (
+        {int(i): (block, row) for block in mesh.blocks for row, i in enumerate(block.ids)} if "PLOAD4" in cards else {}
+    )
     plates = _plates(cards, grids)
-    for card in cards.get("PLOAD", []):
+    for card in cards.of("PLOAD"):
         p = card.real(1, "the pressure")
-        ids = [card.integer(2 + i, "a node id") for i in range(4) if i < 3 or card.text(5) not in ("", "0")]
+        ids = [card.integer(2 + i, "a node id") for i in range(4) if i < 3 or not card.is_blank(5)]
         outlines.append((card, tuple(grids.nodes.row(i, card) for i in ids), (p,) * len(ids)))
-    for card in cards.get("PLOAD2", []):
+    for card in cards.of("PLOAD2"):
         p = card.real(1, "the pressure")
-        for corners in _named_plates(card, card.fields[2:], plates):
+        for corners in _named_plates(card, card.tokens[2:], plates):
             outlines.append((card, corners, (p,) * len(corners)))
-    for card in cards.get("PLOAD4", []):
+    for card in cards.of("PLOAD4"):
         number = card.integer(1, "the element id")
         first = card.real(2, "the pressure")
         p4 = tuple(card.real(2 + i, "the pressure", first) for i in range(4))
@@ -104,10 +101,10 @@ def _pressed(
                 )
             )
         else:
-            last = [card.text(1), *card.fields[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
+            last = [card.text(1), *card.tokens[6:8]] if card.text(6).upper() == "THRU" else [card.text(1)]
             for corners in _named_plates(card, last, plates):
                 outlines.append((card, corners, p4[: len(corners)]))
-    return found + _outlined(outlines, grids, blocks, shells)
+    return found + _outlined(outlines, grids, mesh)
 
 
 def _set(card: Card) -> int:
@@ -128,7 +125,7 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
     own = nodes.tolist()
 
     def corner(i: int) -> int | None:
-        if card.text(i) in ("", "0"):
+        if card.is_blank(i):
             return None
         row = grids.nodes.row(card.integer(i, "a node id"), card)
         if row not in own[: kind.corners]:
@@ -163,7 +160,7 @@ def _loaded_face(card: Card, kind: ElementKind, nodes: IntArray, grids: Grids) -
     return facet, tuple(local[i] for i in (*turn, *middle))
 
 
-def _plates(cards: dict[str, list[Card]], grids: Grids) -> dict[int, tuple[int, ...]]:
+def _plates(cards: Cards, grids: Grids) -> dict[int, tuple[int, ...]]:
     """Element id → rows of its corners, of the plates of the deck, where a pressure may refer to one."""
     if not ("PLOAD2" in cards or "PLOAD4" in cards):
         return {}
@@ -172,7 +169,7 @@ def _plates(cards: dict[str, list[Card]], grids: Grids) -> dict[int, tuple[int, 
             grids.nodes.row(card.integer(2 + i, "a node id"), card) for i in range(count)
         )
         for name, count in PLATES.items()
-        for card in cards.get(name, [])
+        for card in cards.of(name)
     }
 
 
@@ -188,10 +185,7 @@ def _named_plates(card: Card, tokens: Sequence[str], plates: dict[int, tuple[int
 
 
 def _outlined(
-    outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]],
-    grids: Grids,
-    blocks: Sequence[CellBlock],
-    shells: Sequence[ShellBlock],
+    outlines: Sequence[tuple[Card, tuple[int, ...], tuple[float, ...]]], grids: Grids, mesh: Mesh
 ) -> list[Pressed]:
     """The facets of solids with these corners, or else shells; a pressure along the sequence of the corners becomes one inward,
     which of a shell is against the normal by its nodes."""
@@ -200,12 +194,12 @@ def _outlined(
     wanted = np.zeros(len(grids.position), dtype=bool)
     wanted[[row for _, corners, _ in outlines for row in corners]] = True
     facets: dict[frozenset[int], tuple[Kind, IntArray]] = {}
-    for block in blocks:
+    for block in mesh.blocks:
         for kind, local in kind_of(block.kind).facets:
             nodes = block.nodes[:, list(local)]
             for own in nodes[wanted[nodes[:, : kind.corners]].all(axis=1)]:
                 facets.setdefault(frozenset(own[: kind.corners].tolist()), (kind, own))
-    for shell in shells:
+    for shell in mesh.shells:
         plane = facet_of(shell.kind)
         for own in shell.nodes[wanted[shell.corners].all(axis=1)]:
             facets.setdefault(frozenset(own[: plane.corners].tolist()), (plane, own))
@@ -249,8 +243,8 @@ STEPS = {"400", "401", "402"}
 class LoadSet:
     """What a set holds: force and moment by row of the node, body forces, and the names of its cards."""
 
-    force: dict[int, FloatArray] = field(default_factory=dict)
-    moment: dict[int, FloatArray] = field(default_factory=dict)
+    force: defaultdict[int, FloatArray] = field(default_factory=lambda: defaultdict(lambda: np.zeros(3)))
+    moment: defaultdict[int, FloatArray] = field(default_factory=lambda: defaultdict(lambda: np.zeros(3)))
     body: list[BodyForce] = field(default_factory=list)
     cards: set[str] = field(default_factory=set)
 
@@ -258,32 +252,26 @@ class LoadSet:
         """What the other set holds, times a factor."""
         for own, more in ((self.force, other.force), (self.moment, other.moment)):
             for row, value in more.items():
-                own[row] = own.get(row, np.zeros(3)) + factor * value
+                own[row] += factor * value
         self.body += [replace(body, factor=factor * body.factor) for body in other.body]
 
     def made(self) -> NodalForces:
         """As a load of the mesh."""
-        rows = list(dict.fromkeys([*self.force, *self.moment]))
-        nothing = np.zeros(3)
-        force = np.array([self.force.get(row, nothing) for row in rows]).reshape(-1, 3)
-        moment = np.array([self.moment.get(row, nothing) for row in rows]).reshape(-1, 3) if self.moment else None
-        return NodalForces(np.array(rows, dtype=np.int64), force, moment, tuple(self.body))
+        rows, none = list(dict.fromkeys([*self.force, *self.moment])), np.zeros(3)
+        force, moment = (np.array([own.get(i, none) for i in rows]).reshape(-1, 3) for own in (self.force, self.moment))
+        return NodalForces(np.array(rows, dtype=np.int64), force, moment if self.moment else None, tuple(self.body))
 
 
 def static_loads(
-    cards: dict[str, list[Card]],
-    grids: Grids,
-    blocks: Sequence[CellBlock],
-    shells: Sequence[ShellBlock],
-    turning: Collection[int],
-    notes: list[str],
+    cards: Cards, grids: Grids, mesh: Mesh, turning: Collection[int], notes: list[str]
 ) -> dict[str, NodalForces]:
     """The loads of set s: "FORCE-s" where it holds FORCE cards alone, else "LOAD-s"; of a LOAD card "LOAD-s" too.
 
         FORCE   F N along the directions of its CID at the node,   FORCE1  along G1G2,   FORCE2  along G1G2 × G3G4
         GRAV    g = A N,     RFORCE  ω = 2π A R through the node G,     LOAD  S Σ S_i L_i
 
-    MOMENTs likewise; turning: rows of nodes with rotations, a MOMENT on any other becomes a note. Loads on one node add up.
+    MOMENTs likewise; mesh: solids and shells on their nodes; turning: rows of nodes with rotations, a MOMENT on any other
+    becomes a note. Loads on one node add up.
     Raises DeckError for a node, element, system or set that is not there, and for an angular acceleration.
     """
     sets: dict[int, LoadSet] = {}
@@ -295,20 +283,20 @@ def static_loads(
 
     for kind in ("FORCE", "MOMENT"):
         for which, points in POINTS.items():
-            for card in cards.get(kind + which, []):
+            for card in cards.of(kind + which):
                 row = grids.nodes.row(card.integer(1, "the node id"), card)
                 values = of(card).force if kind == "FORCE" else of(card).moment
-                values[row] = values.get(row, np.zeros(3)) + _vector(card, row, points, grids)
+                values[row] += _vector(card, row, points, grids)
     for name in ("PLOAD", "PLOAD2", "PLOAD4"):
-        for card in cards.get(name, []):
+        for card in cards.of(name):
             of(card)
-    for number, rows, force in pressure_forces(cards, grids, blocks, shells):
+    for number, rows, force in pressure_forces(cards, grids, mesh):
         own = sets[number].force
         for row, value in zip(rows.tolist(), force, strict=True):
-            own[row] = own.get(row, np.zeros(3)) + value
-    for card in cards.get("GRAV", []):
+            own[row] += value
+    for card in cards.of("GRAV"):
         of(card).body.append(BodyForce(acceleration=_along(card, 1, 2, grids)))
-    for card in cards.get("RFORCE", []):
+    for card in cards.of("RFORCE"):
         if card.real(8, "the angular acceleration RACC", 0.0) != 0:
             raise card.error("RACC states an angular acceleration", "only a steady rotation is supported: leave it out")
         at = card.integer(1, "the node G", 0)
@@ -320,7 +308,7 @@ def static_loads(
     named = {
         f"{'FORCE' if own.cards == {'FORCE'} else 'LOAD'}-{number}": own.made() for number, own in sorted(sets.items())
     }
-    return named | _combined(cards.get("LOAD", []), sets)
+    return named | _combined(cards.of("LOAD"), sets)
 
 
 def _combined(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, NodalForces]:
@@ -330,7 +318,7 @@ def _combined(cards: Sequence[Card], sets: dict[int, LoadSet]) -> dict[str, Noda
         if number in sets or number in found:
             raise card.error("other loads have its set id", "give the combination an id of its own")
         own = found[number] = LoadSet()
-        for i in range(2, len(card.fields), 2):
+        for i in range(2, len(card.tokens), 2):
             if not (card.text(i) or card.text(i + 1)):
                 continue
             part = card.integer(i + 1, "a set id")

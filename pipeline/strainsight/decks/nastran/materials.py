@@ -10,12 +10,7 @@ from strainsight.decks.faults import OR_CONFIG, Doubt, elastic_fault, lamina_fau
 from strainsight.decks.nastran.cards import Card
 from strainsight.mesh.anisotropic import Anisotropic, constants_fault, orthotropic, stiffness_fault
 from strainsight.mesh.model import Material
-from strainsight.mesh.thin import Lamina, Laminate, Ply, ShellSection
-
-
-def states_moduli(card: Card) -> bool:
-    """Whether a MAT1 says E, G or ν; mesh generators write it blank."""
-    return any(card.text(i) for i in (1, 2, 3))
+from strainsight.mesh.thin import Lamina, Laminate, Ply
 
 
 def isotropic_material(card: Card, of_beams: bool, notes: list[str]) -> tuple[Material, float]:
@@ -142,7 +137,7 @@ def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
     """Material, thickness and angle of each ply, which begin in field `at` of `step` fields; blank material and thickness are
     those before. Raises DeckError for a ply that has no material or no thickness, and where there are none."""
     plies: list[Ply] = []
-    for start in range(_FIRST, len(card.fields), step):
+    for start in range(_FIRST, len(card.tokens), step):
         if not any(card.text(i) for i in range(start, start + step)):
             continue
         i, number = start + at, len(plies) + 1
@@ -153,16 +148,6 @@ def plies_of(card: Card, step: int, at: int) -> tuple[Ply, ...]:
     if not plies:
         raise card.error("it has no plies", "give the material, thickness and angle of each from the second line on")
     return tuple(plies)
-
-
-def middle_of(card: Card, own: Laminate) -> float:
-    """From the plane of the elements to the middle of a laminate: Z0, of its lower face, and half its thickness; 0 by default."""
-    return card.real(1, "the place Z0 of the lower face", -0.5 * own.thickness) + 0.5 * own.thickness
-
-
-def one_ply(material: int, own: ShellSection) -> Laminate:
-    """PSHELL of one orthotropic material in MID1, MID2 and MID3, homogeneous."""
-    return Laminate((Ply(material, own.thickness),), own.nonstructural)
 
 
 def lamina(card: Card) -> Lamina:

@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.decks.faults import folded
-from strainsight.decks.nastran.cards import Card
+from strainsight.decks.nastran.cards import Card, Cards, Elements
 from strainsight.decks.nastran.grids import Grids, resolved_system
 from strainsight.decks.nastran.materials import isotropic_material, lamina, note_damping
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import general_fault
-from strainsight.mesh.model import FloatArray, IntArray
+from strainsight.mesh.model import FloatArray
 from strainsight.mesh.node_order import PARALLEL, plate_normals
 from strainsight.mesh.thin import SHELL_KINDS, BeamSection, GeneralShell, Section, ShellBlock, ShellSection
 
@@ -50,6 +50,18 @@ SAME = 1e-5
 """Relative difference of two thicknesses that the digits of a card explain."""
 
 
+@dataclass(frozen=True)
+class ThinProperty:
+    """Of shells, beams or rods: its card and section; material: 0 where plies, or membrane and bending, have theirs; mids: ids of
+    all materials that it refers to; middle: of a laminate from the plane of its elements."""
+
+    card: Card
+    section: Section
+    material: int
+    mids: tuple[int, ...]
+    middle: float = 0.0
+
+
 def shell_section(card: Card) -> tuple[int, ShellSection]:
     """MID1 of a PSHELL, and its section where that is the material of all; without MID2 it is a membrane, without MID3 it does
     not shear.
@@ -57,7 +69,7 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
     Raises DeckError for plane strain (MID2 = −1), and a thickness that is not positive.
     """
     t = card.positive(2, "the thickness")
-    if card.text(1) in ("", "0"):
+    if card.is_blank(1):
         raise card.error("MID1 is blank: it does not stretch", "give the material of MID2 as MID1 too")
     mid = card.integer(1, "the material MID1")
     if card.text(3) == "-1":
@@ -69,59 +81,49 @@ def shell_section(card: Card) -> tuple[int, ShellSection]:
     bending, shear = card.real(4, "12 I/T³", 1.0), card.real(6, "TS/T", 5 / 6)
     if bending < 0 or shear <= 0:
         raise card.error(f"12 I/T³ is {bending:g} and TS/T is {shear:g}", "neither may be negative, nor TS/T zero")
-    if card.text(3) in ("", "0"):
+    if card.is_blank(3):
         bending, shear = 0.0, 0.0
-    elif card.text(5) in ("", "0"):
+    elif card.is_blank(5):
         shear = np.inf
     return mid, ShellSection(t, bending, shear, card.not_negative(7, "the mass NSM", 0.0))
 
 
 def read_shells(
-    cards: Sequence[Card],
-    ids: IntArray,
-    region: IntArray,
-    grids: Grids,
-    sections: Mapping[int, Section],
-    middles: Mapping[int, float],
-    notes: list[str],
+    elements: Elements, grids: Grids, properties: Mapping[int, ThinProperty], notes: list[str]
 ) -> tuple[ShellBlock, ...]:
-    """One block a kind of the cards, whose ids and regions are (n,); middles: region → its middle from the plane of its
-    elements, where that is not zero.
+    """One block a kind; properties: of their regions.
 
     Raises DeckError for a missing or repeated node, one of the second order without all of its mid-side nodes, a shell of no
     area, folded or warped too much, one whose corners are of another thickness than its property, and a material axis along its
     normal.
     """
-    if read_as := sorted({card.name for card in cards} & {"CQUADR", "CTRIAR"}):
+    if read_as := sorted({card.name for card in elements.cards} & {"CQUADR", "CTRIAR"}):
         notes.append(f"{', '.join(read_as)}: read as CQUAD4 and CTRIA3")
     blocks = []
     for kind in SHELL_KINDS:
-        rows = np.flatnonzero([SHELLS[card.name].kind == kind for card in cards])
-        if not rows.size:
+        own, ids, region = elements.of([name for name, layout in SHELLS.items() if layout.kind == kind])
+        if not own:
             continue
-        own = [cards[i] for i in rows.tolist()]
-        given = np.array([_node_ids(card) for card in own], dtype=np.int64)
-        nodes = grids.nodes.rows_of_cards(given, own)
+        nodes = grids.nodes.rows_of_cards(np.array([_node_ids(card) for card in own], dtype=np.int64), own)
         if (at := folded(nodes)) is not None:
             raise own[at].error(
                 "a node stands twice in the element", "write a collapsed quadrangle as a CTRIA3, take others out"
             )
         x = grids.position[nodes[:, : SHELLS[own[0].name].corners]]
         normal = _normals(own, x, notes)
-        for card, number in zip(own, region[rows].tolist(), strict=True):
-            section = sections[number]
-            _check_corners(card, section)
-        axis = np.array([_axis(card, *of, grids) for card, of in zip(own, zip(x, normal, strict=True), strict=True)])
+        for card, number in zip(own, region.tolist(), strict=True):
+            _check_corners(card, properties[number].section)
+        axis = np.array([_axis(*each, grids) for each in zip(own, x, normal, strict=True)])
         offset = np.array([card.real(SHELLS[card.name].offset, "the offset ZOFFS", 0.0) for card in own])
-        offset = offset + np.array([middles.get(number, 0.0) for number in region[rows].tolist()])
-        blocks.append(ShellBlock(kind, ids[rows], nodes, region[rows], offset, axis.reshape(-1, 3)))
+        offset = offset + np.array([properties[number].middle for number in region.tolist()])
+        blocks.append(ShellBlock(kind, ids, nodes, region, offset, axis.reshape(-1, 3)))
     return tuple(blocks)
 
 
 def _node_ids(card: Card) -> list[int]:
     """Corners, then those on the sides, the first between the first two corners."""
     layout = SHELLS[card.name]
-    missing = [i for i in range(layout.corners, layout.nodes) if card.text(2 + i) in ("", "0")]
+    missing = [i for i in range(layout.corners, layout.nodes) if card.is_blank(2 + i)]
     if missing:
         sides = layout.nodes - layout.corners
         linear = "CQUAD4" if layout.corners == 4 else "CTRIA3"
@@ -190,17 +192,17 @@ _PLACES = {1: "MID1", 3: "MID2 (bending)", 5: "MID3 (shear)", 10: "MID4 (couplin
 """Field of a material → its name."""
 
 
-def shell_materials(cards: Mapping[str, Sequence[Card]]) -> dict[int, list[Card]]:
+def shell_materials(cards: Cards) -> dict[int, list[Card]]:
     """Id → the MAT1, MAT2 and MAT8 of a deck that have it."""
     found: dict[int, list[Card]] = {}
-    for card in (card for name in ("MAT1", "MAT2", "MAT8") for card in cards.get(name, [])):
+    for card in cards.of("MAT1", "MAT2", "MAT8"):
         found.setdefault(card.integer(0, "the material id"), []).append(card)
     return found
 
 
 def materials_of(card: Card) -> dict[int, int]:
     """Field → id of the materials that a PSHELL names, without those that are blank or 0."""
-    return {i: card.integer(i, f"the material {what}") for i, what in _PLACES.items() if card.text(i) not in ("", "0")}
+    return {i: card.integer(i, f"the material {what}") for i, what in _PLACES.items() if not card.is_blank(i)}
 
 
 def is_general(card: Card, known: Mapping[int, Sequence[Card]]) -> bool:

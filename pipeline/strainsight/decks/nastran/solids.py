@@ -2,22 +2,22 @@
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from strainsight.decks.faults import check_elements, plural
-from strainsight.decks.nastran.cards import Card, origin, unique_ids
+from strainsight.decks.nastran.cards import Card, Cards, Elements, unique_ids
 from strainsight.decks.nastran.grids import Grids, NodeTable, resolved_system
-from strainsight.decks.nastran.materials import plies_of
 from strainsight.decks.text import parse_integer
 from strainsight.mesh.anisotropic import STACKED, CompositeSolid, Layer, Orientation
-from strainsight.mesh.coordinates import BASIC, CoordinateSystem
+from strainsight.mesh.coordinates import BASIC, rotation
 from strainsight.mesh.joins import STRAIGHT, Relation
 from strainsight.mesh.kinds import ELEMENTS, FAMILIES, kind_of
 from strainsight.mesh.kinds.kind import ElementKind, in_order
-from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Origin
+from strainsight.mesh.model import CellBlock, FloatArray, IntArray
 from strainsight.mesh.node_order import left_handed
 from strainsight.mesh.thin import Ply
 
@@ -30,9 +30,9 @@ OTHER_SOLIDS = ("CTETR", "CHEX", "CPENT", "CPYR", "CTRIAX", "CTRAX", "CQUADX")
 
 
 def read_solids(
-    cards: dict[str, list[Card]], nodes: NodeTable, position: FloatArray, notes: list[str]
-) -> tuple[tuple[CellBlock, ...], Origin]:
-    """One block a kind, elements in the order of the deck, and where they stand; position (n, 3) of the nodes.
+    cards: Cards, nodes: NodeTable, position: FloatArray, notes: list[str]
+) -> tuple[tuple[CellBlock, ...], Elements]:
+    """One block a kind, elements in the order of the deck, and their cards; position (n, 3) of the nodes.
 
     An element that is left-handed at all its corners is turned round, as MSC Nastran does, with a note.
     Raises DeckError for other solids, an id that stands twice, a missing or repeated node, and two elements on the same nodes.
@@ -43,27 +43,27 @@ def read_solids(
                 f"{name} solids are not supported ({len(found)} in the deck)",
                 f"mesh with {FAMILIES} ({', '.join(SOLIDS)})",
             )
-    elements = sorted(
-        (card for name in SOLIDS for card in cards.get(name, [])), key=lambda card: (card.file, card.line)
-    )
+    elements = sorted(cards.of(*SOLIDS), key=lambda card: (card.file, card.line))
     ids = unique_ids(elements, "element")
-    gathered: dict[ElementKind, list[tuple[int, int, list[int]]]] = {}
+    regions = [card.integer(1, "the property id", number) for card, number in zip(elements, ids.tolist(), strict=True)]
+    region = np.array(regions, dtype=np.int64)
+    gathered: defaultdict[ElementKind, list[tuple[int, list[int]]]] = defaultdict(list)
     for i, card in enumerate(elements):
         kind, node_ids = _connectivity(card)
-        gathered.setdefault(kind, []).append((i, card.integer(1, "the property id", int(ids[i])), node_ids))
+        gathered[kind].append((i, node_ids))
     blocks = []
     turned: list[Card] = []
     for kind in ELEMENTS:
         if kind not in gathered:
             continue
-        rows, region, connectivity = zip(*gathered[kind], strict=True)
+        rows, connectivity = (list(part) for part in zip(*gathered[kind], strict=True))
         own = [elements[i] for i in rows]
         index = nodes.rows_of_cards(np.array(connectivity, dtype=np.int64), own)
         nodes_ = in_order(index, kind.nastran_order)
         left = left_handed(kind, nodes_, position)
         nodes_[left] = in_order(nodes_[left], kind.mirrored)
         turned += [own[i] for i in np.flatnonzero(left)]
-        blocks.append(CellBlock(kind.name, ids[list(rows)], nodes_, np.array(region, dtype=np.int64)))
+        blocks.append(CellBlock(kind.name, ids[rows], nodes_, region[rows]))
     if turned:
         names = ", ".join(f"{card.name} {card.text(0)}" for card in turned[:3]) + (", …" if turned[3:] else "")
         notes.append(
@@ -76,12 +76,12 @@ def read_solids(
         lambda _, number: by_id[number].where,
         lambda block, i: f"{by_id[int(block.ids[i])].name} {block.ids[i]}",
     )
-    return tuple(blocks), origin(ids, elements)
+    return tuple(blocks), Elements(elements, ids, region)
 
 
 def _connectivity(card: Card) -> tuple[ElementKind, list[int]]:
     """Element kind and node ids, in the order of the card."""
-    tokens = card.fields[2:]
+    tokens = card.tokens[2:]
     while tokens and tokens[-1] in ("", "0"):
         tokens = tokens[:-1]
     counts = SOLIDS[card.name]
@@ -102,24 +102,18 @@ MOST, NOTED = 45.0, 5.0
 """Degrees between the normal of the layers of an element and the axis that CORDM has for it: an error, and a note."""
 
 
-def layers_of(card: Card) -> tuple[Ply, ...]:
-    """Material, relative thickness and angle of each layer, from the facet of the first corners up."""
-    return plies_of(card, step=8, at=1)
-
-
 def composite_solid(
     card: Card,
     plies: Sequence[Ply],
     anisotropic: Collection[int],
     blocks: Sequence[CellBlock],
-    position: FloatArray,
-    systems: dict[int, CoordinateSystem],
+    grids: Grids,
     notes: list[str],
 ) -> CompositeSolid:
     """Layers from G1-G4 to G5-G8 of hexahedra, from triangle to triangle of wedges. PSDIR p s: THETA turns axis 1 of a material
     from axis p of CORDM about axis s, which is its axis 3, and lies across the layers.
 
-    anisotropic: ids of such materials, the only ones that CORDM matters to; position (n, 3) of the nodes. Raises DeckError for a
+    anisotropic: ids of such materials, the only ones that CORDM matters to. Raises DeckError for a
     CORDM that is blank or −1, a PSDIR that is none, elements that have no layers, and those whose layers lie across another axis.
     """
     pid = card.integer(0, "the property id")
@@ -146,58 +140,40 @@ def composite_solid(
     along, across = directions // 10 - 1, directions % 10 - 1
     axes = np.eye(3)[:, [along, along, across]]
     axes[:, 1] = np.cross(axes[:, 2], axes[:, 0])
-    system = resolved_system(card, 1, systems)
+    orientation = Orientation(resolved_system(card, 1, grids.systems), axes)
+    layers = [(ply.material, ply.thickness, ply.angle) for ply in plies]
     for block, nodes, ids in own:
-        if len(nodes):
-            _check_across(card, block, nodes, ids, Orientation(system, axes), _alike(plies), position, notes)
+        off = _off_normal(kind_of(block.kind), grids.position[nodes], orientation, layers == layers[::-1])
+        angle, worst = off.max(initial=0.0), int(np.argmax(np.append(off, 0.0)))
+        if angle > MOST:
+            raise card.error(
+                f"layers of {block.kind} element {ids[worst]} lie from its first facet (G1, G2, …) to the opposite one, "
+                f"{angle:.3g}° off the axis of CORDM that PSDIR puts across them",
+                "number the nodes of the element so that its first facet is below the plies, or correct CORDM or PSDIR",
+            )
+        if angle > NOTED:
+            notes.append(
+                f"PCOMPS {card.text(0)}: the axis of CORDM across the plies is up to {angle:.3g}° off the normal of elements "
+                f"({ids[worst]}); axes of plies are those of CORDM, not projected on the element"
+            )
     return CompositeSolid(
-        tuple(Layer(p.material, p.thickness, Orientation(system, axes @ _turned(p.angle))) for p in plies)
+        tuple(
+            Layer(
+                p.material, p.thickness, replace(orientation, turn=axes @ rotation(np.eye(3)[2], np.radians(p.angle)))
+            )
+            for p in plies
+        )
     )
 
 
-def _check_across(
-    card: Card,
-    block: CellBlock,
-    nodes: np.ndarray,
-    ids: np.ndarray,
-    orientation: Orientation,
-    alike: bool,
-    position: FloatArray,
-    notes: list[str],
-) -> None:
-    """Axis 3 of elements at their centres against the normal of the layers there, ∂x/∂ξ × ∂x/∂η, or its line where the layers
-    are `alike` from both sides."""
-    kind = kind_of(block.kind)
-    x = position[nodes]
+def _off_normal(kind: ElementKind, x: FloatArray, orientation: Orientation, alike: bool) -> FloatArray:
+    """Degrees (e,) between axis 3 of elements x (e, k, 3) at their centres and the normal of the layers there, ∂x/∂ξ × ∂x/∂η, or
+    its line where the layers are `alike` from both sides."""
     r, s = np.einsum("kd,ekc->dec", kind.gradient(kind.centre)[0], x)[:2]
     normal = np.cross(r, s)
     centre = np.einsum("k,ekc->ec", kind.shape(kind.centre)[0], x)
     cosine = np.einsum("ec,ec->e", normal, orientation.axes_at(centre)[:, :, 2]) / np.linalg.norm(normal, axis=1)
-    angle = np.degrees(np.arccos(np.clip(abs(cosine) if alike else cosine, -1.0, 1.0)))
-    worst = int(np.argmax(angle))
-    if angle[worst] > MOST:
-        raise card.error(
-            f"layers of {block.kind} element {ids[worst]} lie from its first facet (G1, G2, …) to the opposite one, "
-            f"{angle[worst]:.3g}° off the axis of CORDM that PSDIR puts across them",
-            "number the nodes of the element so that its first facet is below the plies, or correct CORDM or PSDIR",
-        )
-    if angle[worst] > NOTED:
-        notes.append(
-            f"PCOMPS {card.text(0)}: the axis of CORDM across the plies is up to {angle[worst]:.3g}° off the normal of elements "
-            f"({ids[worst]}); axes of plies are those of CORDM, not projected on the element"
-        )
-
-
-def _alike(plies: Sequence[Ply]) -> bool:
-    """Whether plies counted from the other side are the same."""
-    own = [(ply.material, ply.thickness, ply.angle) for ply in plies]
-    return own == own[::-1]
-
-
-def _turned(degrees: float) -> FloatArray:
-    """Axes (3, 3), one in a column, turned about the third."""
-    c, s = np.cos(np.radians(degrees)), np.sin(np.radians(degrees))
-    return np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+    return np.asarray(np.degrees(np.arccos(np.clip(abs(cosine) if alike else cosine, -1.0, 1.0))))
 
 
 BLANK = ("", "0")
@@ -213,7 +189,7 @@ class Middles:
     cards: tuple[Card, ...]
 
 
-def with_middles(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tuple[Grids, Middles]:
+def with_middles(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Grids, Middles]:
     """The nodes with those that elements lack, and in `cards` these elements with all of their nodes.
 
     With u_m = ½(u_a + u_b) the side stays straight, and the shape functions are those of the element without that node:
@@ -227,8 +203,8 @@ def with_middles(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -
         few, many = min(kinds), max(kinds)
         kind = kinds[many]
         order = list(kind.nastran_order) or list(range(many))
-        for i, card in enumerate(cards.get(name, [])):
-            given = card.fields[2 : 2 + many] + [""] * (2 + many - len(card.fields))
+        for i, card in enumerate(cards.of(name)):
+            given = card.tokens[2 : 2 + many] + [""] * (2 + many - len(card.tokens))
             lacking = [place for place in range(few, many) if given[place] in BLANK]
             if few == many or not 0 < len(lacking) < many - few:
                 continue
@@ -242,7 +218,7 @@ def with_middles(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -
                     side[key] = last + 1 + len(side)
                     first.append(card)
                 given[place] = str(side[key])
-            cards[name][i] = card._replace(fields=[*card.fields[:2], *given, *card.fields[2 + many :]])
+            cards[name][i] = card._replace(tokens=[*card.tokens[:2], *given, *card.tokens[2 + many :]])
     if not side:
         return grids, Middles(np.zeros((0, 2), dtype=np.int64), ())
     ends_of = np.array([*side], dtype=np.int64)
@@ -253,14 +229,14 @@ def with_middles(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -
     )
     ids = np.concatenate([grids.nodes.ids, np.arange(last + 1, last + 1 + len(side))])
     position = np.vstack([grids.position, grids.position[ends_of].mean(axis=1)])
-    whole = replace(grids, nodes=NodeTable(ids, cards.get("SPOINT", [])), position=position)
+    whole = replace(grids, nodes=NodeTable(ids, cards.of("SPOINT")), position=position)
     return whole, Middles(ends_of, tuple(first))
 
 
-def _highest(cards: dict[str, list[Card]], grids: Grids) -> int:
+def _highest(cards: Cards, grids: Grids) -> int:
     """The highest number of any card, of as many digits as an id may have: a node that one names and the deck lacks stays
     missing, and no range has a new one in it."""
-    texts = (text for found in cards.values() for card in found for text in card.fields)
+    texts = (text for found in cards.values() for card in found for text in card.tokens)
     named = (int(text) for text in texts if text.isdecimal() and len(text) <= DIGITS)
     return max(int(grids.nodes.ids.max()), *named)
 
@@ -278,9 +254,6 @@ def straight_sides(middles: Middles, nodes: int, axes: dict[int, FloatArray], nu
                 node += [end] * len(there)
                 component += there.tolist()
                 value += (-0.5 * along[there]).tolist()
-            found.append(_relation(number + len(found) + 1, node, component, value))
+            terms = np.array(node), np.array(component), np.array(value)
+            found.append(Relation(number + len(found) + 1, *terms, STRAIGHT))
     return tuple(found)
-
-
-def _relation(number: int, node: Sequence[int], component: Sequence[int], value: Sequence[float]) -> Relation:
-    return Relation(number, np.array(node), np.array(component), np.array(value, dtype=float), STRAIGHT)

@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
-import re
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping
 from typing import TypeVar
 
 import numpy as np
 
 from strainsight.decks.faults import ENFORCED, HELD, Doubt
-from strainsight.decks.nastran.cards import Card, Deck, unique_ids
-from strainsight.decks.nastran.case_control import expand
+from strainsight.decks.nastran.cards import Card, Cards, Deck, unique_ids
+from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable, axes_at, resolved_system
-from strainsight.decks.text import Line, parse_integer
+from strainsight.decks.text import parse_integer
 from strainsight.errors import ChoiceError, DeckError
 from strainsight.mesh.coordinates import local_axes
-from strainsight.mesh.joins import PointMass, Springs, matrix_mass, spring_between
+from strainsight.mesh.joins import PointMass, Springs, spring_between
 from strainsight.mesh.model import FloatArray, IntArray
 
 T = TypeVar("T")
@@ -27,7 +26,7 @@ APART = 1e-9
 """Length of a CBUSH over the extent of the model, below which its ends coincide."""
 
 
-def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tuple[Springs, ...]:
+def springs(cards: Cards, grids: Grids, notes: list[str]) -> tuple[Springs, ...]:
     """The springs that resist  s = u_1 − u_2  of two components along the systems CD of their nodes (CELAS), or of two points
     along the axes of the element (CBUSH):
 
@@ -38,7 +37,7 @@ def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tup
     A node or component left blank is the ground. Damping is a note. Raises DeckError for nodes, properties and systems that
     are not there, a translation against a rotation, a CBUSH without axes, at another place (OCID), rigid or with mass.
     """
-    elements = [card for name in ("CELAS1", "CELAS2", "CBUSH") for card in cards.get(name, [])]
+    elements = cards.of("CELAS1", "CELAS2", "CBUSH")
     unique_ids(elements, "element")
     bushes = _bush_properties(cards, notes)
     scalar = {
@@ -62,10 +61,10 @@ def springs(cards: dict[str, list[Card]], grids: Grids, notes: list[str]) -> tup
     return tuple(found)
 
 
-def _packed(cards: dict[str, list[Card]], name: str, size: int) -> Iterator[tuple[int, Card, int]]:
+def _packed(cards: Cards, name: str, size: int) -> Iterator[tuple[int, Card, int]]:
     """Id, card and first field of the properties on the cards of a name, one in every `size` of eight fields."""
     known: set[int] = set()
-    for card in cards.get(name, []):
+    for card in cards.of(name):
         for at in range(0, 8, size):
             if at and not card.text(at):
                 continue
@@ -84,26 +83,18 @@ def _property_of(card: Card, properties: Mapping[int, T], name: str) -> T:
     return properties[number]
 
 
-def _component(card: Card, at: int) -> int:
-    """Component 1-6 in a field."""
-    component = card.integer(at, "the component")
-    if not 1 <= component <= 6:
-        raise card.error(f"component {component} is not one of 1 to 6", "name one component of each node")
-    return component
-
-
 def _elastic(card: Card, grids: Grids, k: float) -> Springs:
     """A CELAS; its two ends begin at field 2."""
     if k < 0:
         raise card.error(f"the stiffness is {k:g}, negative", "give a positive stiffness")
     ends = []
     for at, sign in ((2, 1.0), (4, -1.0)):
-        if card.text(at) in ("", "0") or card.integer(at + 1, "the component", 0) == 0:
+        if card.is_blank(at) or card.integer(at + 1, "the component", 0) == 0:
             continue
-        component = _component(card, at + 1)
+        component = card.component(at + 1)
         row = grids.nodes.row(card.integer(at, "the node id"), card)
-        axis = grids.axes.get(row, np.eye(3))[:, (component - 1) % 3]
-        ends.append((row, 3 * ((component - 1) // 3), sign * axis))
+        axis = grids.axes.get(row, np.eye(3))[:, component % 3]
+        ends.append((row, 3 * (component // 3), sign * axis))
     if not ends:
         raise card.error("has no end on a node", "give a node and its component")
     if len({first for _, first, _ in ends}) > 1:
@@ -111,13 +102,13 @@ def _elastic(card: Card, grids: Grids, k: float) -> Springs:
     return spring_between(f"{card.name} {card.text(0)}", k, ends)
 
 
-def _bush_properties(cards: dict[str, list[Card]], notes: list[str]) -> dict[int, FloatArray]:
+def _bush_properties(cards: Cards, notes: list[str]) -> dict[int, FloatArray]:
     """PBUSH id → K (6,)."""
     found: dict[int, FloatArray] = {}
     damped = 0
-    for card, number in zip(cards.get("PBUSH", []), unique_ids(cards.get("PBUSH", []), "property"), strict=True):
+    for card, number in zip(cards.of("PBUSH"), unique_ids(cards.of("PBUSH"), "property"), strict=True):
         k = np.zeros(6)
-        for at in range(0, len(card.fields), 8):
+        for at in range(0, len(card.tokens), 8):
             part = card.text(at + 1).upper()
             values = [card.text(at + 2 + i) for i in range(6)]
             if part and part not in PARTS:
@@ -145,7 +136,7 @@ def _bush(card: Card, grids: Grids, properties: dict[int, FloatArray]) -> Spring
     if not 0 <= (S := card.real(8, "the place S", 0.5)) <= 1:
         raise card.error(f"S is {card.text(8)}, beyond its nodes", "give 0 (at GA) to 1 (at GB)")
     A = grids.nodes.row(card.integer(2, "the node GA"), card)
-    B = grids.nodes.row(card.integer(3, "the node GB"), card) if card.text(3) not in ("", "0") else None
+    B = grids.nodes.row(card.integer(3, "the node GB"), card) if not card.is_blank(3) else None
     axes = _axes(card, grids, A, B, k)
     x = grids.position[A] if B is None else (1 - S) * grids.position[A] + S * grids.position[B]
     spring, node, component, value = [], [], [], []
@@ -186,11 +177,7 @@ def _axes(card: Card, grids: Grids, A: int, B: int | None, k: FloatArray) -> Flo
     x = along / length
     if not k[[1, 2, 4, 5]].any():  # along and about x alone: y and z do not matter
         first = np.eye(3)[int(np.argmin(np.abs(x)))]
-    elif card.text(5) or card.text(6) or (card.text(4) and parse_integer(card.text(4)) is None):
-        first = grids.axes.get(A, np.eye(3)) @ [card.real(i, "a component of X", 0.0) for i in (4, 5, 6)]
-    elif card.text(4):
-        first = grids.position[grids.nodes.row(card.integer(4, "the node GO"), card)] - grids.position[A]
-    else:
+    elif (first := grids.direction(card, A)) is None:
         raise card.error("neither CID, GO nor X1 to X3 give its axes across", "give one of them")
     z = np.cross(x, first)
     if not np.linalg.norm(z) > APART * np.linalg.norm(first):
@@ -205,7 +192,7 @@ INDEFINITE = 1e-6
 
 
 def point_masses(
-    cards: dict[str, list[Card]], grids: Grids, scale: float, turning: Collection[int], notes: list[str]
+    cards: Cards, grids: Grids, scale: float, turning: Collection[int], notes: list[str]
 ) -> tuple[PointMass, ...]:
     """CONM2 with offset and inertia along the basic axes; masses and inertia times `scale` (PARAM WTMASS).
 
@@ -216,7 +203,7 @@ def point_masses(
     Raises DeckError for a negative mass, an inertia or a matrix that is not positive semidefinite, a node, system or property
     that is not there, and a CMASS between two motions.
     """
-    found = [card for name in MASSES for card in cards.get(name, [])]
+    found = cards.of(*MASSES)
     properties = {number: card.real(at + 1, "the mass", 0.0) for number, card, at in _packed(cards, "PMASS", 2)}
     masses = []
     for number, card in zip(unique_ids(found, "point mass").tolist(), found, strict=True):
@@ -265,7 +252,8 @@ def _of_matrix(
             f"{card.name} {card.text(0)}: node {grids.nodes.ids[row]} has no rotations (no RBE2 or RBE3 gives it any), so that "
             "its entries of rotations have no effect"
         )
-    return matrix_mass(card.integer(0, "the element id"), row, scale * M)
+    mean = float(np.trace(M[:3, :3])) / 3
+    return PointMass(card.integer(0, "the element id"), row, scale * mean, matrix=scale * M)
 
 
 def _conm1(card: Card, grids: Grids) -> tuple[int, FloatArray]:
@@ -282,21 +270,18 @@ def _cmass(card: Card, grids: Grids, properties: dict[int, float]) -> tuple[int,
         mass = card.real(1, "the mass")
     else:
         mass = _property_of(card, properties, "PMASS")
-    ends = [i for i in (2, 4) if card.text(i) not in ("", "0") and card.text(i + 1) not in ("", "0")]
+    ends = [i for i in (2, 4) if not card.is_blank(i) and not card.is_blank(i + 1)]
     if len(ends) != 1:
         raise card.error(
             f"{len(ends)} ends on nodes: only a mass between a motion and the ground is supported",
             "leave it out (mesh.ignore), or give the mass as CONM2",
         )
-    component = _component(card, ends[0] + 1)
+    component = card.component(ends[0] + 1)
     row = grids.nodes.row(card.integer(ends[0], "the node id"), card)
     along = np.zeros(6)
-    start = 3 * ((component - 1) // 3)
-    along[start : start + 3] = grids.axes.get(row, np.eye(3))[:, (component - 1) % 3]
+    start = 3 * (component // 3)
+    along[start : start + 3] = grids.axes.get(row, np.eye(3))[:, component % 3]
     return row, mass * np.outer(along, along)
-
-
-_SELECTION = re.compile(r"\s*(SPC|MPC)\s*=\s*(\w+)", re.IGNORECASE)
 
 
 def components(text: str, card: Card) -> tuple[int, ...]:
@@ -327,7 +312,7 @@ def fixed_components(
     for card, row, text in permanent:
         pairs += [(row, c) for c in components(text, card)]
     selected = _selected_sets(deck, chosen, notes, left_out=bool(ignored["SPC"] or ignored["SPC1"]))
-    for card in (*deck.cards.get("SPC", []), *deck.cards.get("SPC1", [])):
+    for card in (*deck.cards.of("SPC"), *deck.cards.of("SPC1")):
         if card.integer(0, "the set id") not in selected:
             ignored[f"{card.name} of a set that is not selected"] += 1
             continue
@@ -338,7 +323,7 @@ def fixed_components(
 
 def _supports(card: Card, nodes: NodeTable, ignored: Counter[str], free: bool) -> list[tuple[int, tuple[int, ...]]]:
     if card.name == "SPC1":
-        ids, _ = expand(card.fields[2:], nodes.sorted, card.where)
+        ids, _ = expand(card.tokens[2:], nodes.sorted, card.where)
         if not ids.size:
             raise card.error("holds no node of the deck", "correct the ids, or remove the card")
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
@@ -359,85 +344,34 @@ def _supports(card: Card, nodes: NodeTable, ignored: Counter[str], free: bool) -
 
 def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out: bool) -> set[int]:
     """Ids of the SPC and SPC1 sets that count; left_out: some of those cards were, so that none need be there."""
-    combined, there, top = known_sets(deck, ("SPC", "SPC1"), "SPCADD", left_out=left_out)
-    listed = f"select one of {', '.join(map(str, sorted(there)))}" if there else "add the set"
+    sets = card_sets(deck, "SPC", ("SPC", "SPC1"), left_out=left_out)
     if wanted is not None:
-        if wanted not in there:
-            raise DeckError(f"set {wanted} of supports (mesh.spc) is not in the deck", remedy=listed)
-        return combined.get(wanted, {wanted})
-    chosen = selections(deck, "SPC")
-    selected = tuple(sorted({parse_integer(text) or 0 for text in chosen} & there))
-    if len(chosen) > 1 and selected:
+        if wanted not in sets.ids:
+            raise DeckError(f"set {wanted} of supports (mesh.spc) is not in the deck", remedy=sets.choices())
+        return sets.parts(wanted)
+    selected = tuple(sorted({parse_integer(text) or 0 for text in sets.chosen} & sets.ids))
+    if len(sets.chosen) > 1 and selected:
         raise ChoiceError(
-            f"the subcases select different supports ({', '.join(chosen)})",
-            where=[*chosen.values()][1].where,
+            f"the subcases select different supports ({', '.join(sets.chosen)})",
+            where=[*sets.chosen.values()][1].where,
             remedy=f"say which hold: mesh.spc: {selected[0]}",
             sets=selected,
         )
-    for text, line in chosen.items():
-        number = parse_integer(text) or 0
-        if number not in there and not left_out:
-            raise DeckError(
-                f"SPC = {text} selects a set that is not in the deck",
-                where=line.where,
-                remedy=f"{listed}, here or with mesh.spc" if there else listed,
-            )
-        return combined.get(number, {number})
-    if len(top) > 1:
-        card = card_of_set(deck, ("SPC", "SPC1", "SPCADD"), max(top))
+    if sets.chosen:
+        return sets.parts(sets.select(", here or with mesh.spc"))
+    if len(sets.top) > 1:
         raise ChoiceError(
-            f"{len(top)} sets of supports ({', '.join(map(str, sorted(top)))}) and no selection",
-            where=card.where,
-            remedy=f"say which hold: mesh.spc: {min(top)}",
-            sets=tuple(sorted(top)),
+            f"{len(sets.top)} sets of supports ({', '.join(map(str, sorted(sets.top)))}) and no selection",
+            where=sets.card(max(sets.top)).where,
+            remedy=f"say which hold: mesh.spc: {min(sets.top)}",
+            sets=tuple(sorted(sets.top)),
         )
-    number = next(iter(top), 0)
-    if top and deck.case_control:
+    number = next(iter(sets.top), 0)
+    if sets.top and deck.case_control:
         notes.append(
             Doubt(
                 f"the case control selects no supports, so that Nastran has none: the only set of the deck, {number}, holds "
                 "here; leave it out with mesh.ignore: [SPC, SPC1], or name it with mesh.spc"
             )
         )
-    return combined.get(number, {number})
-
-
-def selections(deck: Deck, what: str) -> dict[str, Line]:
-    """Set ids, as written, that lines "SPC = n" or "MPC = n" of the case control select, and the first line of each."""
-    chosen: dict[str, Line] = {}
-    for line in deck.case_control:
-        if (match := _SELECTION.match(line.text)) and match[1].upper() == what:
-            chosen.setdefault(match[2], line)
-    return chosen
-
-
-def known_sets(
-    deck: Deck, names: Sequence[str], adding: str, *, left_out: bool
-) -> tuple[dict[int, set[int]], set[int], set[int]]:
-    """Sets that cards `adding` combine, all set ids, and those that are part of no other.
-
-    left_out: some cards were, so that none need be there. Raises DeckError for a set that is part of one and has no card.
-    """
-    combined = combined_sets(deck, adding)
-    single = {card.integer(0, "the set id") for name in names for card in deck.cards.get(name, [])}
-    for card in deck.cards.get(adding, []):
-        if (lost := combined[int(card.fields[0])] - single) and not left_out:
-            raise card.error(f"set {min(lost)} has no {' or '.join(names)}", "add the set, or take it out")
-    ids = single | set(combined)
-    return combined, ids, ids - {member for members in combined.values() for member in members}
-
-
-def card_of_set(deck: Deck, names: Sequence[str], number: int) -> Card:
-    """The first card of a set."""
-    return next(card for name in names for card in deck.cards.get(name, []) if int(card.fields[0]) == number)
-
-
-def combined_sets(deck: Deck, name: str) -> dict[int, set[int]]:
-    """Set id → sets that an SPCADD or MPCADD makes it of."""
-    found: dict[int, set[int]] = {}
-    for card in deck.cards.get(name, []):
-        number = card.integer(0, "the set id")
-        if number in found:
-            raise card.error("the set id stands twice")
-        found[number] = {card.integer(1 + i, "a set id") for i, token in enumerate(card.fields[1:]) if token}
-    return found
+    return sets.parts(number)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,11 +23,12 @@ from strainsight.decks.nastran.beams import (
     tube_section,
     with_defaults,
 )
-from strainsight.decks.nastran.cards import Card, origin, unique_ids
+from strainsight.decks.nastran.cards import Card, Cards, Elements, unique_ids
 from strainsight.decks.nastran.grids import Grids
-from strainsight.decks.nastran.materials import COMPOSITES, laminate, middle_of, one_ply
+from strainsight.decks.nastran.materials import COMPOSITES, laminate
 from strainsight.decks.nastran.shells import (
     SHELLS,
+    ThinProperty,
     general_shell,
     is_general,
     materials_of,
@@ -36,9 +37,8 @@ from strainsight.decks.nastran.shells import (
     shell_section,
 )
 from strainsight.errors import DeckError
-from strainsight.mesh.model import CellBlock, IntArray, Origin
-from strainsight.mesh.thin import BeamBlock, BeamSection, Laminate, Section, ShellBlock, ShellSection
-from strainsight.mesh.units import rescaled
+from strainsight.mesh.model import CellBlock, IntArray
+from strainsight.mesh.thin import BeamBlock, BeamSection, Laminate, Ply, Section, ShellBlock, ShellSection
 
 SECTIONS: dict[str, Callable[[Card, list[str]], tuple[int, Section]]] = {
     "PSHELL": lambda card, _: shell_section(card),
@@ -69,120 +69,93 @@ _PROPERTY = re.compile(
 
 @dataclass(frozen=True)
 class Thin:
-    """shells, beams and what they refer to: region → the card of its property, material and section, and of shells of several
-    materials which; where the elements stand;
-    how many of each card are left out."""
+    """Shells, beams and what they refer to: region → its property; their cards; how many of each card are left
+    out."""
 
     shells: tuple[ShellBlock, ...]
     beams: tuple[BeamBlock, ...]
-    properties: dict[int, Card]
-    materials: dict[int, int]
-    sections: dict[int, Section]
-    general: dict[int, tuple[int, ...]]
-    elements: Origin
+    properties: dict[int, ThinProperty]
+    elements: Elements
     left_out: Counter[str]
-
-    def named(self, region: int) -> tuple[int, ...]:
-        """Ids of the materials that a region refers to."""
-        section = self.sections[region]
-        if region in self.general:
-            return self.general[region]
-        return (
-            tuple(ply.material for ply in section.plies) if isinstance(section, Laminate) else (self.materials[region],)
-        )
 
     @property
     def only_beams(self) -> set[int]:
         """Ids of the materials that no shell is of."""
-        shells = {
-            mid for pid in self.sections if not isinstance(self.sections[pid], BeamSection) for mid in self.named(pid)
-        }
-        return set(self.materials.values()) - shells
+        of_beams, of_shells = (
+            {
+                mid
+                for own in self.properties.values()
+                if isinstance(own.section, BeamSection) == beams
+                for mid in own.mids
+            }
+            for beams in (True, False)
+        )
+        return of_beams - of_shells
 
 
 def read_thin(
-    cards: dict[str, list[Card]],
-    grids: Grids,
-    blocks: Sequence[CellBlock],
-    solids: Origin,
-    scale: float,
-    required: bool,
-    notes: list[str],
+    cards: Cards, grids: Grids, blocks: Sequence[CellBlock], solids: Elements, required: bool, notes: list[str]
 ) -> Thin:
-    """Shells, beams and rods; masses of their sections times `scale` (PARAM WTMASS). Each CONROD of other values is a region.
+    """Shells, beams and rods. Each CONROD of other values is a region.
 
     required: their properties have to be there and supported; otherwise those of others are left out. Raises DeckError for
     that, an id that stands twice, and what `read_shells` and `read_beams` refuse.
     """
     bars = with_defaults(cards)
     own = sorted(
-        (card for name in ELEMENTS for card in bars.get(name, cards.get(name, []))),
-        key=lambda card: (card.file, card.line),
+        (card for name in ELEMENTS for card in bars.get(name, cards.of(name))), key=lambda card: (card.file, card.line)
     )
     ids = unique_ids(own, "element")
     if (clash := np.isin(ids, solids.ids)).any():
         card = own[int(np.argmax(clash))]
         raise card.error(f"element id {card.text(0)} stands twice, a solid has it too", "give every element its own id")
-    given: dict[tuple[str, int], Card] = {}
-    for name in PROPERTIES:
-        for card in cards.get(name, []):
-            given.setdefault((name, card.integer(0, "the property id")), card)
-    numbers = [card.integer(0, "the property id") for card in cards.get("PSOLID", [])]
+    numbers = [card.integer(0, "the property id") for card in cards.of("PSOLID")]
     taken = np.concatenate([[0], numbers, ids, *(np.unique(block.region) for block in blocks)]).astype(np.int64)
-    region, properties = _regions(own, ids, given, cards, taken, required)
-    materials: dict[int, int] = {}
-    sections: dict[int, Section] = {}
-    middles: dict[int, float] = {}
-    general: dict[int, tuple[int, ...]] = {}
-    orthotropic = {card.text(0) for card in cards.get("MAT8", [])}
+    region, of_region = _regions(own, ids, cards, taken, required)
+    properties: dict[int, ThinProperty] = {}
     known = shell_materials(cards)
-    for number, card in list(properties.items()):
-        if not required and number in numbers:  # a PSOLID has it
-            del properties[number]
-            continue
+    for number, card in of_region.items():
         try:
-            section: Section
-            if card.name == "PSHELL" and is_general(card, known):
-                materials[number], section = 0, general_shell(card, known, notes)
-                general[number] = tuple(materials_of(card).values())
-            else:
-                materials[number], section = SECTIONS[card.name](card, notes)
-            if isinstance(section, ShellSection) and str(materials[number]) in orthotropic:
-                materials[number], section = 0, one_ply(materials[number], section)
-            elif isinstance(section, Laminate):
-                middles[number] = middle_of(card, section)
+            if required or number not in numbers:  # else a PSOLID has it
+                properties[number] = _property(card, known, notes)
         except DeckError:
             if required:
                 raise
-            del properties[number]
-            continue
-        sections[number] = rescaled(section, mass=scale)
-    kept = np.isin(region, list(sections))
+    kept = np.isin(region, list(properties))
     left_out = Counter(card.name for card, there in zip(own, kept, strict=True) if not there)
     left_out.update(_unused(cards, properties))
-    parts = []
-    for names in (tuple(SHELLS), (*BEAMS, *RODS)):
-        rows = np.flatnonzero([there and card.name in names for card, there in zip(own, kept, strict=True)])
-        parts.append(([own[i] for i in rows], ids[rows], region[rows]))
-    shells = read_shells(*parts[0], grids, sections, middles, notes)
-    beams = read_beams(*parts[1], grids)
-    called = {int(card.text(0)): f"{card.name} {card.text(0)}" for card in parts[0][0] + parts[1][0]}
+    elements = Elements([card for card, there in zip(own, kept, strict=True) if there], ids[kept], region[kept])
+    shells = read_shells(elements.of(SHELLS), grids, properties, notes)
+    beams = read_beams(elements.of((*BEAMS, *RODS)), grids)
+    called = {int(card.text(0)): f"{card.name} {card.text(0)}" for card in elements.cards}
     blocks_of: tuple[ShellBlock | BeamBlock, ...] = (*shells, *beams)
     for block in blocks_of:
         note_shared(block.nodes, [called[number] for number in block.ids.tolist()].__getitem__, notes)
-    where = origin(ids[kept], [card for card, there in zip(own, kept, strict=True) if there])
-    return Thin(shells, beams, properties, materials, sections, general, where, left_out)
+    return Thin(shells, beams, properties, elements, left_out)
+
+
+def _property(card: Card, known: Mapping[int, Sequence[Card]], notes: list[str]) -> ThinProperty:
+    """What a card says; known: MAT1, MAT2 and MAT8 by their ids."""
+    if card.name == "PSHELL" and is_general(card, known):
+        return ThinProperty(card, general_shell(card, known, notes), 0, tuple(materials_of(card).values()))
+    material, section = SECTIONS[card.name](card, notes)
+    if isinstance(section, ShellSection) and any(own.name == "MAT8" for own in known.get(material, ())):
+        ply = Laminate((Ply(material, section.thickness),), section.nonstructural)
+        return ThinProperty(card, ply, 0, (material,))
+    if isinstance(section, Laminate):
+        half = 0.5 * section.thickness
+        middle = card.real(1, "the place Z0 of the lower face", -half) + half
+        return ThinProperty(card, section, 0, tuple(ply.material for ply in section.plies), middle)
+    return ThinProperty(card, section, material, (material,))
 
 
 def _regions(
-    own: Sequence[Card],
-    ids: IntArray,
-    given: dict[tuple[str, int], Card],
-    cards: dict[str, list[Card]],
-    taken: IntArray,
-    required: bool,
+    own: Sequence[Card], ids: IntArray, cards: Cards, taken: IntArray, required: bool
 ) -> tuple[IntArray, dict[int, Card]]:
     """Region (n,) of each element, 0 where its property is not there, and the cards of the regions; taken: other ids."""
+    given: dict[tuple[str, int], Card] = {}
+    for card in cards.of(*PROPERTIES):
+        given.setdefault((card.name, card.integer(0, "the property id")), card)
     region = np.zeros(len(own), dtype=np.int64)
     properties: dict[int, Card] = {}
     alone = []
@@ -197,13 +170,12 @@ def _regions(
                 raise _no_property(card, number, cards)
             continue
         other = properties.setdefault(number, found)
-        if other is not found and not required:
-            continue
-        if other is not found:
+        if other is found:
+            region[i] = number
+        elif required:
             raise found.error(
                 f"property id {number} stands twice (first at {other.where})", "give every property its own id"
             )
-        region[i] = number
     free = max([*taken.tolist(), *(number for _, number in given)]) + 1
     like: dict[tuple[str, ...], int] = {}
     for i in alone:
@@ -215,7 +187,7 @@ def _regions(
     return region, properties
 
 
-def _no_property(card: Card, number: int, cards: dict[str, list[Card]]) -> DeckError:
+def _no_property(card: Card, number: int, cards: Cards) -> DeckError:
     wanted = " or ".join(OF[card.name])
     there = next(
         (name for name in cards if _PROPERTY.match(name) and any(c.text(0) == str(number) for c in cards[name])), None
@@ -227,8 +199,8 @@ def _no_property(card: Card, number: int, cards: dict[str, list[Card]]) -> DeckE
     )
 
 
-def _unused(cards: dict[str, list[Card]], properties: dict[int, Card]) -> dict[str, int]:
+def _unused(cards: Cards, properties: Mapping[int, ThinProperty]) -> dict[str, int]:
     """Cards of properties that make no region, with how many there are."""
-    used = Counter(card.name for card in properties.values())
-    counts = {name: len(cards.get(name, [])) - used[name] for name in PROPERTIES}
+    used = Counter(own.card.name for own in properties.values())
+    counts = {name: len(cards.of(name)) - used[name] for name in PROPERTIES}
     return {f"{name} that no element refers to": count for name, count in counts.items() if count}

@@ -8,29 +8,28 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from strainsight.decks.nastran.cards import Card, Deck
-from strainsight.decks.nastran.case_control import expand
+from strainsight.decks.nastran.cards import Card, Cards, Deck
+from strainsight.decks.nastran.case_control import card_sets, expand
 from strainsight.decks.nastran.grids import Grids, NodeTable
-from strainsight.decks.nastran.springs import card_of_set, components, known_sets, selections
+from strainsight.decks.nastran.springs import components
 from strainsight.decks.text import is_whole, no_integer, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.joins import AveragingElement, Relation, RigidElement
 from strainsight.mesh.model import FloatArray, IntArray
 
 
-def rigid_elements(
-    cards: dict[str, list[Card]], nodes: NodeTable, turned: Set[int], notes: list[str]
-) -> tuple[RigidElement, ...]:
+def rigid_elements(cards: Cards, nodes: NodeTable, turned: Set[int], notes: list[str]) -> tuple[RigidElement, ...]:
     """RBE2 with all the components that it states; turned: ids of the nodes that other cards turn.
 
     One that ties rotations only, of nodes of solids that are no reference nodes and so have none, becomes a note.
     """
     elements = []
-    references = _references(cards) | turned
-    for card in cards.get("RBE2", []):
+    led = ((card, i) for name, i in (("RBE2", 1), ("RBE3", 2)) for card in cards.of(name))
+    references = {card.integer(i, "the reference node") for card, i in led} | turned
+    for card in cards.of("RBE2"):
         reference = nodes.row(card.integer(1, "the reference node GN"), card)
         wanted = components(card.text(2), card)
-        tokens = [token for token in card.fields[3:] if token]
+        tokens = [token for token in card.tokens[3:] if token]
         if tokens and not is_whole(tokens[-1]) and parse_real(tokens[-1]) is not None:
             tokens = tokens[:-1]  # thermal expansion, of no effect here
         ids = np.unique(expand(tokens, nodes.sorted, card.where)[0])
@@ -39,11 +38,11 @@ def rigid_elements(
         rows = nodes.rows_of_cards(ids[None, :], [card])[0]
         if reference in rows:
             raise card.error(
-                f"the reference node {card.fields[1]} is also dependent", "take it out of the dependent nodes"
+                f"the reference node {card.tokens[1]} is also dependent", "take it out of the dependent nodes"
             )
         if min(wanted) > 2 and not references.intersection(ids.tolist()):
             notes.append(
-                f"RBE2 {card.fields[0]} ties rotations only (components {card.text(2)}), which nodes of solids do not have: "
+                f"RBE2 {card.tokens[0]} ties rotations only (components {card.text(2)}), which nodes of solids do not have: "
                 "without effect"
             )
         number = card.integer(0, "the element id")
@@ -51,25 +50,17 @@ def rigid_elements(
     return tuple(elements)
 
 
-def _references(cards: dict[str, list[Card]]) -> set[int]:
-    """Ids of the nodes that an element gives rotations."""
-    fields = (("RBE2", 1), ("RBE3", 2))
-    return {card.integer(i, "the reference node") for name, i in fields for card in cards.get(name, [])}
-
-
-def averaging_elements(
-    cards: dict[str, list[Card]], nodes: NodeTable, turning: Set[int]
-) -> tuple[AveragingElement, ...]:
+def averaging_elements(cards: Cards, nodes: NodeTable, turning: Set[int]) -> tuple[AveragingElement, ...]:
     """RBE3: groups of weight, components and nodes, and the UM set where it has one.
 
     turning: rows of the nodes that have rotations, beside the reference nodes; those of another one cannot be averaged.
     """
     elements = []
-    turning = turning | {nodes.row(card.integer(2, "the reference node"), card) for card in cards.get("RBE3", [])}
-    for card in cards.get("RBE3", []):
+    turning = turning | {nodes.row(card.integer(2, "the reference node"), card) for card in cards.of("RBE3")}
+    for card in cards.of("RBE3"):
         reference = nodes.row(card.integer(2, "the reference node"), card)
         wanted = components(card.text(3), card)
-        tokens = [token.upper() for token in card.fields[4:] if token]
+        tokens = [token.upper() for token in card.tokens[4:] if token]
         if "ALPHA" in tokens:
             tokens = tokens[: tokens.index("ALPHA")]
         split = tokens.index("UM") if "UM" in tokens else len(tokens)
@@ -170,7 +161,7 @@ class Bars:
         )
 
 
-def rigid_bars(cards: dict[str, list[Card]], grids: Grids) -> Bars:
+def rigid_bars(cards: Cards, grids: Grids) -> Bars:
     """All of them, with u_i = u + θ × (x_i − x), θ_i = θ of the rigid body along the axes of each node:
 
         RBAR, RBE1   z_D = G_D G_I⁻¹ z_I,  the six independent motions z_I = G_I (u, θ)
@@ -179,7 +170,7 @@ def rigid_bars(cards: dict[str, list[Card]], grids: Grids) -> Bars:
     Raises DeckError for a node that is not there or stands twice, and independent motions that do not hold a rigid body.
     """
     found = Bars()
-    for card in cards.get("RBAR", []):
+    for card in cards.of("RBAR"):
         a, b = _ends(card, grids)
         independent = [*_motions(a, card.text(3), card), *_motions(b, card.text(4), card)]
         left = {node: "".join(str(c + 1) for c in SIX if (node, c) not in independent) for node in (a, b)}
@@ -187,16 +178,16 @@ def rigid_bars(cards: dict[str, list[Card]], grids: Grids) -> Bars:
         # blank in both: all that are not independent
         dependent = stated if any(text not in ("", "0") for text in stated.values()) else left
         _rigid(card, grids, independent, [m for node in (a, b) for m in _motions(node, dependent[node], card)], found)
-    for card in cards.get("RBAR1", []):
+    for card in cards.of("RBAR1"):
         a, b = _ends(card, grids)
         _rigid(card, grids, _motions(a, "123456", card), _motions(b, card.text(3) or "123456", card), found)
-    for card in cards.get("RBE1", []):
-        tokens = [token.upper() for token in card.fields]
+    for card in cards.of("RBE1"):
+        tokens = [token.upper() for token in card.tokens]
         if "UM" not in tokens:
             raise card.error("has no UM, behind which its dependent motions stand")
         at = tokens.index("UM")
         _rigid(card, grids, _listed(card, 1, at, grids), _listed(card, at + 1, len(tokens), grids), found)
-    for card in cards.get("RROD", []):
+    for card in cards.of("RROD"):
         _rod(card, grids, found)
     return found
 
@@ -260,9 +251,7 @@ def _rigid(card: Card, grids: Grids, independent: list[Motion], dependent: list[
         kept = np.flatnonzero(np.abs(values) > ROUNDING * np.abs(values).max())
         unit = [length if c > 2 else 1.0 for _, c in (motion, *independent)]
         found.relate(
-            card,
-            [motion, *(independent[i] for i in kept)],
-            [1.0, *(-values[i] * unit[i + 1] / unit[0] for i in kept)],
+            card, [motion, *(independent[i] for i in kept)], [1.0, *(-values[i] * unit[i + 1] / unit[0] for i in kept)]
         )
 
 
@@ -302,48 +291,28 @@ def selected_cards(deck: Deck, ignored: Counter[str]) -> list[Card]:
 
     Raises DeckError for subcases that select different sets, several sets without a case control, and a set that is not there.
     """
-    found = deck.cards.get("MPC", [])
-    added = deck.cards.get("MPCADD", [])
-    if not found and not added:
+    sets = card_sets(deck, "MPC", ("MPC",), left_out=bool(ignored["MPC"] or ignored["MPCADD"]))
+    if not sets.ids:
         return []
-    left_out = bool(ignored["MPC"] or ignored["MPCADD"])
-    combined, there, top = known_sets(deck, ("MPC",), "MPCADD", left_out=left_out)
-    selected = _selected_sets(deck, there, top, left_out=left_out)
-    members: set[int] = set().union(*(combined.get(number, {number}) for number in selected))
-    for card in (*found, *added):
-        number = card.integer(0, "the set id")
-        if number not in members and number not in selected:
-            ignored[f"{card.name} of a set that is not selected"] += 1
-    return [card for card in found if card.integer(0, "the set id") in members]
-
-
-def _selected_sets(deck: Deck, there: set[int], top: set[int], *, left_out: bool) -> set[int]:
-    """The set that counts, none or one."""
-    if not deck.case_control:
-        if len(top) > 1:
-            card = card_of_set(deck, ("MPC", "MPCADD"), max(top))
-            raise card.error(
-                f"{len(top)} sets of relations ({', '.join(map(str, sorted(top)))}) and no case control that selects one",
-                "put the line MPC = n of the set before BEGIN BULK, or leave the relations out (mesh.ignore: [MPC, MPCADD])",
-            )
-        return top
-    chosen = selections(deck, "MPC")
-    if len(chosen) > 1:
+    if len(sets.chosen) > 1:
         raise DeckError(
-            f"the subcases select different relations ({', '.join(chosen)})",
-            where=[*chosen.values()][1].where,
+            f"the subcases select different relations ({', '.join(sets.chosen)})",
+            where=[*sets.chosen.values()][1].where,
             remedy="keep one line MPC = n in the case control",
         )
-    for text, line in chosen.items():
-        number = parse_integer(text) or 0
-        if number not in there and not left_out:
-            raise DeckError(
-                f"MPC = {text} selects a set that is not in the deck",
-                where=line.where,
-                remedy=f"select one of {', '.join(map(str, sorted(there)))}, or remove the line",
-            )
-        return {number}
-    return set()
+    if not deck.case_control and len(sets.top) > 1:
+        raise sets.card(max(sets.top)).error(
+            f"{len(sets.top)} sets of relations ({', '.join(map(str, sorted(sets.top)))}) and no case control that selects one",
+            "put the line MPC = n of the set before BEGIN BULK, or leave the relations out (mesh.ignore: [MPC, MPCADD])",
+        )
+    selected = set() if deck.case_control else sets.top
+    if sets.chosen:
+        selected = {sets.select(", or remove the line")}
+    members: set[int] = set().union(*(sets.parts(number) for number in selected))
+    for card in deck.cards.of("MPC", "MPCADD"):
+        if card.integer(0, "the set id") not in members | selected:
+            ignored[f"{card.name} of a set that is not selected"] += 1
+    return [card for card in deck.cards.of("MPC") if card.integer(0, "the set id") in members]
 
 
 def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]:
@@ -351,22 +320,16 @@ def terms(card: Card, nodes: NodeTable) -> tuple[IntArray, IntArray, FloatArray]
     node: list[int] = []
     component: list[int] = []
     value: list[float] = []
-    if stray := [i for i in range(7, len(card.fields)) if i % 8 in (7, 0) and card.text(i)]:
+    if stray := [i for i in range(7, len(card.tokens)) if i % 8 in (7, 0) and card.text(i)]:
         raise card.error(
             f"{card.text(stray[0])!r} stands in field {stray[0] + 2}, which is blank", "two terms stand on a line"
         )
-    for k in range((len(card.fields) + 2) // 3):
+    for k in range((len(card.tokens) + 2) // 3):
         i = 8 * (k // 2) + 1 + 3 * (k % 2)
         if not any(card.text(i + j) for j in range(3)):
             continue
-        digit = card.integer(i + 1, "the component", 0)
-        row = nodes.row(card.integer(i, "the node id"), card)
-        if not 1 <= digit <= 6:
-            raise card.error(
-                f"component {digit} (field {i + 3}) is not one of 1 to 6", "give one component of the node"
-            )
-        node.append(row)
-        component.append(digit - 1)
+        node.append(nodes.row(card.integer(i, "the node id"), card))
+        component.append(card.component(i + 1, 0))
         value.append(card.real(i + 2, "the coefficient", 0.0))
     if not node:
         raise card.error("has no terms", "give nodes, components and coefficients")

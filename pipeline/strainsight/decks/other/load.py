@@ -18,7 +18,7 @@ from xml.etree import ElementTree
 import numpy as np
 
 from strainsight.child_reader import Message, answer, child_reader
-from strainsight.decks.text import LARGEST
+from strainsight.decks.text import LARGEST, error_at
 from strainsight.errors import DeckError
 from strainsight.processes import limit_memory, python
 
@@ -57,9 +57,9 @@ def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded
     """
     formats = _formats(path)
     if not path.is_file():
-        raise DeckError("no such file", where=str(path), remedy="check the name and the folder")
+        raise error_at(path, "no such file", "check the name and the folder")
     if path.stat().st_size == 0:
-        raise DeckError("the file is empty", where=str(path), remedy="write the mesh again")
+        raise error_at(path, "the file is empty", "write the mesh again")
     name = formats[0]
     weigh(path.stat().st_size)
     included = _checked(path, name)
@@ -85,10 +85,8 @@ def load(path: Path, weigh: Callable[[int], None] = lambda size: None) -> Loaded
     notes = " ".join(f"{out.getvalue()} {err.getvalue()}".split())
     lost = [int(number) for number in _DROPPED.findall(notes) if int(number) not in _FLAT]
     if lost:
-        raise DeckError(
-            f"cells of VTK's type {lost[0]} are not supported",
-            where=str(path),
-            remedy="mesh with tetrahedra, hexahedra or wedges",
+        raise error_at(
+            path, f"cells of VTK's type {lost[0]} are not supported", "mesh with tetrahedra, hexahedra or wedges"
         )
     return Loaded(mesh, name, notes, included)
 
@@ -101,38 +99,26 @@ def _formats(path: Path) -> list[str]:
     known = meshio.extension_to_filetypes
     found = [name for ending in endings for name in known.get(ending, []) if name not in NOT_HERE]
     if not found and endings[-1:] == [".gz"]:
-        raise DeckError(
-            "a packed mesh of this format is not supported",
-            where=str(path),
-            remedy="unpack it (gunzip) and give the mesh",
-        )
+        raise error_at(path, "a packed mesh of this format is not supported", "unpack it (gunzip) and give the mesh")
     if not found:
-        raise DeckError(
-            f"no mesh format that is known by its ending {path.suffix or '(none)'}", where=str(path), remedy=INSTEAD
-        )
+        raise error_at(path, f"no mesh format that is known by its ending {path.suffix or '(none)'}", INSTEAD)
     return found
 
 
 def _failure(path: Path, name: str, error: BaseException, printed: str) -> DeckError:
     if isinstance(error, KeyError) and re.match("pyramid|wedge|hexa|penta|tetra|poly|VTK_", str(error.args[0])):
-        return DeckError(
+        return error_at(
+            path,
             f"{error.args[0]} cells are not supported",
-            where=str(path),
-            remedy="mesh with tetrahedra, hexahedra or wedges of first or second order",
+            "mesh with tetrahedra, hexahedra or wedges of first or second order",
         )
     if isinstance(error, ModuleNotFoundError):
-        return DeckError(
-            f"reading {name} needs the package {error.name}", where=str(path), remedy=f"install it, or {INSTEAD}"
-        )
+        return error_at(path, f"reading {name} needs the package {error.name}", f"install it, or {INSTEAD}")
     if isinstance(error, MemoryError):
-        return DeckError(
-            f"{path.stat().st_size} bytes claim a mesh that takes more than a GiB to read",
-            where=str(path),
-            remedy=INSTEAD,
-        )
+        return error_at(path, f"{path.stat().st_size} bytes claim a mesh that takes more than a GiB to read", INSTEAD)
     reason = " ".join((printed if isinstance(error, SystemExit) else f"{type(error).__name__}: {error}").split())
     reason = re.sub(r" ?Error: Couldn't read file .*", "", reason) or "its content is not that format's, or damaged"
-    return DeckError(f"cannot be read as {name}: {reason[:300]}", where=str(path), remedy=INSTEAD)
+    return error_at(path, f"cannot be read as {name}: {reason[:300]}", INSTEAD)
 
 
 def _checked(path: Path, name: str) -> tuple[str, ...]:
@@ -142,10 +128,10 @@ def _checked(path: Path, name: str) -> tuple[str, ...]:
             _check_vtk(path)
         elif name == "vtu":
             if (pieces := path.read_bytes().count(b"<Piece")) > 1:
-                raise DeckError(
+                raise error_at(
+                    path,
                     f"the file is in {pieces} pieces, of which only one would be read",
-                    where=str(path),
-                    remedy="merge the pieces and save them as one",
+                    "merge the pieces and save them as one",
                 )
         elif name == "xdmf":
             return _check_xdmf(path)
@@ -159,7 +145,7 @@ def _checked(path: Path, name: str) -> tuple[str, ...]:
         elif name in HDF5:
             check_hdf5(path)
     except (OSError, ElementTree.ParseError, ValueError) as error:
-        raise DeckError(f"cannot be read as {name}: {error}", where=str(path), remedy=INSTEAD) from None
+        raise error_at(path, f"cannot be read as {name}: {error}", INSTEAD) from None
     return ()
 
 
@@ -167,19 +153,15 @@ def _check_vtk(path: Path) -> None:
     content = path.read_bytes()
     dataset = re.search(rb"^\s*DATASET\s+(\w+)", content[:5000], re.M | re.I)
     if dataset and dataset[1].upper() != b"UNSTRUCTURED_GRID":
-        raise DeckError(
-            f"a {dataset[1].decode()} is no mesh of elements",
-            where=str(path),
-            remedy="convert it to an unstructured grid",
-        )
+        raise error_at(path, f"a {dataset[1].decode()} is no mesh of elements", "convert it to an unstructured grid")
     for match in _COUNTS.finditer(content):
         for word in match[1].split():
             if word.isdigit() and int(word) > len(content):
                 line = content.count(b"\n", 0, match.start()) + 1
-                raise DeckError(
+                raise error_at(
+                    f"{path}:{line}",
                     f"{int(word)} entries are claimed in a file of {len(content)} bytes",
-                    where=f"{path}:{line}",
-                    remedy="write the mesh again: the file is damaged",
+                    "write the mesh again: the file is damaged",
                 )
 
 
@@ -189,7 +171,7 @@ def _check_xdmf(path: Path) -> tuple[str, ...]:
     for item in ElementTree.parse(path).iter("DataItem"):
         form, text = item.get("Format"), (item.text or "").strip()
         if form == "Binary":
-            raise DeckError("raw binary data are not supported", where=str(path), remedy="write the data as HDF or XML")
+            raise error_at(path, "raw binary data are not supported", "write the data as HDF or XML")
         if form == "HDF":
             target = folder / text.rpartition(":")[0]
             if not target.resolve().is_relative_to(folder):
@@ -201,10 +183,8 @@ def _check_xdmf(path: Path) -> tuple[str, ...]:
 
 
 def _elsewhere(name: str, path: Path) -> DeckError:
-    return DeckError(
-        f"the data file {name!r} leaves the folder of the mesh",
-        where=str(path),
-        remedy="move the data file beside or below the mesh",
+    return error_at(
+        path, f"the data file {name!r} leaves the folder of the mesh", "move the data file beside or below the mesh"
     )
 
 
@@ -231,9 +211,9 @@ def check_hdf5(path: Path) -> None:
             file.visititems(weigh)
     except Exception as error:  # the library has no class of its own for damaged files
         reason = f"cannot be read as HDF5: {' '.join(str(error).split())[:300]}"
-        raise DeckError(reason, where=str(path), remedy=INSTEAD) from None
+        raise error_at(path, reason, INSTEAD) from None
     if found:
-        raise DeckError(found[0], where=str(path), remedy="write the data into the file itself, without links")
+        raise error_at(path, found[0], "write the data into the file itself, without links")
 
 
 TIME_LIMIT = 7.0
@@ -247,9 +227,7 @@ COMMAND = python("strainsight.decks.other.load")
 def load_sandboxed(path: Path) -> Loaded:
     """`load`, in a child process. Raises DeckError as that does, and where the process fails."""
     limit = TIME_LIMIT + path.stat().st_size / 1e5 if path.is_file() else TIME_LIMIT
-    failure = DeckError(
-        "reading it crashed, or did not come to an end", where=str(path), remedy=f"the file is damaged: {INSTEAD}"
-    )
+    failure = error_at(path, "reading it crashed, or did not come to an end", f"the file is damaged: {INSTEAD}")
     with child_reader(COMMAND, str(path), failure) as receive:
         record, arrays = receive(limit)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from strainsight.decks.faults import check_elements, check_nodes, plural
-from strainsight.decks.other.load import Loaded, load, load_sandboxed
-from strainsight.errors import DeckError
+from strainsight.decks.other.load import load, load_sandboxed
+from strainsight.decks.text import error_at
 from strainsight.mesh.given_sections import (
     LINE,
     LINE3,
@@ -27,6 +27,7 @@ from strainsight.mesh.kinds import ELEMENTS, FAMILIES
 from strainsight.mesh.kinds.kind import ElementKind, in_order
 from strainsight.mesh.model import CellBlock, FloatArray, IntArray, Mesh, Region
 from strainsight.mesh.node_order import left_handed
+from strainsight.mesh.thin import concatenate
 
 REGIONS = (
     *("region", "region_id", "gmsh:physical", "medit:ref", "cell_tags", "netgen:index", "tetgen:ref"),
@@ -88,10 +89,10 @@ def labels(data: Mapping[str, Any], name: str | None, count: int, path: str, not
     if name is not None:
         if name not in there:
             known = ", ".join(there) or "none"
-            raise DeckError(
+            raise error_at(
+                path,
                 f"cell data {name!r} are not whole numbers" if name in data else f"there are no cell data {name!r}",
-                where=path,
-                remedy=f"cell data that can be regions: {known}",
+                f"cell data that can be regions: {known}",
             )
         return Labels(name, there[name])
     for usual in REGIONS:
@@ -110,71 +111,131 @@ THIN = {"quad": "quad4", "triangle": "tri3", "quad8": "quad8", "triangle6": "tri
 """Types of cells that may have a section."""
 
 
-class CellData:
-    """Cell data of some blocks, one after the other; rows[b] are those of block b among them."""
-
-    def __init__(self, raw: Any, blocks: list[int]):
-        sizes = [len(raw.cells[b].data) for b in blocks]
-        ends = np.cumsum([0, *sizes])
-        self.total = int(ends[-1])
-        self.rows = {b: slice(int(ends[i]), int(ends[i + 1])) for i, b in enumerate(blocks)}
-        self.data = {
-            name: np.concatenate([np.asarray(values[b]) for b in blocks])
-            for name, values in raw.cell_data.items()
-            if len({np.shape(values[b])[1:] for b in blocks}) == 1 and all(values[b] is not None for b in blocks)
-        }
-
-
-def with_sections(raw: Any, given: Mapping[str, GivenSection]) -> list[int]:
-    """Which blocks of cells may have one of these sections, by their dimension."""
-    wanted = {own.dimension for own in given.values()}
-    return [b for b, block in enumerate(raw.cells) if block.dim in wanted and len(block.data)]
-
-
-def groups_of(raw: Any, cells: CellData, tags: Labels | None, names: Mapping[int, Mapping[int, list[str]]]) -> Groups:
-    """Regions of the cells by their dimension; names: dimension → region → its names."""
-    groups: dict[int, dict[int | None, str]] = {}
-    for b, rows in cells.rows.items():
-        dimension = raw.cells[b].dim
-        own = groups.setdefault(dimension, {})
-        if tags is None:
-            own[None] = {1: "beams", 2: "shells", 3: "solids"}[dimension]
-        else:
-            for tag in np.unique(tags.values[rows]).tolist():
-                own[tag] = ", ".join(names[dimension].get(tag, ())) or f"region {tag}"
-    return groups
-
-
-def thin_cells(
-    raw: Any, thin: list[int], cells: CellData, ids: IntArray, tags: Labels | None, chosen: Chosen, path: str
-) -> Iterator[CellBlock]:
-    """Cells of the blocks `thin` whose regions have a section. Raises DeckError for others."""
-    for b in sorted(thin, key=lambda b: list(THIN).index(raw.cells[b].type) if raw.cells[b].type in THIN else -1):
-        block, rows = raw.cells[b], cells.rows[b]
-        region = np.full(len(block.data), -1)
-        inside = np.zeros(len(block.data), dtype=bool)
-        for (dimension, tag), (own, _) in chosen.items():
-            if dimension == block.dim:
-                here = np.ones(len(region), dtype=bool) if tag is None or tags is None else tags.values[rows] == tag
-                region[here], inside = own.id, inside | here
-        if not inside.any():
-            continue
-        if block.type not in THIN:
-            raise DeckError(
-                f"{plural(int(inside.sum()), block.type + ' cell')} in regions with a section are not supported",
-                where=path,
-                remedy=f"mesh with {', '.join(THIN)}",
-            )
-        nodes = np.asarray(block.data, np.int64)[inside]
-        yield CellBlock(THIN[block.type], ids[rows][inside], nodes, region[inside].astype(np.int64))
-
-
 KINDS = {cell: kind for kind in ELEMENTS for cell in kind.meshio}
 WIDTH = {"quad": 4, "triangle": 3, "quad8": 8, "triangle6": 6, "line": 2, "line3": 3}
 NODE_IDS = ("node_id", "node_ids", "GlobalNodeId", "GlobalNodeIds", "GlobalPointIds", "PointIds", "ids")
 ELEMENT_IDS = ("element_id", "element_ids", "GlobalElementId", "GlobalElementIds", "GlobalCellIds", "CellIds", "ids")
 TURNED = "med"
 """MED counts every solid the other way round ("Connectivity conventions of nodes of elements", Salome SMESH)."""
+
+
+class Cells:
+    """Cells of some blocks of what meshio read, one after the other: rows[b] are those of block b; data by name; ids (cells,);
+    tags: what says their regions, None where nothing does; names: dimension → region → its names; taken: the data that ids and
+    regions are from."""
+
+    def __init__(self, raw: Any, blocks: list[int], region_data: str | None, path: str, notes: list[str]):
+        self.raw, self.path = raw, path
+        *starts, total = np.cumsum([0, *(len(raw.cells[b].data) for b in blocks)]).tolist()
+        self.rows = {b: slice(i, i + len(raw.cells[b].data)) for b, i in zip(blocks, starts, strict=True)}
+        self.data = {
+            name: np.concatenate([np.asarray(values[b]) for b in blocks])
+            for name, values in raw.cell_data.items()
+            if len({np.shape(values[b])[1:] for b in blocks}) == 1 and all(values[b] is not None for b in blocks)
+        }
+        self.ids, numbers = numbers_of(self.data, ELEMENT_IDS, total, "element", notes)
+        self.tags = labels(self.data, region_data, total, path, notes)
+        self.names = {dimension: tag_names(raw, dimension) for dimension in range(4)}
+        self.taken = {numbers, self.tags.name if self.tags else ""}
+
+    def region_name(self, dimension: int, tag: int) -> str:
+        """The name of a region."""
+        return ", ".join(self.names[dimension].get(tag, ())) or f"region {tag}"
+
+    def groups(self) -> Groups:
+        """Regions of the cells by their dimension."""
+        groups: dict[int, dict[int | None, str]] = {}
+        for b, rows in self.rows.items():
+            dimension = self.raw.cells[b].dim
+            own = groups.setdefault(dimension, {})
+            if self.tags is None:
+                own[None] = {1: "beams", 2: "shells", 3: "solids"}[dimension]
+            else:
+                own |= {tag: self.region_name(dimension, tag) for tag in np.unique(self.tags.values[rows]).tolist()}
+        return groups
+
+    def solids(self, of: list[int], form: str, position: FloatArray, notes: list[str]) -> tuple[CellBlock, ...]:
+        """Cells of the blocks `of`, which are solids, by their kinds; form: meshio's name of the format."""
+        region = self.tags.values if self.tags else np.ones(len(self.ids), dtype=np.int64)
+        parts: dict[str, list[CellBlock]] = {kind.name: [] for kind in ELEMENTS}
+        for b in of:
+            block, rows, kind = self.raw.cells[b], self.rows[b], KINDS[self.raw.cells[b].type]
+            nodes = in_order(np.asarray(block.data, np.int64), kind.meshio[block.type])
+            nodes = in_our_order(kind, nodes, form, position, notes)
+            parts[kind.name].append(CellBlock(kind.name, self.ids[rows], nodes, region[rows]))
+        return tuple(CellBlock.joined(own) for own in parts.values() if own)
+
+    def thin(self, of: list[int], chosen: Chosen) -> Iterator[CellBlock]:
+        """Cells of the blocks `of` whose regions have a section. Raises DeckError for others."""
+        cells, known = self.raw.cells, list(THIN)
+        for b in sorted(of, key=lambda b: known.index(cells[b].type) if cells[b].type in THIN else -1):
+            block, rows = cells[b], self.rows[b]
+            region = np.full(len(block.data), -1)
+            inside = np.zeros(len(block.data), dtype=bool)
+            for (dimension, tag), (own, _) in chosen.items():
+                if dimension == block.dim:
+                    tags = None if tag is None else self.tags
+                    here = np.ones(len(region), dtype=bool) if tags is None else tags.values[rows] == tag
+                    region[here], inside = own.id, inside | here
+            if not inside.any():
+                continue
+            if block.type not in THIN:
+                raise error_at(
+                    self.path,
+                    f"{plural(int(inside.sum()), block.type + ' cell')} in regions with a section are not supported",
+                    f"mesh with {', '.join(THIN)}",
+                )
+            nodes = np.asarray(block.data, np.int64)[inside]
+            yield CellBlock(THIN[block.type], self.ids[rows][inside], nodes, region[inside].astype(np.int64))
+
+    def sets(
+        self, elements: np.ndarray, node_ids: IntArray, ignored: Counter[str]
+    ) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
+        """Sets of nodes and of elements; elements (cells,): which of the cells are some. The others give sets of nodes where they
+        have a name."""
+        raw, taken = self.raw, set(self.taken)
+        points: defaultdict[str, list[IntArray]] = defaultdict(list)
+        members: defaultdict[str, list[IntArray]] = defaultdict(list)
+        for name, rows in (raw.point_sets or {}).items():
+            points[name].append(np.asarray(rows, dtype=np.int64).ravel())
+        for tag, family in (getattr(raw, "point_tags", None) or {}).items():
+            for name in family:
+                points[name].append(np.flatnonzero(np.asarray(raw.point_data["point_tags"]) == tag))
+                taken.add("point_tags")
+        for b, block in enumerate(raw.cells):
+            own, named = self.rows.get(b), list(self._named(b))
+            for name, rows in named:
+                points[name].append(np.unique(np.asarray(block.data)[rows]))
+                if own is not None:
+                    members[name].append(self.ids[own][rows[elements[own][rows]]])
+            left = len(block.data) - (0 if own is None else int(np.count_nonzero(elements[own])))
+            if left and not named:
+                ignored[f"{block.type} cells"] += left
+        for name, values in raw.point_data.items():
+            if name not in taken and (on := switches(values)) is not None:
+                points[name].append(np.flatnonzero(on))
+            elif name not in taken:
+                ignored[f"point data {name}"] += 1
+        for name in (name for name in raw.cell_data if name not in taken):
+            if name in self.data and (on := switches(self.data[name])) is not None:
+                members[name].append(self.ids[on & elements])
+            else:
+                ignored[f"cell data {name}"] += 1
+        return (
+            {name: np.unique(node_ids[np.concatenate(rows)]) for name, rows in points.items()},
+            {name: np.unique(np.concatenate(ids)) for name, ids in members.items() if any(map(len, ids))},
+        )
+
+    def _named(self, b: int) -> Iterator[tuple[str, IntArray]]:
+        """Name → rows of block b that belong to it: sets of cells, and tags with names."""
+        for name, per_block in (self.raw.cell_sets or {}).items():
+            if b < len(per_block) and per_block[b] is not None and len(per_block[b]):
+                yield name, np.asarray(per_block[b], dtype=np.int64)
+        if self.tags:
+            values = np.asarray(self.raw.cell_data[self.tags.name][b]).ravel()
+            for tag, names in self.names[self.raw.cells[b].dim].items():
+                if (rows := np.flatnonzero(values == tag)).size:
+                    yield from ((name, rows) for name in names)
 
 
 def read_meshio(
@@ -194,36 +255,32 @@ def read_meshio(
     quadrangles and lines, in the units of the file; sandboxed: meshio runs in a child process. Raises DeckError for what cannot
     be read or imported as it stands, and UserError for a region of a section that is not there.
     """
-    path = Path(path)
+    path, given = Path(path), given or {}
     loaded = load_sandboxed(path) if sandboxed else load(path)
     raw = loaded.mesh
     ignored: Counter[str] = Counter()
     notes = [f"meshio says: {loaded.notes[:500]}"] if loaded.notes else []
-    solids, thin = _solids(raw, str(path), required and not given), with_sections(raw, given or {})
+    solids, wanted = _solids(raw, str(path), required and not given), {own.dimension for own in given.values()}
+    thin = [b for b, block in enumerate(raw.cells) if block.dim in wanted and len(block.data)]
     position = _position(raw, str(path), notes)
-    _check_cells(raw, [*solids, *(b for b in thin if raw.cells[b].type in WIDTH)], len(position), str(path))
-    node_ids, used_nodes = numbers_of(raw.point_data, NODE_IDS, len(position), "node", notes)
+    _check_cells(raw, [*solids, *(b for b in thin if raw.cells[b].type in THIN)], len(position), str(path))
+    node_ids, numbers = numbers_of(raw.point_data, NODE_IDS, len(position), "node", notes)
     check_nodes(node_ids, position, lambda *_: str(path))
-    cells = CellData(raw, sorted([*solids, *thin]))
-    element_ids, used_elements = numbers_of(cells.data, ELEMENT_IDS, cells.total, "element", notes)
-    tags = labels(cells.data, region_data, cells.total, str(path), notes)
-    region = tags.values if tags else np.ones(cells.total, dtype=np.int64)
-    blocks = _blocks(loaded, solids, cells, element_ids, region, position, notes)
-    regions = _regions(raw, tags, blocks) if blocks or not given else {}
-    names = {dimension: tag_names(raw, dimension) for dimension in (1, 2, 3)}
-    chosen = regions_with_sections(groups_of(raw, cells, tags, names), given or {}, regions, notes)
-    shells = list(thin_cells(raw, thin, cells, element_ids, tags, chosen, str(path)))
+    cells = Cells(raw, sorted([*solids, *thin]), region_data, str(path), notes)
+    cells.taken.add(numbers)
+    blocks = cells.solids(solids, loaded.format, position, notes)
+    tags = np.unique(concatenate(block.region for block in blocks)).tolist() if blocks or cells.tags or given else [1]
+    regions = {tag: Region(tag, cells.region_name(3, tag) if cells.tags else "solids", 0) for tag in tags}
+    chosen = regions_with_sections(cells.groups(), given, regions, notes)
+    shells = list(cells.thin(thin, chosen))
     check_elements([*blocks, *shells], lambda *_: str(path))
-    taken = {used_nodes, used_elements, tags.name if tags else ""}
-    used = np.isin(element_ids, np.concatenate([np.zeros(0, np.int64), *(block.ids for block in (*blocks, *shells))]))
-    node_sets, element_sets = sets_of(raw, tags, cells, used, node_ids, element_ids, ignored, taken)
+    used = np.isin(cells.ids, concatenate(block.ids for block in (*blocks, *shells)))
+    node_sets, element_sets = cells.sets(used, node_ids, ignored)
     mesh = Mesh(
         node_ids=node_ids,
         position=position,
         blocks=blocks,
         regions=regions | {own.id: own for own, _ in chosen.values()},
-        materials={},
-        fixed=np.zeros((0, 2), dtype=np.int64),
         node_sets=node_sets,
         element_sets=element_sets,
         ignored=dict(sorted(ignored.items())),
@@ -237,10 +294,10 @@ def read_meshio(
 def _position(raw: Any, path: str, notes: list[str]) -> FloatArray:
     points = np.asarray(raw.points)
     if points.ndim != 2 or points.shape[1] != 3 or points.dtype.kind not in "fiu":
-        raise DeckError(
+        raise error_at(
+            path,
             f"the points have {points.shape[-1] if points.ndim else 0} coordinates, not 3",
-            where=path,
-            remedy="solids need a mesh in three dimensions",
+            "solids need a mesh in three dimensions",
         )
     if points.dtype == np.float32:
         notes.append("coordinates are in single precision, good to 7 digits")
@@ -252,17 +309,17 @@ def _solids(raw: Any, path: str, required: bool) -> list[int]:
     found = []
     for i, block in enumerate(raw.cells):
         if block.dim == 3 and block.type not in KINDS and len(block.data):
-            raise DeckError(
+            raise error_at(
+                path,
                 f"{plural(len(block.data), block.type + ' cell')}: not supported",
-                where=path,
-                remedy=f"mesh with {FAMILIES} ({', '.join(KINDS)})",
+                f"mesh with {FAMILIES} ({', '.join(KINDS)})",
             )
         if block.type in KINDS and len(block.data):
             found.append(i)
     if not found and required:
         shown = ", ".join(plural(len(block.data), block.type + " cell") for block in raw.cells) or "no cells"
         what = f"the mesh holds no solid element ({shown})"
-        raise DeckError(what, where=path, remedy=f"mesh in three dimensions; {SHELLS}")
+        raise error_at(path, what, f"mesh in three dimensions; {SHELLS}")
     return found
 
 
@@ -272,48 +329,11 @@ def _check_cells(raw: Any, blocks: list[int], points: int, path: str) -> None:
         kind, nodes = raw.cells[b].type, np.asarray(raw.cells[b].data)
         width = len(KINDS[kind].nodes) if kind in KINDS else WIDTH[kind]
         if nodes.ndim != 2 or nodes.shape[1] != width or nodes.dtype.kind not in "iu":
-            raise DeckError(f"the {kind} cells do not have {width} nodes each", where=path, remedy=remedy)
+            raise error_at(path, f"the {kind} cells do not have {width} nodes each", remedy)
         wrong = nodes[(nodes < 0) | (nodes >= points)]
         if wrong.size:
             what = f"a {kind} refers to point {wrong[0]} (counted from 0), but there are {points} points"
-            raise DeckError(what, where=path, remedy=remedy)
-
-
-def _blocks(
-    loaded: Loaded,
-    solids: list[int],
-    cells: CellData,
-    ids: IntArray,
-    region: IntArray,
-    position: FloatArray,
-    notes: list[str],
-) -> tuple[CellBlock, ...]:
-    raw = loaded.mesh
-    blocks = []
-    for kind in ELEMENTS:
-        own = [b for b in solids if KINDS[raw.cells[b].type] == kind]
-        if own:
-            cells_ = [in_order(np.asarray(raw.cells[b].data, np.int64), kind.meshio[raw.cells[b].type]) for b in own]
-            nodes = [in_our_order(kind, block, loaded.format, position, notes) for block in cells_]
-            rows = [cells.rows[b] for b in own]
-            blocks.append(
-                CellBlock(
-                    kind.name,
-                    np.concatenate([ids[r] for r in rows]),
-                    np.concatenate(nodes),
-                    np.concatenate([region[r] for r in rows]),
-                )
-            )
-    return tuple(blocks)
-
-
-def _regions(raw: Any, tags: Labels | None, blocks: tuple[CellBlock, ...]) -> dict[int, Region]:
-    """Those of the solids."""
-    if tags is None:
-        return {1: Region(1, "solids", 0)}
-    names = tag_names(raw, 3)
-    found = np.unique(np.concatenate([np.zeros(0, np.int64), *(block.region for block in blocks)]))
-    return {int(tag): Region(int(tag), ", ".join(names.get(int(tag), ())) or f"region {tag}", 0) for tag in found}
+            raise error_at(path, what, remedy)
 
 
 def in_our_order(kind: ElementKind, nodes: IntArray, form: str, position: FloatArray, notes: list[str]) -> IntArray:
@@ -341,66 +361,3 @@ def tag_names(raw: Any, dimension: int) -> dict[int, list[str]]:
     for tag, family in (getattr(raw, "cell_tags", None) or {}).items():
         names.setdefault(int(tag), []).extend(family)
     return names
-
-
-def sets_of(
-    raw: Any,
-    tags: Labels | None,
-    cells: CellData,
-    elements: np.ndarray,
-    node_ids: IntArray,
-    element_ids: IntArray,
-    ignored: Counter[str],
-    taken: set[str],
-) -> tuple[dict[str, IntArray], dict[str, IntArray]]:
-    """Sets of nodes and of elements; elements (cells,): which of the cells are some. The others give sets of nodes where they
-    have a name."""
-    points: dict[str, list[IntArray]] = {}
-    members: dict[str, list[IntArray]] = {}
-    for name, rows in (raw.point_sets or {}).items():
-        points.setdefault(name, []).append(np.asarray(rows, dtype=np.int64).ravel())
-    for tag, family in (getattr(raw, "point_tags", None) or {}).items():
-        for name in family:
-            points.setdefault(name, []).append(np.flatnonzero(np.asarray(raw.point_data["point_tags"]) == tag))
-            taken.add("point_tags")
-    for b, block in enumerate(raw.cells):
-        named = False
-        for name, rows in _named_cells(raw, b, tags):
-            named = True
-            points.setdefault(name, []).append(np.unique(np.asarray(block.data)[rows]))
-            if b in cells.rows:
-                own = cells.rows[b]
-                members.setdefault(name, []).append(element_ids[own][rows[elements[own][rows]]])
-        left = len(block.data) - (int(np.count_nonzero(elements[cells.rows[b]])) if b in cells.rows else 0)
-        if left and not named:
-            ignored[f"{block.type} cells"] += left
-    for name, values in raw.point_data.items():
-        if name not in taken:
-            if (on := switches(values)) is not None:
-                points.setdefault(name, []).append(np.flatnonzero(on))
-            else:
-                ignored[f"point data {name}"] += 1
-    for name in raw.cell_data:
-        if name not in taken:
-            if name in cells.data and (on := switches(cells.data[name])) is not None:
-                members.setdefault(name, []).append(element_ids[on & elements])
-            else:
-                ignored[f"cell data {name}"] += 1
-    return (
-        {name: np.unique(node_ids[np.concatenate(rows)]) for name, rows in points.items()},
-        {name: np.unique(np.concatenate(ids)) for name, ids in members.items() if any(len(own) for own in ids)},
-    )
-
-
-def _named_cells(raw: Any, b: int, tags: Labels | None) -> list[tuple[str, IntArray]]:
-    """Name → rows of block b that belong to it: sets of cells, and tags with names."""
-    found = []
-    for name, per_block in (raw.cell_sets or {}).items():
-        if b < len(per_block) and per_block[b] is not None and len(per_block[b]):
-            found.append((name, np.asarray(per_block[b], dtype=np.int64)))
-    if tags:
-        values = np.asarray(raw.cell_data[tags.name][b]).ravel()
-        for tag, names in tag_names(raw, raw.cells[b].dim).items():
-            if (rows := np.flatnonzero(values == tag)).size:
-                found += [(name, rows) for name in names]
-    return found

@@ -14,7 +14,6 @@ from strainsight.config.bench import connections as stated
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.errors import ConfigError, InfeasibleError, NumericalError, StrainsightError, blame
 from strainsight.experiment.bench.bearings import bearings_of
-from strainsight.mesh.additions import node_index
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.bearing.element import BearingLaw, Drag, ring_relations
 from strainsight.multibody.bearing.geometry import PARAMETERS, Bearing
@@ -145,7 +144,7 @@ def _frame(
     assert entry.node is not None  # the config asks for one on a flexible body
     with blame(f"frames.{name}.node"):
         mesh = meshes[entry.body]
-        origin = mesh.position[node_index(mesh, entry.node)]
+        origin = mesh.position[mesh.node_index(entry.node)]
         rows = reduced[entry.body].interface[str(entry.node)]
     return Frame(name, entry.body, origin, axes, rows[:3], rows[3:])
 

@@ -27,7 +27,6 @@ from strainsight.fem.springs import spring_rows
 from strainsight.fem.support import EXACT, links, rigid_body_motions
 from strainsight.mesh.additions import (
     face_springs,
-    node_index,
     node_indices,
     node_springs,
     with_anisotropic,
@@ -294,7 +293,7 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
                 raise DeckError(what, key=f"{key}.ties.{i}.reference", remedy="give one below 10^12")
             if tie.at is not None:
                 mesh = with_node(mesh, tie.reference, tie.at)
-            reference = node_index(mesh, tie.reference)
+            reference = mesh.node_index(tie.reference)
             if tie.type == "rigid":
                 mesh = with_rigid_element(
                     mesh, reference, nodes, _components(tie.components or (1, 2, 3)), f"{key}.ties.{i}"
@@ -305,7 +304,7 @@ def with_additions(mesh: Mesh, config: MeshFile, key: str = "mesh") -> Mesh:
     for i, support in enumerate(config.supports):
         with blame(f"{key}.supports.{i}"):
             if support.node is not None:
-                nodes = np.array([node_index(mesh, support.node)])
+                nodes = np.array([mesh.node_index(support.node)])
             else:
                 nodes = node_indices(mesh, str(support.set))  # the config asks for one of the two
             if support.stiffness is None:

@@ -18,7 +18,7 @@ from numpy.lib import format as npy
 from scipy import sparse
 
 from strainsight.csv_cells import plain_cell
-from strainsight.decks.text import no_integer, parse_integer, read_text
+from strainsight.decks.text import error_at, no_integer, parse_integer, read_text
 from strainsight.errors import DeckError
 from strainsight.foreign.matrices.formats import (
     LARGEST,
@@ -63,23 +63,17 @@ def read_op4(path: Path, name: str | None = None) -> sparse.csr_array:
         wanted = header.name.lower() == name.lower() if name else not names
         names.append(header.name)
         if wanted and found is not None:
-            raise DeckError(
-                f"it holds the matrix {header.name} twice",
-                where=str(path),
-                remedy="write every matrix under its own name",
-            )
+            raise error_at(path, f"it holds the matrix {header.name} twice", "write every matrix under its own name")
         if wanted:
             found = _collected(header.shape, columns)
         else:
             for _ in columns:
                 pass
     if name is None and len(names) > 1:
-        raise DeckError(
-            f"it holds {len(names)} matrices: {', '.join(names)}", where=str(path), remedy="give the name of one"
-        )
+        raise error_at(path, f"it holds {len(names)} matrices: {', '.join(names)}", "give the name of one")
     if found is None:
         what = f"it holds no matrix {name!r}" if name else "it holds no matrix"
-        raise DeckError(what, where=str(path), remedy=f"it has {', '.join(names) or 'none'}")
+        raise error_at(path, what, f"it has {', '.join(names) or 'none'}")
     return found
 
 
@@ -108,28 +102,26 @@ def read_matrix(path: Path, name: str | None = None) -> sparse.csr_array:
     ending = "".join(path.suffixes[-2:]).lower()
     reader = next((r for suffix, r in _READERS.items() if ending.endswith(suffix)), None)
     if reader is None:
-        raise DeckError(f"no matrix file by its name: {path.name}", where=str(path), remedy=f"known: {SUFFIXES}")
+        raise error_at(path, f"no matrix file by its name: {path.name}", f"known: {SUFFIXES}")
     try:
         matrix = reader(path, name)
     except FileNotFoundError:
-        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
+        raise error_at(path, "no such file", "check the name and the folder") from None
     except DeckError as error:
         error.where = error.where or str(path)
         raise
     except DAMAGE as error:
         said = " ".join(str(error).split())[:200]
-        raise DeckError(f"cannot be read: {said}", where=str(path), remedy="write the matrix again") from None
+        raise error_at(path, f"cannot be read: {said}", "write the matrix again") from None
     except MemoryError:
-        raise DeckError(
-            "the matrix does not fit into memory", where=str(path), remedy="write it sparse, or check the file"
-        ) from None
+        raise error_at(path, "the matrix does not fit into memory", "write it sparse, or check the file") from None
     if not np.isfinite(matrix.data).all():
         entry = matrix.tocoo()
         first = int(np.argmin(np.isfinite(entry.data)))
-        raise DeckError(
+        raise error_at(
+            path,
             f"entry ({entry.row[first] + 1}, {entry.col[first] + 1}) is {entry.data[first]}",
-            where=str(path),
-            remedy="write finite numbers",
+            "write finite numbers",
         )
     return matrix
 
@@ -140,9 +132,7 @@ def symmetric(X: sparse.csr_array, path: Path) -> tuple[sparse.csr_array, float]
     Raises DeckError for a matrix that is not square, of which only one triangle is there, or that is off by more than 1e-8.
     """
     if X.shape[0] != X.shape[1]:
-        raise DeckError(
-            f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns", where=str(path), remedy="give a square one"
-        )
+        raise error_at(path, f"the matrix has {X.shape[0]} rows and {X.shape[1]} columns", "give a square one")
     apart = abs(X - X.T)
     off = float(apart.max() / (abs(X).max() or 1.0)) if X.nnz else 0.0
     if off == 0.0:
@@ -152,18 +142,18 @@ def symmetric(X: sparse.csr_array, path: Path) -> tuple[sparse.csr_array, float]
         for there, other in ((below, above), (above, below)):
             if abs(there).sum() == 0 and abs(other).sum() > 0:
                 which = "lower" if other is below else "upper"
-                raise DeckError(
+                raise error_at(
+                    path,
                     f"only the {which} triangle of the matrix is in the file",
-                    where=str(path),
-                    remedy="write both triangles, or declare the file symmetric (Matrix Market header)",
+                    "write both triangles, or declare the file symmetric (Matrix Market header)",
                 )
         worst = apart.tocoo()
         at = int(np.argmax(worst.data))
-        raise DeckError(
+        raise error_at(
+            path,
             f"the matrix is not symmetric: entries ({worst.row[at] + 1}, {worst.col[at] + 1}) and transposed differ by "
             f"{off:.1e} of the largest entry",
-            where=str(path),
-            remedy="a stiffness or mass without gyroscopic, follower or control terms is symmetric",
+            "a stiffness or mass without gyroscopic, follower or control terms is symmetric",
         )
     return sparse.csr_array(0.5 * (X + X.T)), off
 
@@ -180,30 +170,30 @@ def read_numbering(path: Path) -> tuple[np.ndarray, np.ndarray]:
     for number, cells in read_dofs(path) if calculix else csv_lines(path, ("node", "component")):
         node, component = (_integer(cell, path, number) for cell in cells)
         if component == 0:
-            raise DeckError(
+            raise error_at(
+                f"{path}:{number}",
                 f"row {node} is a scalar point (component 0), which has no place in space",
-                where=f"{path}:{number}",
-                remedy="condense it into the nodes, or number it as a component of a node of its own",
+                "condense it into the nodes, or number it as a component of a node of its own",
             )
         if not (1 <= component <= 6 and node >= 1):
-            raise DeckError(
+            raise error_at(
+                f"{path}:{number}",
                 f"node {node}, component {component}",
-                where=f"{path}:{number}",
-                remedy="components are 1-3 for translations x, y, z and 4-6 for rotations",
+                "components are 1-3 for translations x, y, z and 4-6 for rotations",
             )
         rows.append((node, component - 1))
         lines.append(number)
     pairs = np.array(rows, dtype=np.int64).reshape(-1, 2)
     if len(pairs) == 0:
-        raise DeckError("no row is numbered", where=str(path), remedy="one line a row: node,component")
+        raise error_at(path, "no row is numbered", "one line a row: node,component")
     _, first, inverse = np.unique(pairs, axis=0, return_index=True, return_inverse=True)
     again = np.flatnonzero(first[inverse.ravel()] != np.arange(len(pairs)))
     if again.size:
         row = int(again[0])
-        raise DeckError(
+        raise error_at(
+            f"{path}:{lines[row]}",
             f"node {pairs[row, 0]}, component {pairs[row, 1] + 1} is numbered twice",
-            where=f"{path}:{lines[row]}",
-            remedy=f"line {lines[int(first[inverse.ravel()[row]])]} has it too: every row has its own",
+            f"line {lines[int(first[inverse.ravel()[row]])]} has it too: every row has its own",
         )
     return pairs[:, 0], pairs[:, 1]
 
@@ -218,14 +208,10 @@ def csv_lines(path: Path, header: tuple[str, ...]) -> Iterator[tuple[int, list[s
         rows.pop()
     wanted, (_, first) = ",".join(header), rows[0]
     if [cell.lower() for cell in first] != list(header):
-        raise DeckError(
-            f"the first line is {','.join(first)[:60]!r}", where=f"{path}:1", remedy=f"write {wanted!r} there"
-        )
+        raise error_at(f"{path}:1", f"the first line is {','.join(first)[:60]!r}", f"write {wanted!r} there")
     for number, cells in rows[1:]:
         if len(cells) != len(header):
-            raise DeckError(
-                f"{','.join(cells)[:60]!r} has {len(cells)} cells", where=f"{path}:{number}", remedy=f"give {wanted}"
-            )
+            raise error_at(f"{path}:{number}", f"{','.join(cells)[:60]!r} has {len(cells)} cells", f"give {wanted}")
         yield number, cells
 
 
@@ -237,19 +223,13 @@ def csv_columns(path: Path, needed: tuple[str, ...]) -> Iterator[tuple[int, dict
     rows = _csv_rows(path)
     header = [cell.lower() for cell in rows[0][1]]
     if missing := [column for column in needed if column not in header]:
-        raise DeckError(
-            f"no column {', '.join(missing)}",
-            where=f"{path}:1",
-            remedy=f"the first line names them: {','.join(needed)}",
-        )
+        raise error_at(f"{path}:1", f"no column {', '.join(missing)}", f"the first line names them: {','.join(needed)}")
     for number, cells in rows[1:]:
         if not any(cells):
             continue
         if len(cells) != len(header):
-            raise DeckError(
-                f"{len(cells)} cells under a header of {len(header)}",
-                where=f"{path}:{number}",
-                remedy="give one a column",
+            raise error_at(
+                f"{path}:{number}", f"{len(cells)} cells under a header of {len(header)}", "give one a column"
             )
         yield number, dict(zip(header, cells, strict=True))
 
@@ -263,7 +243,7 @@ def _csv_rows(path: Path) -> list[tuple[int, list[str]]]:
             found.append((line, [plain_cell(cell.strip()) for cell in cells or [""]]))
             line = reader.line_num + 1
     except csv.Error as error:
-        raise DeckError(f"is no line of a table: {error}", where=f"{path}:{line}", remedy="check its quotes") from None
+        raise error_at(f"{path}:{line}", f"is no line of a table: {error}", "check its quotes") from None
     return found or [(1, [""])]
 
 
@@ -271,7 +251,7 @@ def _integer(cell: str, path: Path, number: int) -> int:
     value = parse_integer(cell)
     if value is None:
         remedy = "give node ids and components"
-        raise DeckError(f"an entry {no_integer(cell[:40])}", where=f"{path}:{number}", remedy=remedy)
+        raise error_at(f"{path}:{number}", f"an entry {no_integer(cell[:40])}", remedy)
     return value
 
 
@@ -284,9 +264,7 @@ def _from_matrix_market(path: Path, name: str | None) -> sparse.csr_array:
 def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
     with path.open("rb") as file:
         if file.read(2) != b"PK":
-            raise DeckError(
-                "it is no .npz archive", where=str(path), remedy="write it by scipy.sparse.save_npz or numpy.savez"
-            )
+            raise error_at(path, "it is no .npz archive", "write it by scipy.sparse.save_npz or numpy.savez")
     with np.load(path, allow_pickle=False) as archive:
         names = list(archive.files)
         if "format" in names:
@@ -295,11 +273,9 @@ def _from_archive(path: Path, name: str | None) -> sparse.csr_array:
             require_room(path, names)
             return _csr(sparse.load_npz(path))
         if name is None and len(names) != 1:
-            raise DeckError(
-                f"it holds {len(names)} arrays: {', '.join(names)}", where=str(path), remedy="give the name of one"
-            )
+            raise error_at(path, f"it holds {len(names)} arrays: {', '.join(names)}", "give the name of one")
         if name is not None and name not in names:
-            raise DeckError(f"it holds no array {name!r}", where=str(path), remedy=f"it has {', '.join(names)}")
+            raise error_at(path, f"it holds no array {name!r}", f"it has {', '.join(names)}")
         require_room(path, [name or names[0]])
         return _csr(archive[name or names[0]])
 
@@ -348,15 +324,13 @@ def _size(archive: ZipFile, info: ZipInfo, path: Path) -> int:
     with archive.open(info) as stream:
         version = npy.read_magic(stream)
         if version not in HEADERS:
-            raise DeckError(
-                f"{info.filename} is of the version {version} of .npy", where=str(path), remedy="write plain numbers"
-            )
+            raise error_at(path, f"{info.filename} is of the version {version} of .npy", "write plain numbers")
         shape, _, dtype = HEADERS[version](stream)
         stated = stream.tell() + math.prod(shape) * dtype.itemsize
     if stated != info.file_size and not dtype.hasobject:
-        raise DeckError(
+        raise error_at(
+            path,
             f"{info.filename} is {info.file_size} bytes by the archive and {stated} by its own header",
-            where=str(path),
-            remedy="write the matrix again: the file is damaged, or was made to fill memory",
+            "write the matrix again: the file is damaged, or was made to fill memory",
         )
     return max(stated, info.file_size)

@@ -18,14 +18,23 @@ from typing import Any, TextIO
 import numpy as np
 from scipy import sparse
 
-from strainsight.decks.text import PACKING, SMALL, check_plain, opened, parse_integer, parse_real, text_lines
+from strainsight.decks.text import (
+    PACKING,
+    SMALL,
+    check_plain,
+    damaged,
+    error_at,
+    opened,
+    parse_integer,
+    parse_real,
+    text_lines,
+)
 from strainsight.errors import DeckError
 
 LARGEST = 50_000_000
 """Rows or columns; a claim beyond it is damage."""
 BIGMAT = 65_536
 """From this many rows on the strings of a sparse matrix have two words in front of them, not one."""
-TRUNCATED = "write the file again: it was cut short or altered"
 
 
 @dataclass(frozen=True)
@@ -45,12 +54,10 @@ Column = tuple[int, list[int], list[int], Any]
 def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where: str) -> Header:
     said = name.replace(b"\0", b" ").decode("ascii", "replace").strip()
     if kind in (3, 4):
-        raise DeckError(f"the matrix {said} is complex", where=where, remedy="give real stiffness and mass matrices")
+        raise error_at(where, f"the matrix {said} is complex", "give real stiffness and mass matrices")
     if kind not in (1, 2) or not (0 < columns <= LARGEST and 0 < abs(rows) <= LARGEST):
-        raise DeckError(
-            f"no header of a matrix: {abs(rows)} × {columns}, type {kind}",
-            where=where,
-            remedy="the file is no OP4 file, or damaged",
+        raise error_at(
+            where, f"no header of a matrix: {abs(rows)} × {columns}, type {kind}", "the file is no OP4 file, or damaged"
         )
     return Header(said, (abs(rows), columns), rows < 0 or rows >= BIGMAT, 1 if kind == 1 else words)
 
@@ -58,17 +65,15 @@ def header_of(name: bytes, columns: int, rows: int, kind: int, words: int, where
 def checked(header: Header, column: int, rows: list[int], lengths: list[int], numbers: Any, where: str) -> Column:
     for row, length in zip(rows, lengths, strict=True):
         if not (row >= 1 and 1 <= length <= header.shape[0] - row + 1):
-            raise DeckError(
-                f"column {column} of {header.name} has {length} numbers from row {row} of {header.shape[0]} on",
-                where=where,
-                remedy=TRUNCATED,
+            raise damaged(
+                f"column {column} of {header.name} has {length} numbers from row {row} of {header.shape[0]} on", where
             )
     return column, rows, lengths, numbers
 
 
 def in_order(column: int, last: int, header: Header, where: str) -> int:
     if column <= last:
-        raise DeckError(f"column {column} of {header.name} follows column {last}", where=where, remedy=TRUNCATED)
+        raise damaged(f"column {column} of {header.name} follows column {last}", where)
     return column
 
 
@@ -82,7 +87,7 @@ def binary_matrices(path: Path, order: str, long: bool) -> Iterator[tuple[Header
     integer = 8 if long else 4
     for at, size in records:
         if size != 6 * integer:
-            raise DeckError(f"no header of a matrix at byte {at}", where=str(path), remedy=TRUNCATED)
+            raise damaged(f"no header of a matrix at byte {at}", str(path))
         columns, rows, _, kind = struct.unpack_from(order + ("4q" if long else "4i"), data, at)
         name = data[at + 4 * integer : at + size]
         header = header_of(name, columns, rows, kind, 1 if long else 2, f"{path}, byte {at}")
@@ -96,7 +101,7 @@ def _records(data: bytes, order: str, path: Path) -> Iterator[tuple[int, int]]:
         size = struct.unpack_from(order + "i", data, at)[0] if at + 8 <= len(data) else -1
         end = at + 4 + size
         if size < 0 or data[at : at + 4] != data[end : end + 4]:
-            raise DeckError(f"the record at byte {at} is not complete", where=str(path), remedy=TRUNCATED)
+            raise damaged(f"the record at byte {at} is not complete", str(path))
         yield at + 4, size
         at = end + 4
 
@@ -110,14 +115,14 @@ def _binary_columns(
     for at, size in records:
         where = f"{path}, byte {at}"
         if size < 3 * integer:
-            raise DeckError("a record too short for a column", where=where, remedy=TRUNCATED)
+            raise damaged("a record too short for a column", where)
         column, row, count = np.frombuffer(data, word, 3, at).tolist()
         last = in_order(column, last, header, where)
         if column > header.shape[1]:
             return
         begin = at + 3 * integer
         if count < 0 or begin + count * integer > at + size:
-            raise DeckError(f"a column of {count} words in a record of {size} bytes", where=where, remedy=TRUNCATED)
+            raise damaged(f"a column of {count} words in a record of {size} bytes", where)
         if row > 0:
             length = count // header.words
             numbers = np.frombuffer(data, real, length, begin).astype(float)
@@ -129,7 +134,7 @@ def _binary_columns(
         for shift in range(heads):
             keep[np.array(places, dtype=np.int64) + shift] = False
         yield checked(header, column, rows, lengths, body[keep].view(real).astype(float), where)
-    raise DeckError(f"the file ends within {header.name}", where=str(path), remedy=TRUNCATED)
+    raise damaged(f"the file ends within {header.name}", str(path))
 
 
 def _strings_of(words: list[int], header: Header, column: int, where: str) -> tuple[list[int], list[int], list[int]]:
@@ -146,7 +151,7 @@ def _strings_of(words: list[int], header: Header, column: int, where: str) -> tu
             at += 1
         at += size
         if size <= 0 or size % header.words or at > len(words):
-            raise DeckError(f"a string of {size} words in column {column}", where=where, remedy=TRUNCATED)
+            raise damaged(f"a string of {size} words in column {column}", where)
         rows.append(row)
         lengths.append(size // header.words)
     return rows, lengths, places
@@ -172,7 +177,7 @@ class _Lines:
         self.number += 1
         line = next(self.lines, None)
         if line is None:
-            raise DeckError("the file ends within a matrix", where=self.where, remedy=TRUNCATED)
+            raise damaged("the file ends within a matrix", self.where)
         return line.rstrip(b"\r\n")
 
     def integers(self, line: bytes, *widths: int) -> tuple[int, ...]:
@@ -204,7 +209,7 @@ def text_matrices(path: Path) -> Iterator[tuple[Header, Iterator[Column]]]:
             stated = _FORMAT.search(line[at + 8 :].decode("ascii", "replace").upper())
             a_line, width = (int(stated[1]), int(stated[2])) if stated else (5, 16)
             if not (0 < a_line <= 100 and 0 < width <= 100):
-                raise DeckError(f"no format of numbers: {a_line}E{width}", where=lines.where, remedy=TRUNCATED)
+                raise damaged(f"no format of numbers: {a_line}E{width}", lines.where)
             yield header, _text_columns(lines, header, a_line, width)
 
 
@@ -233,7 +238,7 @@ def _text_columns(lines: _Lines, header: Header, a_line: int, width: int) -> Ite
                 size, row = (head >> 16) - 1, head & 0xFFFF
             left -= 1 + size
             if size <= 0 or left < 0:
-                raise DeckError(f"a string of {size} words in column {column}", where=lines.where, remedy=TRUNCATED)
+                raise damaged(f"a string of {size} words in column {column}", lines.where)
             rows.append(row)
             lengths.append(size // header.words)
             _read_numbers(found, lines, lengths[-1], a_line, width)
@@ -256,13 +261,12 @@ def _number(text: bytes, lines: _Lines) -> float:
     # Fortran drops the letter where the exponent has three digits: 1.5-105
     if split := _NO_LETTER.fullmatch(text):
         return float(split[1] + b"E" + split[2])
-    raise DeckError(f"{text.decode('ascii', 'replace')!r} is not a number", where=lines.where, remedy=TRUNCATED)
+    raise damaged(f"{text.decode('ascii', 'replace')!r} is not a number", lines.where)
 
 
 REAL = ("real", "integer", "double", "unsigned-integer")
 LONGEST = 10_000
 """Signs of a line above the entries."""
-AGAIN = "write the matrix again: it was cut short or altered"
 
 
 def read_market(path: Path) -> sparse.coo_array | np.ndarray:
@@ -274,22 +278,20 @@ def read_market(path: Path) -> sparse.coo_array | np.ndarray:
     with opened(path) as raw, TextIOWrapper(raw, "ascii", "replace") as file:
         words = file.readline(LONGEST).lower().split()
         if len(words) != 5 or words[:2] != ["%%matrixmarket", "matrix"] or words[2] not in ("array", "coordinate"):
-            raise DeckError("no Matrix Market file by its first line", where=f"{path}:1", remedy=AGAIN)
+            raise damaged("no Matrix Market file by its first line", f"{path}:1")
         layout, field, kind = words[2:]
         if field not in REAL or kind not in ("general", "symmetric"):
-            raise DeckError(
-                f"a {kind} {field} matrix", where=f"{path}:1", remedy="write it real, and general or symmetric"
-            )
+            raise error_at(f"{path}:1", f"a {kind} {field} matrix", "write it real, and general or symmetric")
         rows, columns, entries, line = _sizes(file, path, layout, kind)
         size = path.stat().st_size
         # a line of one entry has two bytes at least, of its place and its value six
         if (2 if layout == "array" else 6) * entries > (
             max(SMALL, PACKING * size) if path.suffix.lower() == ".gz" else size
         ):
-            raise DeckError(
+            raise error_at(
+                path,
                 f"it claims {rows} × {columns} with {entries} entries, more than it can hold",
-                where=str(path),
-                remedy="write the matrix again",
+                "write the matrix again",
             )
         table = _table(file, path, entries, 1 if layout == "array" else 3, line)
     return (
@@ -307,9 +309,9 @@ def _sizes(file: TextIO, path: Path, layout: str, kind: str) -> tuple[int, int, 
     sizes = [parse_integer(word) for word in text.split()]
     rows, columns, *more = [size or 0 for size in sizes] if len(sizes) >= 2 else [0, 0]
     if None in sizes or len(more) != (layout == "coordinate") or not (0 < rows <= LARGEST and 0 < columns <= LARGEST):
-        raise DeckError(f"{text.strip()[:60]!r} are no sizes of a matrix", where=f"{path}:{number}", remedy=AGAIN)
+        raise damaged(f"{text.strip()[:60]!r} are no sizes of a matrix", f"{path}:{number}")
     if kind == "symmetric" and rows != columns:
-        raise DeckError(f"a symmetric matrix of {rows} × {columns}", where=f"{path}:{number}", remedy=AGAIN)
+        raise damaged(f"a symmetric matrix of {rows} × {columns}", f"{path}:{number}")
     dense = columns * (columns + 1) // 2 if kind == "symmetric" else rows * columns
     return rows, columns, more[0] if more else dense, number
 
@@ -322,13 +324,11 @@ def _table(file: TextIO, path: Path, entries: int, width: int, line: int) -> np.
         table = np.loadtxt(file, comments=None, ndmin=2, max_rows=entries)
     except ValueError as error:
         said = str(error).partition(";")[0][:200]
-        raise DeckError(
-            f"a line below the sizes is no entry: {said}", where=f"{path}:{line + 1}", remedy=AGAIN
-        ) from None
+        raise damaged(f"a line below the sizes is no entry: {said}", f"{path}:{line + 1}") from None
     if table.shape != (entries, width) or any(rest.strip() for rest in iter(lambda: file.readline(LONGEST), "")):
         there = f"{len(table)} entries" if len(table) < entries else f"more than {entries} entries"
         said = there if table.shape[1:] == (width,) else f"lines of {table.shape[1]} numbers"
-        raise DeckError(f"{said} where {entries} are claimed", where=f"{path}:{line}", remedy=AGAIN)
+        raise damaged(f"{said} where {entries} are claimed", f"{path}:{line}")
     return table
 
 
@@ -348,11 +348,8 @@ def _sparse(table: np.ndarray, rows: int, columns: int, kind: str, path: Path, l
     outside = ~((place >= 1) & (place <= [rows, columns]) & (place == np.floor(place))).all(axis=1)
     if outside.any():
         i, j = place[np.argmax(outside)]
-        raise DeckError(
-            f"entry {int(np.argmax(outside)) + 1} stands at ({i:g}, {j:g}) of a {rows} × {columns} matrix",
-            where=f"{path}:{line}",
-            remedy=AGAIN,
-        )
+        what = f"entry {int(np.argmax(outside)) + 1} stands at ({i:g}, {j:g}) of a {rows} × {columns} matrix"
+        raise damaged(what, f"{path}:{line}")
     row, column = (place[:, k].astype(np.int64) - 1 for k in (0, 1))
     value = table[:, 2]
     if kind == "symmetric":
@@ -410,7 +407,7 @@ def _entries(path: Path) -> np.ndarray:
         values = [parse_real(word) for word in line.split()]
         if len(values) not in (0, 3) or None in values:
             said = f"{line.strip()[:60]!r} is not row, column and value"
-            raise DeckError(said, where=f"{path}:{number}", remedy=WRITE_AGAIN)
+            raise error_at(f"{path}:{number}", said, WRITE_AGAIN)
         rows += [values] if values else []
     return np.array(rows, dtype=float)
 
@@ -421,7 +418,5 @@ def read_dofs(path: Path) -> Iterator[tuple[int, list[str]]]:
         if text := line.strip():
             node, dot, component = text.partition(".")
             if not dot:
-                raise DeckError(
-                    f"{text[:40]!r} is no node.component", where=f"{path}:{number}", remedy="write it again"
-                )
+                raise error_at(f"{path}:{number}", f"{text[:40]!r} is no node.component", "write it again")
             yield number, [node, component]

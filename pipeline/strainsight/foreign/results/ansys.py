@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 
 from strainsight.child_reader import Message, answer, child_reader, reason
+from strainsight.decks.text import damaged, error_at
 from strainsight.errors import DeckError
-from strainsight.foreign.results.response import AGAIN, Response, check_frequency, check_motion, unsupported
+from strainsight.foreign.results.response import Response, unsupported
 from strainsight.processes import python
 
 TIME_LIMIT = 20.0
@@ -32,15 +33,13 @@ def responses_apart(path: Path) -> Iterator[Response]:
     Raises DeckError as it does, and where the process fails.
     """
     limit = TIME_LIMIT + path.stat().st_size / 5e6
-    failure = DeckError(f"{PACKAGE} crashed, or did not come to an end", where=str(path), remedy=AGAIN)
+    failure = damaged(f"{PACKAGE} crashed, or did not come to an end", str(path))
     with TemporaryDirectory() as folder:
         try:
             copy = copyfile(path, Path(folder) / path.name)
         except OSError as error:
             what = f"cannot be copied to the temporary folder {folder}: {error.strerror or error}"
-            raise DeckError(
-                what, where=str(path), remedy="free some space there, or set TMPDIR to another folder"
-            ) from None
+            raise error_at(path, what, "free some space there, or set TMPDIR to another folder") from None
         with child_reader(COMMAND, [str(path), str(copy)], failure) as receive:
             while (message := receive(limit))[0]:
                 plain, (ids, motion) = message
@@ -56,9 +55,9 @@ def messages(path: Path, copy: Path) -> Iterator[Message]:
         raise
     except MemoryError:
         what = f"reading it with {PACKAGE} takes more memory than a file of its size may"
-        raise DeckError(what, where=str(path), remedy=AGAIN) from None
+        raise damaged(what, str(path)) from None
     except Exception as error:
-        raise DeckError(f"cannot be read by {PACKAGE}: {reason(error)}", where=str(path), remedy=AGAIN) from None
+        raise damaged(f"cannot be read by {PACKAGE}: {reason(error)}", str(path)) from None
     yield {}, []
 
 
@@ -82,10 +81,10 @@ def ansys_responses(path: Path) -> Iterator[Response]:
     with path.open("rb"):
         pass
     if not _installed():
-        raise DeckError(
+        raise error_at(
+            path,
             f"an Ansys result file is read by {PACKAGE}, which is not installed",
-            where=str(path),
-            remedy=f'install it: pip install "strainsight[{EXTRA}]"',
+            f'install it: pip install "strainsight[{EXTRA}]"',
         )
     yield from responses_apart(path)
 
@@ -117,17 +116,13 @@ def _response(result: Any, row: int, is_mode: bool, step: int, substep: int, pat
     where = f"{path}, load step {step}, substep {substep}"
     names = list(result.result_dof(row))
     if missing := [name for name in _TRANSLATIONS if name not in names]:
-        raise DeckError(
-            f"a result without {', '.join(missing)}",
-            where=where,
-            remedy="give results of a structure in three dimensions",
+        raise error_at(
+            where, f"a result without {', '.join(missing)}", "give results of a structure in three dimensions"
         )
     rotations = _ROTATIONS if all(name in names for name in _ROTATIONS) else []
     ids, values = result.nodal_solution(row)
     motion = np.asarray(values, dtype=float)[:, [names.index(name) for name in (*_TRANSLATIONS, *rotations)]]
     frequency = float(result.time_values[row]) if is_mode else 0.0
-    check_motion(np.asarray(ids, dtype=np.int64), motion, where)
-    check_frequency(frequency, where)
     return Response(
         "mode" if is_mode else "static",
         step,

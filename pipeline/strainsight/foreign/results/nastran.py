@@ -22,13 +22,9 @@ from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
-from strainsight.decks.text import opened, parse_integer, parse_real
-from strainsight.errors import DeckError
+from strainsight.decks.text import damaged, error_at, opened, parse_integer, parse_real
 from strainsight.foreign.results.response import (
-    AGAIN,
     Response,
-    check_frequency,
-    check_motion,
     integers,
     natural_frequency,
     padded,
@@ -63,10 +59,10 @@ class Op2File:
         self._length = file.read(4)
         """Of the next record, as it stands there; b"" at the end of the file."""
         if self._length not in _WIDTHS:
-            raise DeckError(
+            raise error_at(
+                path,
                 "no binary OUTPUT2 file" if self._length else "the file is empty",
-                where=str(path),
-                remedy="have Nastran write it by PARAM,POST,-1, unformatted",
+                "have Nastran write it by PARAM,POST,-1, unformatted",
             )
         order, self.width = _WIDTHS[self._length]
         self.integer = np.dtype(f"{order}i{self.width}")
@@ -103,7 +99,7 @@ class Op2File:
             at = self._place()
             content = self._record(keep)
             if keep and len(content) != key * self.width:
-                raise _damaged(f"{key} words are announced, and {len(content)} bytes follow", at)
+                raise damaged(f"{key} words are announced, and {len(content)} bytes follow", at)
             if keep:
                 parts.append(content)
         return parts if key < 0 else None
@@ -112,17 +108,17 @@ class Op2File:
         at = self._place()
         content = self._record(keep=True, most=self.width)
         if len(content) != self.width:
-            raise _damaged(f"no key, but a record of {len(content)} bytes", at)
+            raise damaged(f"no key, but a record of {len(content)} bytes", at)
         return int(np.frombuffer(content, self.integer)[0])
 
     def _record(self, keep: bool, most: int | None = None) -> bytes:
         """The content of the next Fortran record, of at most so many bytes; b"" where it is passed over."""
         at, length = self._place(), self._length
         if len(length) < 4:
-            raise _damaged("the file ends within a data block", at)
+            raise damaged("the file ends within a data block", at)
         size = self._int32.unpack(length)[0]
         if size < 0 or (most is not None and size > most):
-            raise _damaged(f"no record of {size} bytes can be here", at)
+            raise damaged(f"no record of {size} bytes can be here", at)
         content = []
         left = size
         if not keep:
@@ -133,16 +129,12 @@ class Op2File:
             left -= len(part)
         rest = self._file.read(8)
         if rest[:4] != length:
-            raise _damaged(f"a record of {size} bytes begins here, and does not end as it should", at)
+            raise damaged(f"a record of {size} bytes begins here, and does not end as it should", at)
         self._length = rest[4:]
         return b"".join(content)
 
     def _place(self) -> str:
         return f"{self._path}, byte {self._file.tell() - len(self._length)}"
-
-
-def _damaged(what: str, where: str) -> DeckError:
-    return DeckError(what, where=where, remedy=AGAIN)
 
 
 _DISPLACEMENTS = re.compile(r"(B?)O(?:UGV?|PHIG)[12]?(PAT)?")
@@ -217,11 +209,7 @@ class _Head(NamedTuple):
 def _head(op2: Op2File, record: Record) -> _Head:
     words = np.frombuffer(record.content, op2.integer)
     if len(words) != _HEAD:
-        raise DeckError(
-            f"record {record.number} of {record.table} has {len(words)} words, not {_HEAD}",
-            where=record.where,
-            remedy=AGAIN,
-        )
+        raise damaged(f"record {record.number} of {record.table} has {len(words)} words, not {_HEAD}", record.where)
     sort, table = divmod(int(words[1]), 1000)
     titles = (op2.text(record.content[first * op2.width : last * op2.width]) for first, last in _TITLES)
     return _Head(
@@ -252,23 +240,17 @@ def _response(
     if head.analysis in _OTHERS or head.sort & _COMPLEX:
         raise unsupported(_OTHERS.get(head.analysis, "complex displacements"), where)
     if head.sort & _BY_NODE:
-        raise DeckError(
-            "the displacements are written node by node (SORT2)", where=where, remedy="ask for DISPLACEMENT(SORT1)"
-        )
+        raise error_at(where, "the displacements are written node by node (SORT2)", "ask for DISPLACEMENT(SORT1)")
     if head.row != _ROW or (not is_mode and head.analysis not in _STATIC) or len(record.content) % (_ROW * op2.width):
-        raise DeckError(
-            f"{len(record.content)} bytes of rows of {head.row} words, of an analysis of code {head.analysis}",
-            where=where,
-            remedy=AGAIN,
+        raise damaged(
+            f"{len(record.content)} bytes of rows of {head.row} words, of an analysis of code {head.analysis}", where
         )
     row = np.dtype([("point", op2.integer), ("type", op2.integer), ("motion", op2.real, (6,))])
     rows = np.frombuffer(record.content, row)
     nodes = rows["type"] == _NODE
     ids = (rows["point"][nodes] // 10).astype(np.int64)
     motion = rows["motion"][nodes].astype(float)
-    check_motion(ids, motion, where)
     frequency = natural_frequency(head.eigenvalue) if is_mode else 0.0
-    check_frequency(frequency, where)
     return Response(
         "mode" if is_mode else "static",
         head.subcase,
@@ -351,26 +333,23 @@ def _punch_response(block: _Block, counts: Counter[int], path: Path) -> Response
     says, where = block.says, f"{path}:{block.number}"
     subcase = parse_integer(says.get("SUBCASE ID", ""))
     if subcase is None:
-        raise DeckError("the comments before this line name no SUBCASE ID", where=where, remedy=AGAIN)
+        raise damaged("the comments before this line name no SUBCASE ID", where)
     if other := next((what for word, what in _OVER.items() for said in says if said.startswith(word)), None):
         raise unsupported(other, where)
     if "REAL OUTPUT" not in says:
         raise unsupported("complex displacements", where)
     if "POINT ID" in says:
-        raise DeckError(
-            "the displacements are written point by point (SORT2)",
-            where=where,
-            remedy="ask for DISPLACEMENT(SORT1,PUNCH)",
+        raise error_at(
+            where, "the displacements are written point by point (SORT2)", "ask for DISPLACEMENT(SORT1,PUNCH)"
         )
     mode = _EIGENVALUE.fullmatch(says.get("EIGENVALUE", "")) if "EIGENVECTOR" in says else None
     eigenvalue = parse_real(mode[1]) if mode else 0.0
     if ("EIGENVECTOR" in says and mode is None) or eigenvalue is None:
-        raise DeckError("the comments before this line state no EIGENVALUE and MODE", where=where, remedy=AGAIN)
+        raise damaged("the comments before this line state no EIGENVALUE and MODE", where)
     if mode is None:
         counts[subcase] += 1
     number = int(mode[2]) if mode else counts[subcase]
     ids, motion, scalar_points = _rows(block, path)
-    check_motion(ids, motion, where)
     return Response(
         "mode" if mode else "static",
         subcase,
@@ -396,7 +375,7 @@ def _rows(block: _Block, path: Path) -> tuple[np.ndarray, np.ndarray, int]:
     second = np.append(goes_on, [False, False])
     wrong = first[~second[first + 1] | second[first + 2]]
     if wrong.size:
-        raise DeckError("a node without its two lines", where=f"{path}:{block.number + int(wrong[0])}", remedy=AGAIN)
+        raise damaged("a node without its two lines", f"{path}:{block.number + int(wrong[0])}")
 
     def place(row: int) -> str:
         return f"{path}:{block.number + int(first[row])}"

@@ -9,7 +9,6 @@ from __future__ import annotations
 import re
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -29,20 +28,10 @@ from strainsight.decks.frd import (
 )
 from strainsight.decks.other.load import load_sandboxed
 from strainsight.decks.other.mesh import NODE_IDS, numbers_of
-from strainsight.decks.text import UNPACKING, check_plain, opened, parse_integer, parse_real
-from strainsight.errors import DeckError
+from strainsight.decks.text import UNPACKING, check_plain, damaged, error_at, opened, parse_integer, parse_real
 from strainsight.foreign.results.ansys import ansys_responses
 from strainsight.foreign.results.nastran import op2_responses, punch_responses
-from strainsight.foreign.results.response import (
-    AGAIN,
-    Response,
-    check_frequency,
-    check_motion,
-    integers,
-    padded,
-    reals,
-    unsupported,
-)
+from strainsight.foreign.results.response import Response, integers, padded, reals, unsupported
 from strainsight.measurements.uff58_file import is_mark
 from strainsight.mesh.model import IdTable
 
@@ -74,7 +63,7 @@ def _responses(path: Path) -> Iterator[Response]:
             if raw != known[0]:
                 ids = node_ids(raw, block.format)
                 known = raw, ids, _positions(nodes, ids)
-            yield replace(_response(block, known[1], motion, where), position=known[2])
+            yield _response(block, known[1], motion, where, known[2])
 
 
 def _positions(nodes: list[NodeTable], ids: np.ndarray) -> np.ndarray | None:
@@ -86,22 +75,24 @@ def _positions(nodes: list[NodeTable], ids: np.ndarray) -> np.ndarray | None:
     return np.where(missing[:, None], np.nan, np.concatenate([own.position for own in nodes])[rows])
 
 
-def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str) -> Response:
+def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str, position: np.ndarray | None) -> Response:
     step, rounding = int(block.parameters[b"STEP"][2]), ROUNDING[block.format]
     if motion.shape[1] < 3 or not np.isfinite(motion).all():
-        raise DeckError(
+        raise error_at(
+            where,
             f"the displacements of step {step} are no three finite numbers at every node",
-            where=where,
-            remedy="look at the output of the run, and write the results again (*NODE FILE, U)",
+            "look at the output of the run, and write the results again (*NODE FILE, U)",
         )
     if block.analysis == STATIC:
-        increment = int(block.parameters[b"STEP"][1])
-        return Response("static", step, increment, ids, motion[:, :3], rounding=rounding, where=f"{where}, step {step}")
+        increment, where = int(block.parameters[b"STEP"][1]), f"{where}, step {step}"
+        return Response(
+            "static", step, increment, ids, motion[:, :3], rounding=rounding, where=where, position=position
+        )
     if block.analysis != FREQUENCY or b"MODE" not in block.parameters:
-        raise DeckError(
+        raise error_at(
+            where,
             f"step {step} is neither static nor a frequency step",
-            where=where,
-            remedy="write results of *STATIC and *FREQUENCY steps alone",
+            "write results of *STATIC and *FREQUENCY steps alone",
         )
     mode = int(block.parameters[b"MODE"][0])
     mass = block.parameters.get(b"GM")
@@ -118,6 +109,7 @@ def _response(block: Block, ids: np.ndarray, motion: np.ndarray, where: str) -> 
         modal_mass=float(mass[0]) if mass else None,
         rounding=rounding,
         where=f"{where}, step {step}, mode {mode}",
+        position=position,
     )
 
 
@@ -203,10 +195,10 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
             if not line.strip():
                 continue
             if not is_mark(line):
-                raise DeckError(
+                raise error_at(
+                    f"{path}:{number}",
                     "no start of a dataset",
-                    where=f"{path}:{number}",
-                    remedy="a universal file has lines of -1 around every dataset: give such a file, or export it again",
+                    "a universal file has lines of -1 around every dataset: give such a file, or export it again",
                 )
             kind = file.readline(_LONGEST)[:6].strip().decode("latin-1")
             number += 1
@@ -214,7 +206,7 @@ def _datasets(path: Path) -> Iterator[_Dataset]:
             while not is_mark(line := file.readline(_LONGEST)):
                 number += 1
                 if not line:
-                    raise DeckError(f"the file ends within dataset {kind}", where=f"{path}:{number}", remedy=AGAIN)
+                    raise damaged(f"the file ends within dataset {kind}", f"{path}:{number}")
                 if layout is not None:
                     lines.extend(padded(line, _WIDTH))
             number += 1
@@ -226,7 +218,7 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
     """None where it holds something else than a vector of displacements at nodes."""
     layout, lines, where = dataset.layout, dataset.lines, f"{path}:{dataset.number}"
     if (there := len(lines) // _WIDTH) < layout.lines:
-        raise DeckError(f"a header of {there} lines, not {layout.lines}", where=where, remedy=AGAIN)
+        raise damaged(f"a header of {there} lines, not {layout.lines}", where)
     head = [lines[row * _WIDTH : (row + 1) * _WIDTH].decode("latin-1") for row in range(layout.lines)]
     _, analysis, characteristic, kind, data, count = _integers(head[layout.parameters], 6, where)
     if layout.location is not None and _integers(head[layout.location], 1, where)[0] != _AT_NODES:
@@ -238,15 +230,13 @@ def _universal_response(dataset: _Dataset, counts: Counter[int], path: Path) -> 
             _OTHERS.get(analysis, "complex values" if data > 4 else f"an analysis of type {analysis}"), where
         )
     if count != _VECTORS[characteristic]:
-        raise DeckError(f"a vector of {count} values, not {_VECTORS[characteristic]}", where=where, remedy=AGAIN)
+        raise damaged(f"a vector of {count} values, not {_VECTORS[characteristic]}", where)
     integers_, reals_ = _integers(head[layout.integers], 8, where), _reals(head[layout.reals], where)
     step = integers_[layout.load_case] or 1
     is_mode = analysis == _UNIVERSAL_MODE
     counts[step] += not is_mode
     frequency = reals_[layout.frequency] if is_mode else 0.0
     ids, motion = _rows(dataset, count, path)
-    check_motion(ids, motion, where)
-    check_frequency(frequency, where)
     return Response(
         "mode" if is_mode else "static",
         step,
@@ -265,7 +255,7 @@ def _integers(line: str, count: int, where: str) -> list[int]:
     """So many integers of a line of a header, 0 where it is shorter."""
     values = [parse_integer(word) for word in line.split()[:count]]
     if None in values:
-        raise DeckError(f"{line.strip()!r} are no integers of a header", where=where, remedy=AGAIN)
+        raise damaged(f"{line.strip()!r} are no integers of a header", where)
     return [value for value in values if value is not None] + [0] * (count - len(values))
 
 
@@ -274,7 +264,7 @@ def _reals(line: str, where: str) -> list[float]:
     words = [line[at : at + _NUMBER].strip() for at in range(0, _WIDTH, _NUMBER)]
     values = [parse_real(word or "0") for word in words]
     if None in values:
-        raise DeckError(f"{line.strip()!r} are no numbers of a header", where=where, remedy=AGAIN)
+        raise damaged(f"{line.strip()!r} are no numbers of a header", where)
     return [value for value in values if value is not None]
 
 
@@ -284,7 +274,7 @@ def _rows(dataset: _Dataset, count: int, path: Path) -> tuple[np.ndarray, np.nda
     number = dataset.number + first
     text = np.frombuffer(dataset.lines, np.uint8).reshape(-1, _WIDTH)[first:]
     if len(text) % 2:
-        raise DeckError("a node without its values", where=f"{path}:{number + len(text)}", remedy=AGAIN)
+        raise damaged("a node without its values", f"{path}:{number + len(text)}")
     return (
         integers(text[::2, :_ID], lambda row: f"{path}:{number + 2 * row}"),
         reals(text[1::2, : count * _NUMBER], _NUMBER, lambda row: f"{path}:{number + 2 * row + 1}"),
@@ -327,7 +317,6 @@ def vtu_responses(path: Path) -> Iterator[Response]:
         where = f"{path}, {name}"
         number = int(said["number"] or 1)
         frequency = _frequency(mode, number, raw.field_data, where) if mode else 0.0
-        check_motion(ids, motion, where)
         yield Response(
             "mode" if mode else "static",
             1 if mode else number,
@@ -348,13 +337,12 @@ def _frequency(mode: re.Match[str], number: int, field_data: dict[str, Any], whe
         return float(mode["hertz"])
     known = [np.ravel(values) for key, values in field_data.items() if key.lower() in _FREQUENCIES]
     if not known or not 0 < number <= len(known[0]) or known[0].dtype.kind not in "fiu":
-        raise DeckError(
+        raise error_at(
+            where,
             f"mode {number} has no frequency",
-            where=where,
-            remedy=f'name the data "mode_{number} 12.5 Hz", or write all frequencies [Hz] as field data "frequencies"',
+            f'name the data "mode_{number} 12.5 Hz", or write all frequencies [Hz] as field data "frequencies"',
         )
     frequency = float(known[0][number - 1])
-    check_frequency(frequency, where)
     return frequency
 
 
@@ -381,20 +369,16 @@ def read_responses(path: Path, readers: Mapping[str, Reader] = READERS) -> Itera
     path = Path(path)
     reader = readers.get(ending_of(path))
     if reader is None:
-        raise DeckError(
-            f"no file of results by its name: {path.name}", where=str(path), remedy=f"known: {', '.join(readers)}"
-        )
+        raise error_at(path, f"no file of results by its name: {path.name}", f"known: {', '.join(readers)}")
     try:
         check_plain(path)
         yield from reader(path)
     except FileNotFoundError:
-        raise DeckError("no such file", where=str(path), remedy="check the name and the folder") from None
+        raise error_at(path, "no such file", "check the name and the folder") from None
     except UNPACKING as error:
-        raise DeckError(f"cannot be unpacked: {error}", where=str(path), remedy="pack the file again") from None
+        raise error_at(path, f"cannot be unpacked: {error}", "pack the file again") from None
     except OSError as error:
-        raise DeckError(
-            f"cannot be read: {error.strerror}", where=str(path), remedy="check that it is a readable file"
-        ) from None
+        raise error_at(path, f"cannot be read: {error.strerror}", "check that it is a readable file") from None
 
 
 def ending_of(path: Path) -> str:

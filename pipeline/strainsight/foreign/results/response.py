@@ -16,7 +16,7 @@ from typing import Literal, TypeVar
 import numpy as np
 
 from strainsight.decks.faults import repeated
-from strainsight.decks.text import opened, parse_integer, parse_real
+from strainsight.decks.text import damaged, error_at, opened, parse_integer, parse_real
 from strainsight.errors import DeckError
 from strainsight.mesh.thin import FloatArray, IntArray
 
@@ -34,6 +34,7 @@ class Response:
     error of a number of the file, 5e-6 of 1.23457E+00, 6e-8 in single precision, 1e-16 in double; scalar_points: how many
     points that are no nodes (scalar, fluid) stand among these in the file and are left out; where: file and step, or line, for a
     message; position (n, 3) of the nodes along the basic axes, where the file has them and its reader reads them.
+    Raises DeckError for a node that is there twice, and for motions and frequencies that are not finite.
     """
 
     kind: Literal["mode", "static"]
@@ -50,8 +51,19 @@ class Response:
     where: str = ""
     position: FloatArray | None = None
 
-
-AGAIN = "write the file again: it was cut short or altered"
+    def __post_init__(self) -> None:
+        if (pair := repeated(self.node_ids)) is not None:
+            raise damaged(f"node {self.node_ids[pair[1]]} stands twice", self.where)
+        finite = np.isfinite(self.motion).all(axis=1)
+        if not finite.all():
+            row = int(np.argmin(finite))
+            raise DeckError(
+                f"node {self.node_ids[row]} moves by {', '.join(f'{value:g}' for value in self.motion[row])}",
+                where=self.where,
+                remedy="look for errors in the output of that program, and write the file again",
+            )
+        if not math.isfinite(self.frequency):
+            raise damaged(f"the frequency of the mode is {self.frequency:g}", self.where)
 
 
 def natural_frequency(eigenvalue: float) -> float:
@@ -59,33 +71,12 @@ def natural_frequency(eigenvalue: float) -> float:
     return math.copysign(math.sqrt(abs(eigenvalue)) / math.tau, eigenvalue)
 
 
-def check_motion(ids: IntArray, motion: FloatArray, where: str) -> None:
-    """Raise DeckError unless ids (n,) are each there once and motion (n, k) is finite."""
-    if (pair := repeated(ids)) is not None:
-        raise DeckError(f"node {ids[pair[1]]} stands twice", where=where, remedy=AGAIN)
-    finite = np.isfinite(motion).all(axis=1)
-    if not finite.all():
-        row = int(np.argmin(finite))
-        said = ", ".join(f"{value:g}" for value in motion[row])
-        raise DeckError(
-            f"node {ids[row]} moves by {said}",
-            where=where,
-            remedy="look for errors in the output of that program, and write the file again",
-        )
-
-
-def check_frequency(frequency: float, where: str) -> None:
-    """Raise DeckError unless a mode's frequency is a finite number."""
-    if not math.isfinite(frequency):
-        raise DeckError(f"the frequency of the mode is {frequency:g}", where=where, remedy=AGAIN)
-
-
 def unsupported(what: str, where: str) -> DeckError:
     """A kind of result that is none of the two that are read."""
-    return DeckError(
+    return error_at(
+        where,
         f"{what}, no real mode or static response",
-        where=where,
-        remedy="write real normal modes or static displacements, in a file of their own",
+        "write real normal modes or static displacements, in a file of their own",
     )
 
 
@@ -103,7 +94,7 @@ def result_lines(path: Path, what: str, remedy: str) -> Iterator[tuple[int, byte
         while line := file.readline(LONGEST):
             number += 1
             if b"\0" in line or len(line) == LONGEST:
-                raise DeckError(f"no line of {what}", where=f"{path}:{number}", remedy=remedy)
+                raise error_at(f"{path}:{number}", f"no line of {what}", remedy)
             yield number, line
 
 
@@ -140,7 +131,7 @@ def _checked(parse: Callable[[str], T | None], word: bytes, place: Callable[[int
     value = parse(word.decode("latin-1").strip())
     if value is None:
         said = " ".join(word.decode("latin-1").split())
-        raise DeckError(f"{said!r} is no finite number", where=place(row), remedy=AGAIN)
+        raise damaged(f"{said!r} is no finite number", place(row))
     return value
 
 
@@ -177,10 +168,10 @@ def printed_modes(path: Path) -> Iterator[Response]:
     found = [step for step in steps if step.eigenvalue]
     if not found:
         what = "R E A L   E I G E N V A L U E S" if is_f06 else "E I G E N V A L U E   O U T P U T"
-        raise DeckError(
+        raise error_at(
+            path,
             f"the file has no table {what}",
-            where=str(path),
-            remedy="give the .f06 of a SOL 103 run, or the .dat of a *FREQUENCY step of CalculiX",
+            "give the .f06 of a SOL 103 run, or the .dat of a *FREQUENCY step of CalculiX",
         )
     for step in found:
         for mode, (eigenvalue, line) in sorted(step.eigenvalue.items()):
@@ -188,7 +179,6 @@ def printed_modes(path: Path) -> Iterator[Response]:
             ids = np.array(list(rows), dtype=np.int64)
             motion = np.array(list(rows.values())).reshape(-1, 6)
             where = f"{path}:{line}, step {step.number}, mode {mode}"
-            check_motion(ids, motion, where)
             frequency = natural_frequency(eigenvalue)
             kept = {"along_node_axes": is_f06, "rounding": ROUNDING, "where": where}
             yield Response("mode", step.number, mode, ids, motion, frequency, **kept)  # type: ignore[arg-type]
@@ -248,5 +238,5 @@ def _of_calculix(path: Path) -> list[_Step]:
 def _real(word: str, path: Path, line: int) -> float:
     value = parse_real(word)
     if value is None:
-        raise DeckError(f"{word!r} is no finite number", where=f"{path}:{line}", remedy=AGAIN)
+        raise damaged(f"{word!r} is no finite number", f"{path}:{line}")
     return value

@@ -6,6 +6,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from itertools import permutations
+from typing import Any
 
 import numpy as np
 
@@ -121,10 +122,10 @@ def with_midsides(corners: FloatArray, edges: Edges) -> FloatArray:
     return np.vstack([corners, *(0.5 * (corners[[a]] + corners[[b]]) for a, b in edges)])
 
 
-def mirrored(corners: Order, edges: Edges) -> Order:
-    """The order of corners, and of the nodes on edges that goes with it."""
-    place = {frozenset(edge): len(corners) + i for i, edge in enumerate(edges)}
-    return (*corners, *(place[frozenset((corners[a], corners[b]))] for a, b in edges))
+def with_edge_nodes(corners: Order, edges: Edges, along: Edges) -> Order:
+    """Corners of an element, and its nodes on those of its edges that lie between the corners at these places."""
+    place = {frozenset(edge): 1 + max(map(max, edges)) + i for i, edge in enumerate(edges)}
+    return (*corners, *(place[frozenset((corners[a], corners[b]))] for a, b in along))
 
 
 def in_order(nodes: IntArray, order: Order) -> IntArray:
@@ -283,3 +284,26 @@ SHELL8 = replace(QUAD8, name="shell8", read_at=gauss(2, 2)[0])
 """On a shell of the second order. Curved, it bends without stretch in the mean only: between nodes the strain of its functions
 is off by up to h²/(12 R t) of that on its faces, and right at the points of Gauss (Barlow, Int. J. Numer. Meth. Engng 10 (1976)
 243-251)."""
+
+
+SECOND_ORDER = {"tri3": TRI6, "quad4": QUAD8}
+"""Facet of an element of the first order → that of the second."""
+
+
+def second_order(
+    linear: ElementKind, name: str, edges: Edges, functions: Callable[[FloatArray], Values], **entries: Any
+) -> ElementKind:
+    """The same element with a node in the middle of each edge; entries: rules, and its numbers and orders in other programs."""
+    facets = [(SECOND_ORDER[facet.name], corners) for facet, corners in linear.facets]
+    programs = {"nastran_order": (), "gmsh_order": (), "orders": {}, "bubble_gradient": None} | entries
+    return replace(
+        linear,
+        name=name,
+        nodes=with_midsides(linear.nodes, edges),
+        edges=edges,
+        functions=functions,
+        facets=tuple((facet, with_edge_nodes(corners, edges, facet.edges)) for facet, corners in facets),
+        mirrored=with_edge_nodes(linear.mirrored, edges, edges),
+        split=alike(name, (part for _, part in linear.split)),
+        **programs,
+    )

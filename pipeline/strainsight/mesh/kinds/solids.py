@@ -13,11 +13,9 @@ from scipy.special import roots_jacobi
 from strainsight.mesh.kinds.kind import (
     HYBRID,
     QUAD4,
-    QUAD8,
     QUADRANGLE_CORNERS,
     QUADRANGLE_EDGES,
     TRI3,
-    TRI6,
     TRIANGLE_CORNERS,
     TRIANGLE_EDGES,
     TRIANGLE_PARTS,
@@ -29,12 +27,13 @@ from strainsight.mesh.kinds.kind import (
     barycentric,
     gauss,
     halves,
-    mirrored,
     multilinear,
     orbits,
     quadratic_simplex,
+    second_order,
     serendipity,
     triangle,
+    with_edge_nodes,
     with_midsides,
 )
 from strainsight.mesh.model import FloatArray
@@ -94,27 +93,14 @@ TET4 = ElementKind(
     abaqus={"C3D4": "", "C3D4H": HYBRID},
     meshio={"tetra": ()},
 )
-TET10 = ElementKind(
-    name="tet10",
-    family="tetrahedra",
-    nodes=with_midsides(TET_CORNERS, TET_EDGES),
-    edges=TET_EDGES,
-    centre=np.full(3, 0.25),
-    functions=partial(quadratic_simplex, edges=TET_EDGES),
+TET10 = second_order(
+    TET4,
+    "tet10",
+    TET_EDGES,
+    partial(quadratic_simplex, edges=TET_EDGES),
     stiffness=_tetrahedron_rule(2),
     mass=_tetrahedron_rule(5),
-    facets=(
-        (TRI6, (0, 2, 1, 6, 5, 4)),
-        (TRI6, (0, 1, 3, 4, 8, 7)),
-        (TRI6, (1, 2, 3, 5, 9, 8)),
-        (TRI6, (0, 3, 2, 7, 9, 6)),
-    ),
-    sides=TET_SIDES,
-    regular=0.5**0.5,
-    mirrored=mirrored(TET_MIRRORED, TET_EDGES),
     vtk=24,
-    split=alike("tet10", TET_PARTS),
-    nastran="CTETRA",
     gmsh=11,
     gmsh_order=(0, 1, 2, 3, 4, 5, 6, 7, 9, 8),
     abaqus={
@@ -189,29 +175,14 @@ HEX8 = ElementKind(
     # a voxel is counted row by row
     meshio={"hexahedron": (), "voxel": (0, 1, 3, 2, 4, 5, 7, 6)},
 )
-HEX20 = ElementKind(
-    name="hex20",
-    family="hexahedra",
-    nodes=HEX_NODES,
-    edges=HEX_EDGES,
-    centre=np.zeros(3),
-    functions=partial(serendipity, nodes=HEX_NODES),
+HEX20 = second_order(
+    HEX8,
+    "hex20",
+    HEX_EDGES,
+    partial(serendipity, nodes=HEX_NODES),
     stiffness=gauss(3, 3),
     mass=gauss(3, 3),
-    facets=(
-        (QUAD8, (0, 3, 2, 1, 11, 10, 9, 8)),
-        (QUAD8, (4, 5, 6, 7, 12, 13, 14, 15)),
-        (QUAD8, (0, 1, 5, 4, 8, 17, 12, 16)),
-        (QUAD8, (1, 2, 6, 5, 9, 18, 13, 17)),
-        (QUAD8, (2, 3, 7, 6, 10, 19, 14, 18)),
-        (QUAD8, (3, 0, 4, 7, 11, 16, 15, 19)),
-    ),
-    sides=HEX_SIDES,
-    regular=1.0,
-    mirrored=mirrored(HEX_MIRRORED, HEX_EDGES),
     vtk=25,
-    split=alike("hex20", halves(HEX_CORNERS)),
-    nastran="CHEXA",
     nastran_order=UPRIGHTS_SECOND,
     gmsh=17,
     # mid-sides by ascending ends of the edges
@@ -288,13 +259,7 @@ WEDGE6 = ElementKind(
     functions=wedge_linear,
     stiffness=_wedge_rule(2, 2),
     mass=_wedge_rule(2, 2),
-    facets=(
-        (TRI3, (0, 2, 1)),
-        (TRI3, (3, 4, 5)),
-        (QUAD4, (0, 1, 4, 3)),
-        (QUAD4, (1, 2, 5, 4)),
-        (QUAD4, (2, 0, 3, 5)),
-    ),
+    facets=((TRI3, (0, 2, 1)), (TRI3, (3, 4, 5)), (QUAD4, (0, 1, 4, 3)), (QUAD4, (1, 2, 5, 4)), (QUAD4, (2, 0, 3, 5))),
     sides=WEDGE_SIDES,
     regular=0.75**0.5,
     mirrored=WEDGE_MIRRORED,
@@ -306,29 +271,14 @@ WEDGE6 = ElementKind(
     abaqus={"C3D6": "", "C3D6H": HYBRID},
     meshio={"wedge": ()},
 )
-WEDGE15 = ElementKind(
-    name="wedge15",
-    family="wedges",
-    nodes=with_midsides(WEDGE_CORNERS, WEDGE_EDGES),
-    edges=WEDGE_EDGES,
-    centre=WEDGE_CENTRE,
-    functions=wedge_quadratic,
+WEDGE15 = second_order(
+    WEDGE6,
+    "wedge15",
+    WEDGE_EDGES,
+    wedge_quadratic,
     stiffness=_wedge_rule(4, 3),
     mass=_wedge_rule(4, 3),
-    facets=(
-        (TRI6, (0, 2, 1, 8, 7, 6)),
-        (TRI6, (3, 4, 5, 9, 10, 11)),
-        (QUAD8, (0, 1, 4, 3, 6, 13, 9, 12)),
-        (QUAD8, (1, 2, 5, 4, 7, 14, 10, 13)),
-        (QUAD8, (2, 0, 3, 5, 8, 12, 11, 14)),
-    ),
-    sides=WEDGE_SIDES,
-    regular=0.75**0.5,
-    mirrored=mirrored(WEDGE_MIRRORED, WEDGE_EDGES),
-    either_way=True,
     vtk=26,
-    split=alike("wedge15", WEDGE_PARTS),
-    nastran="CPENTA",
     # mid-sides bottom, uprights, top; ours are bottom, top, uprights
     nastran_order=(*range(9), 12, 13, 14, 9, 10, 11),
     gmsh=18,
@@ -336,7 +286,7 @@ WEDGE15 = ElementKind(
     abaqus={"C3D15": "", "C3D15H": HYBRID},
     meshio={"wedge15": ()},
     # in VTK the normal of nodes 0-1-2 points away from 3-4-5 (vtkWedge, vtkQuadraticWedge); meshio turns only the linear one
-    orders=dict.fromkeys(("vtu", "vtk"), mirrored(WEDGE_MIRRORED, WEDGE_EDGES)),
+    orders=dict.fromkeys(("vtu", "vtk"), with_edge_nodes(WEDGE_MIRRORED, WEDGE_EDGES, WEDGE_EDGES)),
 )
 
 
