@@ -15,7 +15,6 @@ from strainsight.experiment.layout.comparison import RuleComparison, criteria_ta
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
     deck_frame,
-    gauge_lines,
     gauge_table,
     line_edges,
     marked_places,
@@ -115,7 +114,7 @@ def layout_output(
     if placement.layout.proven:
         parts.append("proven")
     parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]
-    position, direction, normal, labels = marked_places(listed)
+    marked, labels = marked_places(listed)
     unit = units_in_words(task.candidates.quantity)
     units = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
     return Output(
@@ -135,7 +134,7 @@ def layout_output(
         ),
         files={
             "gauges.csv": gauge_csv(listed, placement.expected.without, mesh, deck_frame(length_unit)),
-            "gauges.unv": uff_text(position, direction, normal, labels).encode(),
+            "gauges.unv": uff_text(marked.position, marked.direction, marked.normal, labels).encode(),
         },
     )
 
@@ -231,23 +230,18 @@ def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, 
     """A line a channel, of a bridge an arm with its sign, lengths in m, the largest training reading in the unit of the channel,
     σ of every unknown without the gauge relative to its scale; then places and distances to the edges in the deck's unit, and
     what is to be looked at where it is bonded, where there is something."""
-    bridged, noted = any(listed.arms), any(listed.notes)
+    bridged, noted, grids = any(listed.signs), any(listed.notes), listed.grids
     axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
     head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
     head += ["sign"] * bridged
     rows = [[*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted]]
-    lines = gauge_lines(listed)
-    for line, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
-        i = line.gauge
-        numbers = [
-            *np.round([*line.position, *line.normal, *line.direction], 12) + 0.0,
-            line.angle,
-            line.length,
-            line.peak,
-        ]
-        bonded = "yes" if listed.bonded[i] else "no"
-        words = [listed.labels[i], listed.kind[i], listed.family[i], bonded, str(line.element), str(line.facet)]
+    vectors = np.round(np.hstack([grids.position, grids.normal, grids.direction]), 12) + 0.0
+    numbers = np.column_stack([vectors, grids.angle, grids.length, listed.peaks[listed.channel]])
+    for line, measured in enumerate(measured_cells(grids, line_edges(grids, mesh), frame)):
+        i = listed.gauge[line]
+        words = [listed.labels[i], listed.kind[i], listed.family[i], "yes" if listed.bonded[i] else "no"]
+        words += [str(grids.element[line]), str(grids.facet[line]), *(f"{x:.9g}" for x in numbers[line])]
         missing = [f"{values[i]:.9g}" for values in without.values()]
-        tail = [listed.unit[i], *[line.sign] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
-        rows.append([*words, *(f"{x:.9g}" for x in numbers), *tail])
+        tail = [listed.unit[i], *[listed.signs[line]] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
+        rows.append([*words, *tail])
     return csv_bytes(rows)

@@ -6,14 +6,14 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from strainsight.config.gauges import GaugeType, Typed, gauge_type
 from strainsight.csv_cells import csv_bytes
 from strainsight.experiment.layout.gauge_list import (
-    GaugeLine,
     GaugeList,
     cell,
     channel_labels,
-    gauge_lines,
     line_edges,
     marked_places,
     measured_cells,
@@ -30,13 +30,8 @@ class Workshop:
     """A layout line by line, the edges that every line is measured from, and the axes that places are given in."""
 
     listed: GaugeList
-    lines: Sequence[GaugeLine]
     edges: EdgeDimensions
     frame: PositionAxes
-
-    def lines_of(self, gauge: int) -> list[int]:
-        """Indices of the lines of a gauge, by its number in the layout."""
-        return [i for i, line in enumerate(self.lines) if line.gauge == gauge]
 
 
 @dataclass(frozen=True)
@@ -50,46 +45,41 @@ class Foil:
 
 def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
     """Of the grid of this line. What is bonded already may be of another type than the config names."""
-    row = shop.lines[line]
-    bonded_on = shop.listed.unit[row.gauge] == "strain" and not shop.listed.bonded[row.gauge]
+    listed, length = shop.listed, shop.listed.grids.length[line]
+    gauge = listed.gauge[line]
+    bonded_on = listed.unit[gauge] == "strain" and not listed.bonded[gauge]
     kind = gauge_type(gauges) if bonded_on else None
-    size = carrier(row.length) if kind is None else (kind.carrier_length, kind.carrier_width)
+    size = carrier(length) if kind is None else (kind.carrier_length, kind.carrier_width)
     return Foil(*size, kind)
 
 
 def workshop_of(listed: GaugeList, mesh: Mesh, frame: PositionAxes) -> Workshop:
     """The layout on this mesh, as measured in a frame."""
-    lines = gauge_lines(listed)
-    return Workshop(listed, lines, line_edges(lines, mesh), frame)
+    return Workshop(listed, line_edges(listed.grids, mesh), frame)
 
 
 def workshop_csv(shop: Workshop) -> bytes:
     """workshop.csv: a line a channel, of a bridge an arm; places, directions and normals in the frame, its unit in the heads."""
-    listed, frame, bridged = shop.listed, shop.frame, any(shop.listed.arms)
+    listed, frame, grids = shop.listed, shop.frame, shop.listed.grids
+    bridged = any(listed.signs)
     axes = [f"{vector}_{axis}" for vector in ("direction", "normal") for axis in "xyz"]
     head = ["gauge", "kind", "glued", "element", "facet", *measured_columns(frame)]
     head += [*axes, "angle_deg", f"grid_length_{frame.unit}"] + ["sign"] * bridged
     rows = [head]
-    for line, measured in zip(shop.lines, measured_cells(shop.lines, shop.edges, frame), strict=True):
-        i = line.gauge
-        words = [
-            listed.labels[i],
-            listed.kind[i],
-            "yes" if listed.bonded[i] else "no",
-            str(line.element),
-            str(line.facet),
-        ]
-        turned = [cell(x) for x in (*frame.turn(line.direction), *frame.turn(line.normal))]
-        sizes = [cell(line.angle), cell(float(frame.length(line.length)))]
-        rows.append([*words, *measured, *turned, *sizes, *[line.sign] * bridged])
+    for line, measured in enumerate(measured_cells(grids, shop.edges, frame)):
+        i = listed.gauge[line]
+        words = [listed.labels[i], listed.kind[i], "yes" if listed.bonded[i] else "no"]
+        words += [str(grids.element[line]), str(grids.facet[line])]
+        turned = [cell(x) for x in (*frame.turn(grids.direction[line]), *frame.turn(grids.normal[line]))]
+        sizes = [cell(grids.angle[line]), cell(float(frame.length(grids.length[line])))]
+        rows.append([*words, *measured, *turned, *sizes, *[listed.signs[line]] * bridged])
     return csv_bytes(rows)
 
 
 def workshop_unv(shop: Workshop) -> bytes:
     """workshop.unv: as gauges.unv, in the frame and its unit."""
-    frame = shop.frame
-    position, direction, normal, labels = marked_places(shop.listed)
-    moved = frame.place(position), frame.turn(direction), frame.turn(normal)
+    frame, (grids, labels) = shop.frame, marked_places(shop.listed)
+    moved = frame.place(grids.position), frame.turn(grids.direction), frame.turn(grids.normal)
     return uff_text(*moved, labels, unit=frame.unit, metres=frame.metres).encode()
 
 
@@ -154,17 +144,15 @@ def labview_table(listed: GaugeList, wiring: Wiring) -> bytes:
 
 
 def _rows(listed: GaugeList) -> list[_Row]:
-    labels = channel_labels(listed)
-    rows: list[_Row] = []
-    for i, kind in enumerate(listed.kind):
-        arms = listed.arms[i]
-        strain = listed.unit[i] == "strain"
-        count = 0 if not strain else 1 if arms is None else len(arms.sign)
+    rows, channels = [], listed.channels
+    for label, i in zip(channel_labels(listed), channels.gauge.tolist(), strict=True):
+        strain, signs = listed.unit[i] == "strain", [listed.signs[line] for line in listed.lines_of(i)]
+        bridged = listed.kind[i] == "bridge"
+        count = len(signs) if bridged else int(strain)
         bridge = BRIDGES.get(count, f"{count} arms") if count else ""
-        if arms is not None and count == 2:
-            bridge = HALVES[bool(arms.sign[0] * arms.sign[1] < 0)]
-        unit = UNIT.get(listed.unit[i], listed.unit[i])
-        rows += [_Row(labels[len(rows) + k], kind, unit, bridge, count) for k in range(len(listed.directions[i]))]
+        if bridged and count == 2:
+            bridge = HALVES[signs[0] != signs[1]]
+        rows.append(_Row(label, listed.kind[i], UNIT.get(listed.unit[i], listed.unit[i]), bridge, count))
     return rows
 
 
@@ -192,10 +180,10 @@ LONGEST = 80
 def elements_of(shop: Workshop) -> dict[str, list[int]]:
     """Label of every gauge → ids of the elements below it, of a bridge below all its arms, ascending; none of what lies on no
     facet."""
-    below = {}
+    below, grids = {}, shop.listed.grids
     for i, label in enumerate(shop.listed.labels):
-        ids = sorted({int(shop.lines[k].element) for k in shop.lines_of(i) if shop.lines[k].facet})
-        if ids:
+        lines = shop.listed.lines_of(i)
+        if ids := np.unique(grids.element[lines][grids.facet[lines] > 0]).tolist():
             below[label] = ids
     return below
 

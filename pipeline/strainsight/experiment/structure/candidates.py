@@ -262,11 +262,15 @@ def channels_of(training: Training, screened: Screened) -> CandidateChannels:
 
 def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:
     """Gauges (k,) by their numbers, as a layout lists them, with what they read in the training run."""
-    candidates = training.candidates
-    used = candidates.channels(gauges)
-    peak, most = np.full((2, len(candidates)), np.nan)
-    peak[used], most[used] = training.peak[used], training.strained[used]
-    return gauge_list(candidates, training.name, gauges, screened.family, peak, screened.range, most)
+    return gauge_list(
+        training.candidates,
+        training.name,
+        gauges,
+        screened.family,
+        training.peak,
+        screened.range,
+        training.strained,
+    )
 
 
 def readings(
