@@ -26,6 +26,7 @@ from strainsight.errors import ContradictionError, UserError
 from strainsight.experiment.structure.candidates import readings
 from strainsight.experiment.structure.problem import problem_of, sample_std
 from strainsight.experiment.structure.start import Loading, motion_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.loads.histories import Tones, instant_values, tones_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
@@ -207,7 +208,8 @@ def record(folder: Path, study: Study, number: int) -> tuple[str, float]:
     exact = "{position: 0, angle: 0, transverse: 0, load_angle: 0, load_position: 0, frequency: 0, "
     tolerances = exact + f"gain: {GAIN}, load_gain: {LOAD_GAIN}, damping: {DAMPING}}}" if tolerant else "none"
     case = api.load(own.file, [f"tolerances={tolerances}"])
-    problem = problem_of(case.config, case.files, own.reduced, own.training, own.screened)
+    structure = Structure(case.config, case.files, own.mesh, own.reduced, own.training)
+    problem = problem_of(structure, own.screened)
     kind = int(study.sensors == "accelerometer")
     gauges = layout(own, kind, 1 if kind else 4, rng)
     channels = problem.channels.of(gauges).ravel()

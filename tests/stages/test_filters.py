@@ -48,7 +48,7 @@ def validated(tmp_path_factory):
 
     def problem(*overrides):
         own = beam(*overrides)
-        return problem_of(own.case.config, own.case.files, own.reduced, own.training, own.screened)
+        return problem_of(own.structure, own.screened)
 
     run.problem = problem
     return run

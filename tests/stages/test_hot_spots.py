@@ -62,7 +62,7 @@ def test_the_gauge_beside_a_load_on_one_node_is_named_and_the_others_are_not(bea
 def test_the_moduli_are_those_of_the_guess_and_uniform_ones_do_not_matter(beam):
     """E of the deck is the truth, the guess a tenth lower; strain changes alike in a part of one material."""
     own, found = beam
-    mesh = at_guess(own.case.config, own.mesh, own.reduced)
+    mesh = at_guess(own.structure)
     (region,) = mesh.regions.values()
     assert mesh.materials[region.material].youngs_modulus == pytest.approx(0.9 * E)
     assert mesh.materials[region.material].poisson_ratio == own.mesh.materials[1].poisson_ratio

@@ -155,8 +155,8 @@ TRAIN = Stage(
 
 def run_screen(context: Context[PlacementConfig]) -> Output:
     """Which candidates go on, and why the others do not."""
-    config, mesh, training = context.config, inputs.mesh(context), inputs.training(context)
-    screened, pool = screened_of(config, context.files, mesh, inputs.reduced(context), training), training.candidates
+    config, structure = context.config, inputs.structure(context)
+    screened, pool, training = screened_of(structure), structure.pool, structure.training
     dropped = Counter(str(code) for code in screened.reason if code)
     noise, strain = float(screened.noise_std[0]), pool.quantity[0] == 0
     shown = f"{1e6 * noise:.3g} µm/m" if strain else f"{noise:.3g}"
@@ -171,8 +171,8 @@ def run_screen(context: Context[PlacementConfig]) -> Output:
             warnings.warn(warning, stacklevel=2)
     if dropped[BEND]:
         parts.append(f"{dropped[BEND]} where the surface bends too tightly")
-    bent = bent_gauges(config, mesh, training)
-    if warning := bent_warning(config, training, bent):
+    bent = bent_gauges(structure)
+    if warning := bent_warning(structure, bent):
         warnings.warn(warning, stacklevel=2)
         parts.append(f"{int((bent & pool.bonded[pool.first]).sum())} bonded where the surface bends too tightly")
     for warning in filter(None, (quiet_noise(training, screened), loud_noise(training, screened))):

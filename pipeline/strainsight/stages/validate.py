@@ -34,17 +34,9 @@ OF_SIGMA = ("std", "smoothed_std", "ratio", "rank_claimed", "rank_correlation")
 
 def run(context: Context[PlacementConfig]) -> Output:
     """The validation, with the strain of every candidate as points of a grid."""
-    config, training = context.config, inputs.training(context)
-    validation = validation_of(
-        config,
-        inputs.mesh(context),
-        inputs.spectrum(context),
-        inputs.reduced(context),
-        training,
-        inputs.screened(context),
-        inputs.layout(context),
-        context,
-    )
+    config, structure = context.config, inputs.structure(context)
+    training, spectrum, screened = structure.training, inputs.spectrum(context), inputs.screened(context)
+    validation = validation_of(structure, spectrum, screened, inputs.layout(context), context)
     labels = layout_labels(training.name, validation.trial.gauges)
     shown, repeats = validation.validated, validation.validated.repeats
     numbers, decision = (

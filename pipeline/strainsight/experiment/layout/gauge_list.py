@@ -198,7 +198,7 @@ def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: 
             if number:
                 label, values = "", [""] * len(values)
                 kind = f"arm {number + 1}, {'−' if listed.signs[line] == '-1' else '+'}"
-            angles = grids.angle[[line] if bridge else lines] if listed.unit[i] == "strain" else []
+            angles = grids.angle[[line] if bridge else lines] if listed.unit[i] == "strain" else grids.angle[:0]
             rows.append(
                 (
                     label,

@@ -325,11 +325,6 @@ def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str
     )
 
 
-def thickness_of_guess(config: PlacementConfig, mesh: Mesh, reference: Mapping[str, float]) -> Thickness | None:
-    """Of the shells at the references [m], which may differ from the deck; None where no thickness is free."""
-    return thickness_at(mesh, free_thicknesses(config, mesh, reference), reference)
-
-
 def thickness_at(mesh: Mesh, free: Sequence[Parameter], theta: Mapping[str, float]) -> Thickness | None:
     """Of the shells at θ [m]; None where no thickness is free."""
     return thickness_of(mesh, [(parameter.regions, theta[parameter.name]) for parameter in free]) if free else None

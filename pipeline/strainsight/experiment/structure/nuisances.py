@@ -17,8 +17,8 @@ from strainsight.estimation.model import FilterModel, inputs_of, theta_of
 from strainsight.estimation.record import Settled, periodic_start
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
-from strainsight.experiment.structure.candidates import thickness_of_guess
 from strainsight.experiment.structure.problem import SILENT, Problem
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.tolerated_loads import (
     ToleratedLoads,
     acting,
@@ -28,15 +28,10 @@ from strainsight.experiment.structure.tolerated_loads import (
     tolerated_loads,
 )
 from strainsight.experiment.structure.truth import BY_MODE, modulus_estimated
-from strainsight.experiment.system import installation_std
-from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import Training, with_missed
 from strainsight.rom.modal_step import modal_step, simulate
 from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
-from strainsight.sensors.installation import COMMON, InstallationStd, Sensitivity, given_sensitivity, sensitivity_rows
+from strainsight.sensors.installation import COMMON, InstallationStd
 
 SOURCE = {
     "along": "position",
@@ -102,16 +97,14 @@ class Tolerated:
     discrepancy: float
 
 
-def tolerated(
-    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray
-) -> Tolerated:
+def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
     """Of channels (any,) of train.h5, −1 for none, by the tolerances of the config."""
-    tolerances, pool = tolerances_of(config.tolerances), training.candidates
-    std = installation_std(tolerances)
+    tolerances, pool, std = structure.tolerances, structure.pool, structure.installation
+    reduced, training = structure.reduced, structure.training
     # whole gauges: a sensitivity needs all channels that move as one
     wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
     part = pool.take(wanted)
-    sensitivity, grids, n = _sensitivity(config, mesh, reduced, training, part, wanted), part.grids, reduced.model.size
+    sensitivity, grids, n = structure.sensitivity(wanted), part.grids, reduced.model.size
     free = ~grids.bonded[:, None]
     sigma = {name: value for name, value in std.by_name.items() if value > 0}
     scaled = {
@@ -132,23 +125,24 @@ def tolerated(
         _zeros(std, part),
         loads,
         float(np.log(tolerances.damping)),
-        _frequency(tolerances.frequency * (config.train.model == "dynamic"), reduced, training, training.rows[wanted]),
-        0.0 if modulus_estimated(config) else tolerances.model,
+        _frequency(structure, training.rows[wanted]),
+        0.0 if modulus_estimated(structure.config) else tolerances.model,
         tolerances.treat == "estimate",
         tolerances.discrepancy,
     )
 
 
-def _frequency(std: float, reduced: Reduced, training: Training, rows: np.ndarray) -> np.ndarray:
+def _frequency(structure: Structure, rows: np.ndarray) -> np.ndarray:
     """σ (k, n) of ln ω of n modes, one of all alike and one of every mode by itself that channels with these rows (m, n) read.
 
     Inertia of mode j adds −q̈ⱼ/λⱼ to its static response.
     """
-    n = reduced.model.size
-    if std == 0:
+    model, std = structure.reduced.model, structure.tolerances.frequency
+    n = model.size
+    if std == 0 or structure.config.train.model == "static":
         return np.zeros((0, n))
-    lam, _ = modal_basis(reduced.model, reduced.model.reference)
-    square = (rows * np.sqrt(np.mean(training.acceleration**2, axis=0)) / lam) ** 2
+    lam, _ = modal_basis(model, model.reference)
+    square = (rows * np.sqrt(np.mean(structure.training.acceleration**2, axis=0)) / lam) ** 2
     whole = square.sum(axis=1, keepdims=True)
     share = np.divide(square, whole, out=np.zeros_like(square), where=whole > 0).mean(axis=0)
     order = np.argsort(-share, kind="stable")[:MOST]
@@ -169,15 +163,15 @@ def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
     return tuple(zero for zero in zeros if zero.std.any())
 
 
-def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Training) -> tuple[str, ...]:
+def not_held_in_words(structure: Structure) -> tuple[str, ...]:
     """Which tolerances σ does not hold, a sentence each."""
-    sentences, tolerances = [], tolerances_of(config.tolerances)
-    if training.given is not None and (tolerances.position or tolerances.angle or tolerances.transverse):
+    sentences, tolerances, loads = [], structure.tolerances, structure.config.loads
+    if structure.training.given is not None and (tolerances.position or tolerances.angle or tolerances.transverse):
         sentences.append(
             "σ holds no errors of place, direction and transverse sensitivity of the given gauges: their rows do not say how the "
             "strain is beside them (tolerances.position, angle, transverse)"
         )
-    change = reduced.misaligned.shape
+    change = structure.reduced.misaligned.shape
     for key, std, of in (
         ("load_angle", tolerances.load_angle, change[..., :2]),
         ("load_position", tolerances.load_position, change[..., 2:]),
@@ -185,11 +179,11 @@ def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Train
         # a moment and what pulls at all mass have no point, a pressure and a rotation no direction either
         rigid = [
             name
-            for i, name in enumerate(reduced.model.inputs)
+            for i, name in enumerate(structure.reduced.model.inputs)
             if std > 0
             and not of[:, i].any()
-            and not (config.loads[name].pressure or config.loads[name].rotation)
-            and (key == "load_angle" or not (config.loads[name].moment or config.loads[name].gravity))
+            and not (loads[name].pressure or loads[name].rotation)
+            and (key == "load_angle" or not (loads[name].moment or loads[name].gravity))
         ]
         if rigid:
             sentences.append(
@@ -207,18 +201,6 @@ def exact_frequencies_in_words(config: PlacementConfig) -> str:
         "σ takes masses and natural frequencies of the model for exact: a mass that is 1 % off makes a modulus 1 % wrong; set "
         "tolerances.frequency: 0.01 where they are not as exact as that"
     )
-
-
-def _sensitivity(
-    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, part: Candidates, channels: np.ndarray
-) -> Sensitivity:
-    """Of the coordinates, and behind them of what these miss of misaligned loads."""
-    if training.given is not None:
-        return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
-    field = with_missed(reduced.basis, reduced.misaligned.missed)
-    std, facets = installation_std(tolerances_of(config.tolerances)).position, exterior_facets(mesh)
-    thickness = thickness_of_guess(config, mesh, reduced.model.reference)
-    return sensitivity_rows(mesh.position, part, field, std, facets=facets, thickness=thickness)
 
 
 def on_average(tolerated: Tolerated, model: FilterModel, channels: np.ndarray) -> FilterModel:

@@ -46,7 +46,6 @@ from strainsight.experiment.structure.nuisances import not_held_in_words, tolera
 from strainsight.experiment.structure.problem import (
     Problem,
     placed_instants,
-    problem_in,
     problem_of,
     rests_on_loads_in_words,
     scenarios_of,
@@ -54,6 +53,7 @@ from strainsight.experiment.structure.problem import (
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
 from strainsight.experiment.structure.start import ringing_in_words
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.training import runs_of
 from strainsight.loads.histories import instant_values
 from strainsight.loads.linearisation import linearise, measurement_rows
@@ -94,20 +94,21 @@ def placement_of(
 
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
-    subject = _Structure(config, mesh, reduced, training, screened, using)
+    structure = Structure(config, using.files, mesh, reduced, training)
+    subject = _OnStructure(structure, screened, using)
     model, unknowns = reduced.model, subject.problem.unknowns
     if costs := of_pool_in_words(config, len(subject.pool.gauges), 2 * model.size + len(unknowns.state_names)):
         using.notice(costs)
     placement = place(subject, using.progress)
     using.progress("hot spots", 0.9)
     gauges, listed = placement.gauges, placement.listed
-    hot = tested_hot_spots(config, mesh, reduced, training, gauges)
-    sites = at_gauges(config, mesh, reduced, training, gauges)
+    hot = tested_hot_spots(structure, gauges)
+    sites = at_gauges(structure, gauges)
     by_case = None if placement.task.cases is None else cases_of(placement, subject.expectations(gauges))
     bonded = listed.bonded.tolist()
     advice = (
         *filter(None, (_ringing(problem, config) for problem in subject.problems)),
-        *filter(None, not_held_in_words(config, reduced, training)),
+        *filter(None, not_held_in_words(structure)),
         *unresolved_gauges(listed),
         *hot_spot_advice(hot, listed.labels, bonded),
         *advice_at_gauges(sites, listed.labels, bonded),
@@ -126,44 +127,44 @@ def placement_of(
 
 
 @dataclass(frozen=True)
-class _Structure(Subject):
+class _OnStructure(Subject):
     """Gauges on a structure."""
 
-    config: PlacementConfig
-    mesh: Mesh
-    reduced: Reduced
-    training: Training
+    structure: Structure
     screened: Screened
     using: Resources
+
+    @property
+    def config(self) -> PlacementConfig:
+        return self.structure.config
 
     @cached_property
     def problem(self) -> Problem:
         """Under the loads as stated."""
-        return problem_of(self.config, self.using.files, self.reduced, self.training, self.screened)
+        return problem_of(self.structure, self.screened)
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
         """One a load case, or that under the loads as stated."""
-        files, parts = self.using.files, (self.reduced, self.training, self.screened)
-        runs = runs_of(self.config, self.reduced.model.inputs, files)
-        return tuple(problem_in(run, self.config, files, *parts) if run.name else self.problem for run in runs)
+        runs = runs_of(self.config, self.structure.reduced.model.inputs, self.structure.files)
+        return tuple(problem_of(self.structure, self.screened, run) if run.name else self.problem for run in runs)
 
     @cached_property
     def pool(self) -> PoolRows:
         """The candidates that were kept."""
         kept, symmetry = self.screened.kept, self.config.place.symmetry
-        return pool_of(kept, self.problem.channels, self.training.candidates, symmetry)
+        return pool_of(kept, self.problem.channels, self.structure.pool, symmetry)
 
     @cached_property
     def price(self) -> np.ndarray:
         """Of every pool row (p,)."""
-        return prices(self.config, self.pool, self.training.candidates)
+        return prices(self.config, self.pool, self.structure.pool)
 
     @cached_property
     @blame("place.keep")
     def limits(self) -> Limits:
         """Of a layout."""
-        return layout_limits(self.config.place, self.pool, self.mesh, self.training.candidates, self.price)
+        return layout_limits(self.config.place, self.pool, self.structure.mesh, self.structure.pool, self.price)
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -195,11 +196,11 @@ class _Structure(Subject):
     def expectations(self, gauges: np.ndarray) -> list[Expectation]:
         """One a load case."""
         channels = self.problem.channels.of(gauges)
-        tolerances = tolerated(self.config, self.mesh, self.reduced, self.training, channels)
+        tolerances = tolerated(self.structure, channels)
         return [expectation(problem, gauges, tolerances) for problem in self.problems]
 
     def listed(self, gauges: np.ndarray) -> GaugeList:
-        return listed_gauges(gauges, self.training, self.screened)
+        return listed_gauges(gauges, self.structure.training, self.screened)
 
     def alike(self, gauges: np.ndarray) -> list[tuple[int, ...]]:
         return alike_gauges(self.problem, gauges, self.covariance)
@@ -237,7 +238,7 @@ class _Structure(Subject):
                 np.ones(len(unknowns.names)),
             ),
             tuple(pools),
-            self.training.candidates,
+            self.structure.pool,
             self.pool,
             self.price,
             self.limits,
@@ -281,7 +282,7 @@ def _ringing(problem: Problem, config: PlacementConfig) -> str:
     return f"Load case {case}: {words}" if case and words else words
 
 
-def _worst_observability(placement: Placement, subject: _Structure) -> Observability:
+def _worst_observability(placement: Placement, subject: _OnStructure) -> Observability:
     """Of the first instant of every load case, that of the largest condition."""
     task = placement.task
     of = np.zeros(1, dtype=int) if task.cases is None else task.cases.of
@@ -293,14 +294,14 @@ def _worst_observability(placement: Placement, subject: _Structure) -> Observabi
     return max(every, key=lambda case: case.condition)
 
 
-def _observability(problem: Problem, scenario: Scenario, subject: _Structure) -> Observability:
+def _observability(problem: Problem, scenario: Scenario, subject: _OnStructure) -> Observability:
     """Of x* as it is, not in the coordinates of a solved pool."""
     p, n = problem, problem.model.size
     frequency = np.sqrt(modal_basis(p.model, p.model.reference)[0])
     amplitude = float(np.sqrt(np.sum((p.x[:, :n] * frequency) ** 2 + p.x[:, n:] ** 2, axis=1)).max())
     exists = subject.pool.channels >= 0
     used = subject.pool.channels[exists]
-    peak = subject.training.motion_in(p.run.name).peak[used]
+    peak = subject.structure.training.motion_in(p.run.name).peak[used]
     H = scenario.H[exists] if scenario.H.ndim == 3 else scenario.H
     return observability(
         scenario.F,

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
@@ -18,6 +17,7 @@ from strainsight.estimation.update import Form
 from strainsight.experiment.structure.candidates import CandidateChannels, channels_of, of_channels
 from strainsight.experiment.structure.references import unknowns_of
 from strainsight.experiment.structure.start import Loading, motion_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.training import TrainingRun, run_as_stated, typical_of
 from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import WALK, Unknowns
@@ -29,8 +29,7 @@ from strainsight.loads.linearisation import (
     process_intensity,
 )
 from strainsight.placement.scenario import Scenario
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import Screened, Training
+from strainsight.records.training import Screened
 from strainsight.rom.modal_step import Scheme, hold_of_tones, scheme_bias
 from strainsight.rom.model import ReducedModel, accelerations, modal_basis
 from strainsight.sensors.candidates import STRAIN
@@ -94,29 +93,15 @@ class Problem:
         return [self.model.inputs.index(name) for name in names]
 
 
-def problem_of(
-    config: PlacementConfig, files: Mapping[str, Path], reduced: Reduced, training: Training, screened: Screened
-) -> Problem:
-    """The estimation problem under the loads as stated."""
-    run = run_as_stated(config, reduced.model.inputs, files)
-    return problem_in(run, config, files, reduced, training, screened)
-
-
-def problem_in(
-    run: TrainingRun,
-    config: PlacementConfig,
-    files: Mapping[str, Path],
-    reduced: Reduced,
-    training: Training,
-    screened: Screened,
-) -> Problem:
+def problem_of(structure: Structure, screened: Screened, run: TrainingRun | None = None) -> Problem:
     """Gather the estimation problem from the reduced model, a training run, the noise of the channels and the config.
 
-    Noise is that of a sample every train.time_step: in a run of another step it is that of the same intensity.
+    run: None: that under the loads as stated. Noise is that of a sample every train.time_step: in a run of another step it is
+    that of the same intensity.
     """
-    model, h, motion = reduced.model, run.time_step, training.motion_in(run.name)
-    with blame(run.key):
-        loading = run.loading()
+    config, files, model = structure.config, structure.files, structure.reduced.model
+    run = run or run_as_stated(config, model.inputs, files)
+    h, motion, loading = run.time_step, structure.training.motion_in(run.name), run.loading()
     x = np.hstack([motion.coordinate, motion.velocity])
     inputs = tuple(name for name in config.place.estimate if name in config.loads)
     typical = typical_of(config, run, inputs, files)
@@ -141,7 +126,7 @@ def problem_in(
             )
             for one, share in zip(rules, _model_error(config, unknowns), strict=True)
         )
-    channels = channels_of(training, screened)
+    channels = channels_of(structure.training, screened)
     if h != config.train.time_step:
         channels = replace(channels, noise_std=channels.noise_std * np.sqrt(config.train.time_step / h))
     settings = config.filter

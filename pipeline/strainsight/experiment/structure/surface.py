@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
@@ -19,6 +18,7 @@ from strainsight.estimation.smoother import Smoothed, WantedCovariances
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.record_filter import RecordFilter
 from strainsight.experiment.structure.references import parameters_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.recovery import (
@@ -308,15 +308,13 @@ def displaced(reduced: Reduced, record: RecordFilter) -> Displaced:
     return Displaced(basis, n)
 
 
-def skin_in_test(
-    config: PlacementConfig, mesh: Mesh, field: Displaced, files: Mapping[str, Path]
-) -> tuple[Skin | None, tuple[str, ...]]:
+def skin_in_test(structure: Structure, field: Displaced) -> tuple[Skin | None, tuple[str, ...]]:
     """The surface, or None where nothing is solid or no stress known, with the reason.
 
     Raises ConfigError where something of the surface is asked for and the mesh has no solids, DeckError
     where they have no material.
     """
-    settings = config.estimate
+    config, mesh, settings = structure.config, structure.mesh, structure.config.estimate
     assert settings is not None
     asked = [f"estimate.{name}" for name in ("field", "damage") if getattr(settings, name) is not None]
     if not mesh.has_surface:
@@ -328,7 +326,7 @@ def skin_in_test(
             )
         return None, ()
     try:
-        return skin_of(mesh, field, parameters_of(config.parameters, mesh, files, config.mesh)), ()
+        return skin_of(mesh, field, parameters_of(config.parameters, mesh, structure.files, config.mesh)), ()
     except DeckError as error:
         # A model that came as matrices needs no materials, but for this.
         if asked:

@@ -22,7 +22,7 @@ from strainsight.experiment.structure.candidates import (
     free_thicknesses,
     reading_sizes,
     rows_along,
-    thickness_of_guess,
+    thickness_at,
 )
 from strainsight.experiment.structure.references import characteristic
 from strainsight.experiment.structure.start import Loading, loading_of, motion_of
@@ -62,7 +62,8 @@ class TrainingRun:
     def loading(self) -> Loading:
         """The loads from t = 0 on, and before."""
         steps = round(self.duration / self.time_step)
-        return loading_of(self.settle, list(self.signals.values()), self.time_step, steps)
+        with blame(self.key):
+            return loading_of(self.settle, list(self.signals.values()), self.time_step, steps)
 
 
 def run_as_stated(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> TrainingRun:
@@ -160,7 +161,7 @@ def trained(
     stated, *cases = (_Moved(run, *_motion(run, reduced)) for run in runs if run.name or run is runs[0])
     x, u, n, steps = stated.x, stated.u, model.size, len(stated.x) - 1
     using.progress("candidates", 0.3)
-    surface, given_rows, change = None, None, NO_CHANGE
+    surface, given_rows, change, free = None, None, NO_CHANGE, free_thicknesses(config, mesh, model.reference)
     names: tuple[str, ...] = ()
     if config.gauges.given is None:
         with np.errstate(over="ignore", invalid="ignore"):  # readings beyond all bounds are refused below
@@ -173,7 +174,7 @@ def trained(
         )
         both, change = rows_along(
             mesh,
-            free_thicknesses(config, mesh, model.reference),
+            free,
             lambda thickness: channel_rows(mesh.position, pool, field, facets=skin, thickness=thickness),
         )
     else:
@@ -213,7 +214,7 @@ def trained(
         cases=motions,
     )
     if pool.arms is not None:
-        thickness = thickness_of_guess(config, mesh, model.reference)
+        thickness = thickness_at(mesh, free, model.reference)
         most = _arm_peak(mesh, training, cases or [stated], reduced.basis, thickness)
         training = replace(training, arm_peak=most)
     return training, surface
@@ -230,8 +231,7 @@ class _Moved:
 
 def _motion(run: TrainingRun, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
     refuse_times(reduced.frequency, run.duration, run.time_step, run.key)
-    with blame(run.key):
-        loading = run.loading()
+    loading = run.loading()
     return motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held)
 
 

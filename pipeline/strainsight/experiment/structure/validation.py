@@ -38,6 +38,7 @@ from strainsight.experiment.structure.problem import (
     rests_on_loads_in_words,
     scheme_in_words,
 )
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.studies import (
     Rank,
     Studies,
@@ -47,12 +48,11 @@ from strainsight.experiment.structure.studies import (
 )
 from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.experiment.structure.truth import truth_of
-from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.placed import budget_of_shares
-from strainsight.records.reduced import Modes, Reduced
-from strainsight.records.training import Screened, Training
+from strainsight.records.reduced import Modes
+from strainsight.records.training import Screened
 from strainsight.records.validated import Consistency, Field, SimulatedChannels, SweepTable, Validated
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
@@ -95,26 +95,20 @@ class Validation:
 
 
 def validation_of(
-    config: PlacementConfig,
-    mesh: Mesh,
-    spectrum: Modes | None,
-    reduced: Reduced,
-    training: Training,
-    screened: Screened,
-    gauges: np.ndarray,
-    using: Resources,
+    structure: Structure, spectrum: Modes | None, screened: Screened, gauges: np.ndarray, using: Resources
 ) -> Validation:
     """Simulate the truth, measure it with noise, filter and smooth; then noise levels, repeats, random sets and sweeps.
 
     spectrum: that of `spectrum_of` where the truth is made of modes; gauges (k,): numbers of the layout's gauges.
     """
+    config = structure.config
     seed, settings = config.seed, config.validation
     using.progress("truth", 0.0)
-    problem = problem_of(config, using.files, reduced, training, screened)
+    problem = problem_of(structure, screened)
     # modes of the whole model are compiled code, which has all cores in the main thread alone; what misplaced gauges read is not
     tolerances, truth = side_by_side(
-        lambda: tolerated(config, mesh, reduced, training, np.arange(len(training.candidates))),
-        lambda: truth_of(config, mesh, spectrum, reduced, training, problem, using),
+        lambda: tolerated(structure, np.arange(len(structure.pool))),
+        lambda: truth_of(structure, spectrum, problem, using),
     )
     trial = trial_of(config, problem, truth, tolerances, gauges)
     using.progress("filter", 0.2)
