@@ -48,7 +48,7 @@ def beam(tmp_path_factory):
         return training, api.screen(case, mesh, reduced, training)
 
     screened.case = lambda *overrides: api.load(folder / "edge.yaml", list(overrides))
-    screened.mesh = mesh
+    screened.mesh, screened.reduced = mesh, reduced
     return screened
 
 

@@ -100,16 +100,11 @@ def _factor(column: str, recording: Recording, path: Path, of: Sequence[str]) ->
             f"{column!r} is in {stated}, {path.name} says: no unit that is known", remedy=error.remedy
         ) from None
     if unit.quantity not in of:
-        what = (
-            "a load"
-            if set(of) == set(LOADS)
-            else f"a load that is a {of[0]}"
-            if set(of) <= set(LOADS)
-            else " or ".join(of)
-        )
+        of_load = set(of) <= set(LOADS)
+        what = ("a load" if len(of) > 1 else f"a load that is a {of[0]}") if of_load else " or ".join(of)
         raise ConfigError(
             f"{column!r} is in {stated}, {path.name} says: no unit of {what}",
-            remedy=f"name the column of {'the load' if set(of) <= set(LOADS) else 'what the history is of'}",
+            remedy=f"name the column of {'the load' if of_load else 'what the history is of'}",
         )
     return unit.factor
 

@@ -10,7 +10,6 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from strainsight.csv_cells import csv_bytes
-from strainsight.experiment.layout.advice import advice_table
 from strainsight.experiment.layout.comparison import RuleComparison, criteria_table
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
@@ -37,7 +36,7 @@ from strainsight.records.placed import (
     metric_key,
 )
 from strainsight.records.record import FieldPlace, record_from, written
-from strainsight.runner.output import Dataset, Output, Scalar, Table
+from strainsight.runner.output import Dataset, Output, Scalar, Table, warnings_table
 from strainsight.sensors.candidates import channels_of_gauges, grouped, units_in_words
 from strainsight.sensors.export import uff_text
 
@@ -130,7 +129,7 @@ def layout_output(
             gauge_table(listed, placement.expected.without, task.relative),
             *tables,
             criteria_table(placement.others, names, task.unknowns.scale if task.relative else None),
-            advice_table(placement.advice),
+            *warnings_table(placement.advice, "advice"),
         ),
         files={
             "gauges.csv": gauge_csv(listed, placement.expected.without, mesh, deck_frame(length_unit)),

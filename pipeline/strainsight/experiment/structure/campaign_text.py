@@ -131,10 +131,9 @@ def campaign_tables(campaign: Campaign) -> tuple[Table, ...]:
         notes += [(of, note) for note in filter(None, (*record.estimated.notes, record.innovations_in_words))]
     texts = [text for _, text in notes]
     rows = [("all" if texts.count(text) == len(campaign.records) else of, text) for of, text in notes]
-    measurements = Table("measurements", ("record", ""), tuple(dict.fromkeys(rows)))
-    if only:
-        measurements = Table("measurements", ("",), tuple((text,) for text in texts))
-    return (*tables, measurements, *warnings_table([*filter(None, (campaign.decision.message,))]))
+    by_record = (Table("measurements", ("record", ""), tuple(dict.fromkeys(rows))),)
+    measurements = warnings_table(texts, "measurements") if only else by_record
+    return (*tables, *measurements, *warnings_table([*filter(None, (campaign.decision.message,))]))
 
 
 def _unknowns_table(campaign: Campaign) -> Table:

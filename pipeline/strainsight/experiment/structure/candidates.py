@@ -121,8 +121,16 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
         strain = StrainGauges(pool)
         if gauges.bridge is not None:
             keep, _, _ = admissible(mesh, facets, **sites_of(gauges))
-            strain = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
+            strain = bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep)
             pool = strain.candidates
+            if not len(pool):
+                raise InfeasibleError(
+                    f"no place has one opposite for the arms of a {gauges.bridge} bridge: behind none of {strain.alone} is a "
+                    "facet that takes a gauge along its direction",
+                    key="gauges.bridge",
+                    remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or "
+                    "remove it",
+                )
     if length == 0:
         return strain
     well = fits(mesh.position, pool, facets)
@@ -134,18 +142,6 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
         )
     kept = pool.take(np.flatnonzero(well))
     return replace(strain, candidates=kept, left_out=pool.gauges - kept.gauges)
-
-
-def _bridged(bridged: StrainGauges, pattern: str) -> StrainGauges:
-    """Raises InfeasibleError where no place has one opposite."""
-    if not len(bridged.candidates):
-        raise InfeasibleError(
-            f"no place has one opposite for the arms of a {pattern} bridge: behind none of {bridged.alone} is a facet that "
-            "takes a gauge along its direction",
-            key="gauges.bridge",
-            remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or remove it",
-        )
-    return bridged
 
 
 def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:

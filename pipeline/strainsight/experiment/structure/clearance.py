@@ -3,7 +3,7 @@ of the mesh."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
@@ -68,27 +68,27 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
         return {name: mask | lying.get(name, False) for name, mask in near.items()}
 
     if stated is not None:
-        wanted = float(stated)
-        near = nearer(wanted)
-        blocked[free] = _any(near)
-        if blocked[free].all():
-            raise InfeasibleError(
-                f"none of {len(points)} candidates is {1e3 * wanted:.3g} mm from every {_listed(around)}",
-                key="gauges.clearance",
-                remedy="state a smaller one, or none; zones of gauges.exclude leave out what has to be",
-            )
-        return Clearance(distance=wanted, wanted=wanted, rule=STATED, near=_counts(near)), blocked
-    wanted = (
-        carrier_clearance(config.gauges.grid_length)
-        if kind is None
-        else half_diagonal(kind.carrier_length, kind.carrier_width)
-    )
-    for step in STEPS:
+        wanted, steps, rule = float(stated), STEPS[:1], STATED
+    elif kind is None:
+        wanted, steps, rule = carrier_clearance(config.gauges.grid_length), STEPS, CARRIER
+    else:
+        wanted, steps, rule = half_diagonal(kind.carrier_length, kind.carrier_width), STEPS, CARRIER
+    for step in steps:
         near = nearer(step * wanted)
-        if room_for(points[~_any(near)], config.screen.minimum_spacing, CHOICE):
-            blocked[free] = _any(near)
-            return Clearance(distance=step * wanted, wanted=wanted, rule=CARRIER, near=_counts(near)), blocked
-    return Clearance(distance=0.0, wanted=wanted, rule=CARRIER, near={}), blocked
+        taken = np.any(list(near.values()), axis=0)
+        enough = not taken.all() if rule == STATED else room_for(points[~taken], config.screen.minimum_spacing, CHOICE)
+        if enough:
+            blocked[free] = taken
+            counts = {name: int(np.count_nonzero(mask)) for name, mask in near.items()}
+            return Clearance(distance=step * wanted, wanted=wanted, rule=rule, near=counts), blocked
+    if rule == CARRIER:
+        return Clearance(distance=0.0, wanted=wanted, rule=rule, near={}), blocked
+    *others, last = (OF_THEM.get(name, name.removesuffix("s")) for name in around)
+    raise InfeasibleError(
+        f"none of {len(points)} candidates is {1e3 * wanted:.3g} mm from every {', '.join(others)} and {last}",
+        key="gauges.clearance",
+        remedy="state a smaller one, or none; zones of gauges.exclude leave out what has to be",
+    )
 
 
 def bent_gauges(structure: Structure) -> np.ndarray:
@@ -138,19 +138,6 @@ def _lies_on(part: Candidates, facets: Facets, chosen: np.ndarray) -> np.ndarray
 
 OF_THEM = {"faces": "face of gauges.exclude", "bends": "bend too tight for gauges.type"}
 """In words, of one; others without their s."""
-
-
-def _listed(names: Iterable[str]) -> str:
-    *others, last = (OF_THEM.get(name, name.removesuffix("s")) for name in names)
-    return f"{', '.join(others)} and {last}"
-
-
-def _any(near: Mapping[str, np.ndarray]) -> np.ndarray:
-    return np.asarray(np.any(list(near.values()), axis=0))
-
-
-def _counts(near: Mapping[str, np.ndarray]) -> dict[str, int]:
-    return {name: int(np.count_nonzero(mask)) for name, mask in near.items()}
 
 
 def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndarray:

@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
@@ -205,9 +205,9 @@ class _OnStructure(Subject):
     def alike(self, gauges: np.ndarray) -> list[tuple[int, ...]]:
         return alike_gauges(self.problem, gauges, self.covariance)
 
-    def alone(self, gauges: np.ndarray, coherence: float) -> list[Pool]:
-        channels = self.problem.channels.of(gauges)
-        scenarios = self._scenarios(channels, COHERENCE if coherence else 0.0)
+    def _single(self, gauges: np.ndarray, share: float) -> list[Pool]:
+        """Pools with every gauge (k,) as a row, with errors of installation as in `_scenarios`."""
+        scenarios = self._scenarios(self.problem.channels.of(gauges), share)
         return [solve_pool(scenario) for scenario in chain(*scenarios)]
 
     def _scenarios(self, channels: np.ndarray, share: float) -> list[tuple[Scenario, ...]]:
@@ -249,6 +249,7 @@ class _OnStructure(Subject):
             config.place.weights,
             coherence=share * config.train.duration,
             cases=cases,
+            single=partial(self._single, share=share),
         )
 
     def _cases(self, count: Sequence[int]) -> LoadCases | None:

@@ -157,8 +157,8 @@ def trained(
     """Simulate the reduced model at the guess, under the loads as stated and in every load case, and read every candidate; the
     candidates on the surface, None where their strain rows are given."""
     model = reduced.model
-    runs = run_as_stated(config, model.inputs, using.files), *runs_of(config, model.inputs, using.files)
-    stated, *cases = (_Moved(run, *_motion(run, reduced)) for run in runs if run.name or run is runs[0])
+    of_cases = [run for run in runs_of(config, model.inputs, using.files) if run.name]
+    stated, *cases = (_moved(run, reduced) for run in (run_as_stated(config, model.inputs, using.files), *of_cases))
     x, u, n, steps = stated.x, stated.u, model.size, len(stated.x) - 1
     using.progress("candidates", 0.3)
     surface, given_rows, change, free = None, None, NO_CHANGE, free_thicknesses(config, mesh, model.reference)
@@ -229,10 +229,10 @@ class _Moved:
     u: np.ndarray
 
 
-def _motion(run: TrainingRun, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
+def _moved(run: TrainingRun, reduced: Reduced) -> _Moved:
     refuse_times(reduced.frequency, run.duration, run.time_step, run.key)
     loading = run.loading()
-    return motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held)
+    return _Moved(run, motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held))
 
 
 def _sizes(moved: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> tuple[np.ndarray, np.ndarray]:
@@ -345,15 +345,13 @@ def refuse_noise(best: Mapping[str, tuple[float, float]]) -> None:
     low, high = SIGNAL_TO_NOISE
     key, (signal, noise) = max(best.items(), key=lambda item: item[1][0] / item[1][1] if item[1][1] else np.inf)
     if signal > high * noise:
-        raise InfeasibleError(
-            f"a noise of {noise:.3g} is {noise / signal:.1g} of the largest RMS reading, {signal:.3g}: the model itself is "
-            "rounded to more",
-            key=f"{key}.noise_std",
-            remedy=f"take at least {at_least(signal / high)}; it is a strain (1 µm/m is 1e-6), m/s² or m",
-        )
-    if 0 < signal < low * noise:
-        raise InfeasibleError(
-            f"a noise of {noise:.3g} is {noise / signal:.1g} times the largest RMS reading, {signal:.3g}: nothing can be learnt",
-            key=f"{key}.noise_std",
-            remedy=f"take at most {at_most(signal / low)}; it is a strain (1 µm/m is 1e-6), m/s² or m",
-        )
+        of, why, limit = "of", "the model itself is rounded to more", f"at least {at_least(signal / high)}"
+    elif 0 < signal < low * noise:
+        of, why, limit = "times", "nothing can be learnt", f"at most {at_most(signal / low)}"
+    else:
+        return
+    raise InfeasibleError(
+        f"a noise of {noise:.3g} is {noise / signal:.1g} {of} the largest RMS reading, {signal:.3g}: {why}",
+        key=f"{key}.noise_std",
+        remedy=f"take {limit}; it is a strain (1 µm/m is 1e-6), m/s² or m",
+    )

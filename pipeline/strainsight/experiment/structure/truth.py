@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 from zlib import crc32
 
 import numpy as np
@@ -184,12 +183,8 @@ def modulus_estimated(config: PlacementConfig) -> bool:
     return any(parameter.springs is None for parameter in of_whole)
 
 
-class SimulatedMotion(Protocol):
-    """A simulated motion that channels can be read from."""
-
-    def reading(self, channels: np.ndarray) -> np.ndarray:
-        """Channels (k,) without noise (T + 1, k) [strain, m/s² or m]."""
-        ...
+SimulatedMotion = Callable[[np.ndarray], np.ndarray]
+"""Channels (k,) → what they read of a simulated motion without noise (T + 1, k) [strain, m/s² or m]."""
 
 
 @dataclass(frozen=True)
@@ -204,20 +199,10 @@ class ModalMotion:
     offset: np.ndarray
     drift: np.ndarray
 
-    def reading(self, channels: np.ndarray) -> np.ndarray:
+    def __call__(self, channels: np.ndarray) -> np.ndarray:
         rows = self.rows[channels].T
         zero = self.offset[channels] + np.outer(np.linspace(0, 1, len(self.q)), self.drift[channels])
         return np.where(self.moving[channels], self.acceleration @ rows, self.q @ rows) + zero
-
-
-@dataclass(frozen=True)
-class ReadMotion:
-    """readings (T + 1, m) of all channels."""
-
-    readings: np.ndarray
-
-    def reading(self, channels: np.ndarray) -> np.ndarray:
-        return self.readings[:, channels]
 
 
 @dataclass(frozen=True)
@@ -409,7 +394,7 @@ def _full(
             )
         readings = np.empty((len(loading.held) + 1, len(moving)))
         readings[:, ~moving], readings[:, moving] = run.reading[lead:], run.acceleration[lead:]
-        return ReadMotion(readings)
+        return lambda channels: readings[:, channels]
 
     return SimulatedTruth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
 

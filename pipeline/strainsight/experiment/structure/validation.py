@@ -39,13 +39,7 @@ from strainsight.experiment.structure.problem import (
     scheme_in_words,
 )
 from strainsight.experiment.structure.structure import Structure
-from strainsight.experiment.structure.studies import (
-    Rank,
-    Studies,
-    rank_of,
-    studies_of,
-    sweeps_of,
-)
+from strainsight.experiment.structure.studies import Rank, rank_of, studies_of, sweeps_of
 from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.experiment.structure.truth import truth_of
 from strainsight.ordering import first_of_largest
@@ -53,7 +47,7 @@ from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.placed import budget_of_shares
 from strainsight.records.reduced import Modes
 from strainsight.records.training import Screened
-from strainsight.records.validated import Consistency, Field, SimulatedChannels, SweepTable, Validated
+from strainsight.records.validated import Consistency, Field, RandomSetErrors, SimulatedChannels, Validated
 from strainsight.runner.output import Scalar, Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
 from strainsight.sensors.screening import CLEARANCE
@@ -119,23 +113,39 @@ def validation_of(
     compare = problem.method == "bank" and config.filter.compare is not False
     beside = compared(problem, model, trial.covariance, trial.known, measured) if compare else None
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
-    studies = studies_of(trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch)
+    studies, lost = studies_of(
+        trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch
+    )
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
     P, known, start = trial.covariance, trial.known, trial.settled
     budget, without = budget_of(problem, tolerances, model, trial.chosen, P, known, measured, run, smoothed, start)
-    bank = filtered.banks[0] if filtered.banks else None
+    innovations = nis(run.whitened[:, 0])
+    validated = Validated(
+        time=trial.time,
+        truth={name: trial.history[name] for name in trial.names},
+        **histories(model, run, smoothed),
+        gauge=SimulatedChannels(
+            time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
+        ),
+        consistency=Consistency(
+            nees=nees(scaled_error(trial, run.mean)[1:, 0], run.unknown_covariance[1:, 0]),
+            nis=innovations,
+            band=np.square([band_of(len(trial.names)), band_of(len(trial.chosen) * len(innovations))]),
+        ),
+        field=_field(trial, model, run),
+        **studies,
+        sweep=swept,
+        posterior=posteriors_of(problem, P, filtered.banks[0] if filtered.banks else None),
+        compared=beside,
+        budget=budget_of_shares(budget),
+    )
     return Validation(
         trial,
-        replace(
-            _validated(trial, model, run, smoothed, measured, true, studies, swept),
-            posterior=posteriors_of(problem, P, bank),
-            compared=beside,
-            budget=budget_of_shares(budget),
-        ),
-        accuracies(trial, model, run, smoothed, studies),
+        validated,
+        accuracies(trial, model, run, smoothed, validated.all),
         float(whiteness(run.whitened[:, 0])),
         verdict(run.whitened[:, 0]).text,
-        studies.lost,
+        lost,
         without,
     )
 
@@ -161,42 +171,6 @@ def validated_without_sigma(validated: Validated) -> Validated:
 def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
     using.progress(doing, start)
     return watched(using.sweep, lambda share: using.progress(doing, start + (end - start) * share))
-
-
-def _validated(
-    trial: Trial,
-    model: FilterModel,
-    run: FilterRun,
-    smoothed: Smoothed,
-    measured: np.ndarray,
-    true: np.ndarray,
-    studies: Studies,
-    swept: SweepTable | None,
-) -> Validated:
-    innovations = nis(run.whitened[:, 0])
-    bands = np.square([band_of(len(trial.names)), band_of(len(trial.chosen) * len(innovations))])
-    return Validated(
-        time=trial.time,
-        truth={name: trial.history[name] for name in trial.names},
-        **histories(model, run, smoothed),
-        gauge=SimulatedChannels(
-            time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
-        ),
-        consistency=Consistency(
-            nees=nees(scaled_error(trial, run.mean)[1:, 0], run.unknown_covariance[1:, 0]),
-            nis=innovations,
-            band=bands,
-        ),
-        field=_field(trial, model, run),
-        noise=studies.noise,
-        repeats=studies.repeats,
-        screened=studies.screened,
-        all=studies.all,
-        sweep=swept,
-        posterior={},
-        compared=None,
-        budget=None,
-    )
 
 
 def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
@@ -256,13 +230,9 @@ class Accuracy:
 
 
 def accuracies(
-    trial: Trial,
-    model: FilterModel,
-    run: FilterRun,
-    smoothed: Smoothed,
-    studies: Studies,
+    trial: Trial, model: FilterModel, run: FilterRun, smoothed: Smoothed, random: RandomSetErrors
 ) -> dict[str, Accuracy]:
-    """Unknown → how well it is known by the layout, whose filter and smoother have run; studies: with the random sets."""
+    """Unknown → how well it is known by the layout, whose filter and smoother have run; random: sets of all candidates."""
     error, std = real_and_claimed(trial, model, run.mean, run.std)
     later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
     accuracy, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
@@ -282,8 +252,8 @@ def accuracies(
             draws=1 if constant else _draws(value - trial.history[name], sigma),
             smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
             settling_time=settling_time(trial.time, value, trial.truth.theta[name], SETTLED) if constant else None,
-            rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
-            benefit=benefit_of(float(error[name][0]), studies.all.error[name]),
+            rank=rank_of(random, name, float(error[name][0]), float(std[name][0])),
+            benefit=benefit_of(float(error[name][0]), random.error[name]),
         )
     return accuracy
 
