@@ -306,8 +306,7 @@ def _filtered(
         results = filter_by_consistency(filters, consistent, wanted, progress)
         compare = not first.long if compare is None else compare
         if len(filters) == 1 and compare and not decision.withheld and first.problem.method == "bank":
-            data = first.covariance, first.test.known, first.test.values, first.biased
-            results = (replace(results[0], compared=compared(first.problem, first.model, *data)),)
+            results = (replace(results[0], compared=compared(first.problem, first.bank_record)),)
         return results
     except (NumericalError, np.linalg.LinAlgError) as error:
         if decision.inconsistent:

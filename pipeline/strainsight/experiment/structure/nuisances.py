@@ -14,7 +14,7 @@ from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.estimation.claim import ClaimedStd, bank_claim, covariance_recursion
 from strainsight.estimation.conditional import Nuisances, acceleration_rows, linear_models, no_nuisances, theta_at
 from strainsight.estimation.model import FilterModel, inputs_of, theta_of
-from strainsight.estimation.record import Settled, periodic_start
+from strainsight.estimation.record import BankRecord, Settled, periodic_start
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.structure.problem import SILENT, Problem
@@ -313,38 +313,36 @@ def variances(problem: Problem, claim: ClaimedStd) -> tuple[np.ndarray, Shares]:
 def budget_of(
     problem: Problem,
     tolerances: Tolerated,
-    model: FilterModel,
+    record: BankRecord,
     channels: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measured: np.ndarray,
     run: FilterRun,
     smoothed: Smoothed,
-    settled: Settled | None,
 ) -> tuple[Shares, tuple[str, ...]]:
     """Of the filtered unknowns by the filter of the config, linearised along the motion under the loads, and at the parameters,
     that the smoother has found; and a sentence for each unknown whose σ this does not give within HOLDS, which has none.
 
-    channels (m,) rows of train.h5; covariance (n*, n*) at t = 0; known (T, HOLD, n_known) [N]; measured (T/every, m), NaN where
-    missing. The extended and the sigma-point filter have no tolerances in their σ, and none here.
+    channels (m,) of the record: rows of train.h5. The extended and the sigma-point filter have no tolerances in their σ, and none
+    here.
     """
+    model = record.model
     x = smoothed.mean[:, 0, : model.size]
     if not np.isfinite(x).all():
         return {}, ("no budget of the variance: the motion that was found is not finite",)
-    u = inputs_of(model, x[:-1], known)
+    u = inputs_of(model, x[:-1], record.known)
     theta = {name: float(value) for name, value in theta_of(model, x[-1]).items()}
     smoothed_values = {name: theta[name] for name in problem.unknowns.parameters}
     at = replace(model, unknowns=replace(model.unknowns, guess={**model.unknowns.guess, **smoothed_values}))
     missing = np.zeros((len(u), 1, len(channels)))
-    missing[model.every - 1 :: model.every, 0] = np.isnan(measured)
+    missing[model.every - 1 :: model.every, 0] = np.isnan(record.samples)
     at = replace(at, r=at.r * np.where(missing > 0, SILENT, 1.0) if missing.any() else at.r)
     by_bank = problem.method == "bank"
-    start = np.diag(covariance)[model.motion]
-    motion = _motion(at, theta, u, x[:, model.motion], start, settled if by_bank else None)
+    start = np.diag(record.covariance)[model.motion]
+    motion = _motion(at, theta, u, x[:, model.motion], start, record.settled if by_bank else None)
     if by_bank:
-        claim = bank_claim(at, motion, u, covariance, nuisances_of(tolerances, at, channels), settled)
+        nuisances = nuisances_of(tolerances, at, channels)
+        claim = bank_claim(at, motion, u, record.covariance, nuisances, record.settled)
     else:
-        claim = covariance_recursion(at, motion, u, covariance)
+        claim = covariance_recursion(at, motion, u, record.covariance)
     whole, shares = variances(problem, claim)
     claimed = _late(problem, run.std[:, 0, problem.unknowns.position(problem.model)] ** 2)
     ratio = dict(zip(problem.unknowns.names, np.sqrt(whole[0] / claimed).tolist(), strict=True))

@@ -328,16 +328,12 @@ def pool_of(
         return PoolRows(kept[:, None], channels.of(kept), 0)
     with blame("place.symmetry"):
         partner = mirror_partners(candidates, symmetry.point, symmetry.normal)
-    bonded = np.zeros(channels.gauges, dtype=bool)
-    bonded[candidates.gauge[candidates.bonded]] = True
-    kept_gauges = np.zeros(channels.gauges, dtype=bool)
-    kept_gauges[kept] = True
-    pairs = []
+    bonded, in_pool, pairs = candidates.bonded[candidates.first], np.isin(np.arange(channels.gauges), kept), []
     for gauge in kept:
         other = int(partner[gauge])
         if bonded[gauge] or other == gauge:
             pairs.append((int(gauge), -1))
-        elif other > gauge and kept_gauges[other] and not bonded[other]:
+        elif other > gauge and in_pool[other] and not bonded[other]:
             pairs.append((int(gauge), other))
     if not pairs:
         raise InfeasibleError(

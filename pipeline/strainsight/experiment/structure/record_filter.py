@@ -228,11 +228,8 @@ def budget_in(record: RecordFilter, result: FilteredRecord) -> tuple[Shares, tup
         return {}, (f"more than {LONGEST_COMPARED} steps: no budget of the variance",)
     if len(record.biased):
         return {}, ("no budget of the variance where offsets of channels are unknown",)
-    test = record.test
-    samples = test.channels, record.start, test.known, test.values
-    return budget_of(
-        record.problem, record.tolerances, record.model, *samples, result.run, result.smoothed, record.settled
-    )
+    known = record.bank_record, record.test.channels
+    return budget_of(record.problem, record.tolerances, *known, result.run, result.smoothed)
 
 
 def forecast_of(filters: Sequence[RecordFilter], wanted: Wants) -> float | None:

@@ -99,17 +99,17 @@ def parameters_of(
                 of_deck[f"region {region}"] = value_of(mesh, region, entry.property, entry.material)
         for place, deck in {**of_deck, **dict.fromkeys(springs, 1.0)}.items():
             if not 0.1 <= value / deck <= 10:
-                in_mpa = PARAMETER_UNITS[entry.property] == "Pa" and 0.1 <= 1e6 * value / deck <= 10
-                in_mm = PARAMETER_UNITS[entry.property] == "m" and 0.1 <= 1e-3 * value / deck <= 10
-                meant = f"{value:g} MPa are {1e6 * value:.4g} Pa: give that, if it is meant"
-                if in_mm:
-                    meant = f"{value:g} mm are {1e-3 * value:.4g} m: give that, if it is meant"
-                units = "check mesh.length_unit and mesh.mass_unit, or the guess"
-                factor = "it multiplies what the deck has: 1.0 is that of the deck"
+                unit = PARAMETER_UNITS[entry.property]
+                factor, usual = {"Pa": (1e6, "MPa"), "m": (1e-3, "mm")}.get(unit, (1.0, unit))
+                remedy = "check mesh.length_unit and mesh.mass_unit, or the guess"
+                if unit == "1":
+                    remedy = "it multiplies what the deck has: 1.0 is that of the deck"
+                elif 0.1 <= factor * value / deck <= 10:
+                    remedy = f"{value:g} {usual} are {factor * value:.4g} {unit}: give that, if it is meant"
                 raise ConfigError(
                     f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in {place} (SI units)",
                     key=f"parameters.{name}.guess",
-                    remedy=meant if in_mpa or in_mm else factor if PARAMETER_UNITS[entry.property] == "1" else units,
+                    remedy=remedy,
                 )
         if entry.property == THICKNESS:
             _require_alike(name, of_deck)

@@ -10,9 +10,11 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.csv_cells import csv_bytes
+from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.consistency import after_start, nees, nis, settling_time, verdict, whiteness
 from strainsight.estimation.decision import Benefit, Claim, Decision, band_of, benefit_of, samples_alike, without_sigma
 from strainsight.estimation.model import FilterModel, physical, surface_reading
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
@@ -111,14 +113,14 @@ def validation_of(
     filtered = trial.filtered(model, trial.chosen, measured, keep="all")
     run, smoothed = filtered.run, trial.smoothed(model, measured, filtered)
     compare = problem.method == "bank" and config.filter.compare is not False
-    beside = compared(problem, model, trial.covariance, trial.known, measured) if compare else None
+    samples = trial.covariance, trial.known, measured
+    record = BankRecord(model, np.zeros(model.size), *samples, no_nuisances(model), settled=trial.settled)
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
     studies, lost = studies_of(
         trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch
     )
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
-    P, known, start = trial.covariance, trial.known, trial.settled
-    budget, without = budget_of(problem, tolerances, model, trial.chosen, P, known, measured, run, smoothed, start)
+    budget, without = budget_of(problem, tolerances, record, trial.chosen, run, smoothed)
     innovations = nis(run.whitened[:, 0])
     validated = Validated(
         time=trial.time,
@@ -135,8 +137,8 @@ def validation_of(
         field=_field(trial, model, run),
         **studies,
         sweep=swept,
-        posterior=posteriors_of(problem, P, filtered.banks[0] if filtered.banks else None),
-        compared=beside,
+        posterior=posteriors_of(problem, trial.covariance, filtered.banks[0] if filtered.banks else None),
+        compared=compared(problem, record) if compare else None,
         budget=budget_of_shares(budget),
     )
     return Validation(
