@@ -113,6 +113,11 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
     mean, missed = std.mean(sensitivity) * free, training.missed[wanted]
     loads = tolerated_loads(tolerances, reduced, missed + part.read(mean[:, n:]).reshape(missed.shape), part.quantity)
     felt = {name: rows for name, rows in scaled.items() if rows.any()}
+    # of a gain, whose std here is 0, nothing: it displaces nothing else
+    beyond = {
+        name: loads.std * rows[:, n:].reshape(len(rows), *missed.shape[1:])[:, loads.load, loads.way]
+        for name, rows in felt.items()
+    }
     return Tolerated(
         wanted,
         part.quantity,
@@ -120,7 +125,7 @@ def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
         part.sign_of_grid,
         grids.gauge,
         {name: rows[:, :n] for name, rows in felt.items()},
-        {name: loads.of_missed(rows[:, n:].reshape(len(rows), *missed.shape[1:])) for name, rows in felt.items()},
+        beyond,
         mean[:, :n],
         _zeros(std, part),
         loads,

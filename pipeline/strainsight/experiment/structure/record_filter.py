@@ -78,11 +78,6 @@ class RecordFilter:
         return BankRecord(*states, test.known, test.values, self.nuisances, self.biased, self.settled)
 
     @property
-    def smoothed_states(self) -> int:
-        """How many states the smoother has: x*, offsets, and z where it is a bank's."""
-        return len(self.covariance) + (len(self.nuisances.load) if self.problem.method == "bank" else 0)
-
-    @property
     def long(self) -> bool:
         """Whether what takes several times as long as the estimate is left out unless it is asked for."""
         return len(self.test.known) > LONGEST_COMPARED

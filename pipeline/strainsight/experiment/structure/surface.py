@@ -340,7 +340,8 @@ def wanted_of(
     """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
     its pictures; run: of the filter."""
     assert config.estimate is not None
-    states, field = record.smoothed_states, config.estimate.field
+    beyond = len(record.nuisances.load) if record.problem.method == "bank" else 0  # z of a bank's smoother
+    states, field = len(record.covariance) + beyond, config.estimate.field
     frames = np.zeros(0) if field is None else frames_of(field, run.time)
     most = (largest(record, run.mean[-1, 0])[0] + 1) * record.test.every
     together = [index for _, index in places_of(config.loads, record.problem.unknowns.inputs)]

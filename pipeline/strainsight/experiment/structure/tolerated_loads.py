@@ -33,10 +33,6 @@ class ToleratedLoads:
     shape: np.ndarray
     missed: np.ndarray
 
-    def of_missed(self, rows: np.ndarray) -> np.ndarray:
-        """σ times rows (g, n_u, misalignments), per N (g, f): nothing of a gain, which displaces nothing else."""
-        return np.asarray(self.std * rows[:, self.load, self.way])
-
 
 def tolerated_loads(
     tolerances: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray

@@ -85,11 +85,6 @@ def load_error_of(config: PlacementConfig, name: str, known: bool, realisation: 
     )
 
 
-def loads_vary(config: PlacementConfig) -> bool:
-    """Whether some load acts otherwise than it should."""
-    return misaligned_loads(config) or (_some_known(config) and tolerances_of(config.tolerances).load_gain > 0)
-
-
 def _some_known(config: PlacementConfig) -> bool:
     return any(name not in config.place.estimate for name in config.loads)
 
@@ -271,7 +266,7 @@ def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, usi
         with blame("tolerances"):
             rows, held = installed(gauges, installation)
         sampled, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
-        if loads_vary(config):
+        if misaligned_loads(config) or (_some_known(config) and structure.tolerances.load_gain > 0):
             sampled = sampled.acted_on(basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
         truth = _modal(theta, words, held, sampled, rows, part, installation)
         return replace(truth, field=partial(nodal, built.model, basis))

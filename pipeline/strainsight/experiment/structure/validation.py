@@ -179,7 +179,9 @@ def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
     """Every candidate, bonded or not, at the instant of the largest true strain."""
     channels = trial.problem.channels
     straining = np.flatnonzero(channels.quantity == STRAIN)
-    instant = _instant_of_largest(trial, straining if len(straining) else np.arange(len(channels.quantity)))
+    looked_at = straining if len(straining) else np.arange(len(channels.quantity))
+    largest = np.max([np.abs(trial.reading(part)[1:]).max(axis=1) for part in _parts(looked_at)], axis=0)
+    instant = first_of_largest(largest) + 1  # after the start
     moving = channels.quantity == ACCELERATION
     assert run.covariance is not None
     true = np.concatenate([trial.reading(part)[instant] for part in _parts(np.arange(len(moving)))])
@@ -190,12 +192,6 @@ def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
         strain=np.where(moving, np.nan, strain[0]),
         std=np.where(moving, np.nan, output_std(J[0], run.covariance[instant, 0])),
     )
-
-
-def _instant_of_largest(trial: Trial, channels: np.ndarray) -> int:
-    """Index of the instant at which any of the channels reads most, after the start."""
-    largest = np.max([np.abs(trial.reading(part)[1:]).max(axis=1) for part in _parts(channels)], axis=0)
-    return first_of_largest(largest) + 1
 
 
 PART = 1000
