@@ -190,7 +190,7 @@ def placed_channels(
             listed = f"there are {', '.join(existing[:12])}{' …' * (len(existing) > 12)}"
             remedy = did_you_mean(name, existing)
             raise ConfigError(f"no gauge '{name}'", key=key, remedy=" ".join(filter(None, (remedy, listed))))
-        if settings.gauges_file is None and not settings.as_placed:
+        if places is None and settings.gauges_file is None and not settings.as_placed:
             raise ConfigError(
                 f"{name} is the name of a place in the layout as it is now, and nothing says where it was bonded",
                 key=KEY,
