@@ -178,7 +178,7 @@ def true_damage(places: Places, q: np.ndarray, theta: dict[str, float]) -> np.nd
 
 def rich_record(motion: object, places: Places, theta: object, channels: int, number: int) -> Record:
     assert isinstance(motion, ModalMotion)
-    return Record(motion.reading(np.arange(channels))[1:], true_damage(places, motion.q, dict(theta)), number)  # type: ignore[call-overload]
+    return Record(motion(np.arange(channels))[1:], true_damage(places, motion.q, dict(theta)), number)  # type: ignore[call-overload]
 
 
 def own_record(shared: Filtering, number: int) -> Record:

@@ -67,13 +67,14 @@ def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
         near = {name: part.any_grid(mask) for name, mask in crowded(places, around, distance).items()}
         return {name: mask | lying.get(name, False) for name, mask in near.items()}
 
+    rule = CARRIER if stated is None else STATED
     if stated is not None:
-        wanted, steps, rule = float(stated), STEPS[:1], STATED
+        wanted = float(stated)
     elif kind is None:
-        wanted, steps, rule = carrier_clearance(config.gauges.grid_length), STEPS, CARRIER
+        wanted = carrier_clearance(config.gauges.grid_length)
     else:
-        wanted, steps, rule = half_diagonal(kind.carrier_length, kind.carrier_width), STEPS, CARRIER
-    for step in steps:
+        wanted = half_diagonal(kind.carrier_length, kind.carrier_width)
+    for step in STEPS if rule == CARRIER else (1.0,):
         near = nearer(step * wanted)
         taken = np.any(list(near.values()), axis=0)
         enough = not taken.all() if rule == STATED else room_for(points[~taken], config.screen.minimum_spacing, CHOICE)

@@ -125,7 +125,7 @@ def validation_of(
     validated = Validated(
         time=trial.time,
         truth={name: trial.history[name] for name in trial.names},
-        **histories(model, run, smoothed),
+        **(studies | histories(model, run, smoothed)),
         gauge=SimulatedChannels(
             time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
         ),
@@ -135,7 +135,6 @@ def validation_of(
             band=np.square([band_of(len(trial.names)), band_of(len(trial.chosen) * len(innovations))]),
         ),
         field=_field(trial, model, run),
-        **studies,
         sweep=swept,
         posterior=posteriors_of(problem, trial.covariance, filtered.banks[0] if filtered.banks else None),
         compared=compared(problem, record) if compare else None,
