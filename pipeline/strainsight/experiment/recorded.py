@@ -58,11 +58,7 @@ def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = 
         values = recording.channels[column]
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:
-            raise UserError(
-                f"no sample under {column!r}",
-                where=recording.place(int(missing[0])),
-                remedy=NO_GAPS,
-            )
+            raise UserError(f"no sample under {column!r}", where=recording.place(int(missing[0])), remedy=NO_GAPS)
         check_marks(recording, column, recording.units[column] or "", NO_GAPS, negative=True)
         back = np.flatnonzero(np.diff(recording.time) <= 0)
         if back.size:

@@ -200,9 +200,7 @@ def placed_channels(
         if places is not None and name not in places:
             remedy, listed = did_you_mean(name, places), f"it has {', '.join(places)}"
             raise ConfigError(
-                f"{KEY} does not say where {name} was bonded",
-                key=key,
-                remedy=" ".join(filter(None, (remedy, listed))),
+                f"{KEY} does not say where {name} was bonded", key=key, remedy=" ".join(filter(None, (remedy, listed)))
             )
         yield key, name
 

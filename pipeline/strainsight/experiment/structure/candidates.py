@@ -259,13 +259,7 @@ def channels_of(training: Training, screened: Screened) -> CandidateChannels:
 def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:
     """Gauges (k,) by their numbers, as a layout lists them, with what they read in the training run."""
     return gauge_list(
-        training.candidates,
-        training.name,
-        gauges,
-        screened.family,
-        training.peak,
-        screened.range,
-        training.strained,
+        training.candidates, training.name, gauges, screened.family, training.peak, screened.range, training.strained
     )
 
 

@@ -54,7 +54,6 @@ from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
 from strainsight.experiment.structure.start import ringing_in_words
 from strainsight.experiment.structure.structure import Structure
-from strainsight.experiment.structure.training import runs_of
 from strainsight.loads.histories import instant_values
 from strainsight.loads.linearisation import linearise, measurement_rows
 from strainsight.loads.observability import Observability, observability
@@ -146,8 +145,8 @@ class _OnStructure(Subject):
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
         """One a load case, or that under the loads as stated."""
-        runs = runs_of(self.config, self.structure.reduced.model.inputs, self.structure.files)
-        return tuple(problem_of(self.structure, self.screened, run) if run.name else self.problem for run in runs)
+        structure = self.structure
+        return tuple(problem_of(structure, self.screened, run) if run.name else self.problem for run in structure.runs)
 
     @cached_property
     def pool(self) -> PoolRows:

@@ -13,7 +13,7 @@ from strainsight.experiment.structure.clearance import bent_gauges, clearance_of
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.structure import Structure
-from strainsight.experiment.structure.training import TrainingRun, refuse_noise, runs_of
+from strainsight.experiment.structure.training import TrainingRun, refuse_noise
 from strainsight.loads.histories import instant_values
 from strainsight.records.training import Screened
 from strainsight.rom.model import ReducedModel, accelerations
@@ -47,17 +47,13 @@ def installation_variances(structure: Structure, gauges: np.ndarray) -> np.ndarr
     by name, (1, m) where there are none; zero for those that are not wanted.
     """
     pool, std = structure.pool, structure.installation
-    moments = [_moments(structure, run) for run in _runs(structure)]
+    moments = [_moments(structure, run) for run in structure.runs]
     v = np.zeros((len(moments), len(pool)))
     for few in np.array_split(gauges, len(gauges) // AT_A_TIME + 1):
         index = pool.channels(few)
         slopes, part = structure.sensitivity(index), pool.take(index)
         v[:, index] = [installation_variance(slopes, std, part, still, moving) for still, moving in moments]
     return v
-
-
-def _runs(structure: Structure) -> tuple[TrainingRun, ...]:
-    return runs_of(structure.config, structure.reduced.model.inputs, structure.files)
 
 
 def _moments(structure: Structure, run: TrainingRun) -> tuple[np.ndarray, np.ndarray]:
@@ -193,7 +189,7 @@ def _alone(structure: Structure) -> Iterator[tuple[int, np.ndarray]]:
     of the unknowns that act in that case."""
     model, training = structure.reduced.model, structure.training
     sensing, inputs = structure.pool.quantity == ACCELERATION, model.inputs
-    for case, run in enumerate(_runs(structure)):
+    for case, run in enumerate(structure.runs):
         loading = run.loading()
         for name in structure.config.place.estimate:
             if name in inputs:

@@ -12,6 +12,7 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import Tolerances, tolerances_of
 from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
+from strainsight.experiment.structure.training import TrainingRun, runs_of
 from strainsight.experiment.system import installation_std
 from strainsight.fem.affine import Parameter
 from strainsight.mesh.facets import exterior_facets
@@ -48,6 +49,11 @@ class Structure:
     def installation(self) -> InstallationStd:
         """σ of how gauges are installed."""
         return installation_std(self.tolerances)
+
+    @cached_property
+    def runs(self) -> tuple[TrainingRun, ...]:
+        """The runs that a layout is placed for."""
+        return runs_of(self.config, self.reduced.model.inputs, self.files)
 
     @cached_property
     def skin(self) -> Skin:

@@ -68,10 +68,7 @@ class TrainingRun:
 
 def run_as_stated(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> TrainingRun:
     """The run under the loads as stated; inputs: of the model, in its order, which may not be that of the config."""
-    train = config.train
-    with blame("train"):
-        signals = {name: signal_of(name, config.loads[name].signal, files) for name in inputs}
-    return TrainingRun("", "train", 1.0, train.duration, train.time_step, train.settle, signals, frozenset())
+    return _run(config, "", TrainingCase(), inputs, files)
 
 
 def runs_of(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> tuple[TrainingRun, ...]:
@@ -85,7 +82,8 @@ def runs_of(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, 
 def _run(
     config: PlacementConfig, name: str, case: TrainingCase, inputs: Sequence[str], files: Mapping[str, Path]
 ) -> TrainingRun:
-    train, key, silent = config.train, f"place.load_cases.{name}", silent_in(case)
+    train, silent = config.train, silent_in(case)
+    key = f"place.load_cases.{name}" if name else "train"
     signals: dict[str, Signal] = {}
     with blame(key):
         for load in inputs:
@@ -173,9 +171,7 @@ def trained(
             skin_of(mesh.position, exterior_facets(mesh)),
         )
         both, change = rows_along(
-            mesh,
-            free,
-            lambda thickness: channel_rows(mesh.position, pool, field, facets=skin, thickness=thickness),
+            mesh, free, lambda thickness: channel_rows(mesh.position, pool, field, facets=skin, thickness=thickness)
         )
     else:
         pool, given_rows = _given(config, mesh, using)
