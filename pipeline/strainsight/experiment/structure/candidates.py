@@ -263,36 +263,22 @@ def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) ->
     )
 
 
-def readings(
-    model: ReducedModel,
-    theta: Mapping[str, float],
-    rows: np.ndarray,
-    quantity: np.ndarray,
-    x: np.ndarray,
-    u: np.ndarray,
-) -> np.ndarray:
-    """What channels read in a motion without noise: row·q of strain and displacement, row·q̈ of acceleration.
-
-    theta: all parameters [SI]; rows (m, n); quantity (m,); x (s, 2n) = [q, q̇]; u (s, n_u) [N] at the same instants.
-    Returns (s, m) [strain, m/s² or m].
-    """
-    n = model.size
-    reading = x[:, :n] @ rows.T
-    moving = quantity == ACCELERATION
-    if moving.any():
-        reading[:, moving] = accelerations(model, theta, x, u) @ rows[moving].T
-    return reading
-
-
 def reading_sizes(
     model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, x: np.ndarray, u: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """RMS and largest of the `readings` of every channel (m,) at the references, some channels at a time."""
+    """RMS and largest reading (m,) of every channel in a motion at the references, without noise: row·q of strain and
+    displacement, row·q̈ of acceleration.
+
+    rows (m, n); quantity (m,); x (s, 2n) = [q, q̇]; u (s, n_u) [N] at the same instants. Some channels at a time.
+    """
+    q, moving = x[:, : model.size], quantity == ACCELERATION
+    acceleration = accelerations(model, model.reference, x, u) if moving.any() else q
     count = max(1, NUMBERS_AT_A_TIME // len(x))
     rms, peak = np.empty((2, len(rows)))
     for first in range(0, len(rows), count):
         part = slice(first, first + count)
-        reading = readings(model, model.reference, rows[part], quantity[part], x, u)
+        reading, which = q @ rows[part].T, moving[part]
+        reading[:, which] = acceleration @ rows[part][which].T
         rms[part], peak[part] = np.sqrt(np.mean(reading**2, axis=0)), np.abs(reading).max(axis=0)
     return rms, peak
 

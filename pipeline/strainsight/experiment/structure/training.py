@@ -157,7 +157,7 @@ def trained(
     model = reduced.model
     of_cases = [run for run in runs_of(config, model.inputs, using.files) if run.name]
     stated, *cases = (_moved(run, reduced) for run in (run_as_stated(config, model.inputs, using.files), *of_cases))
-    x, u, n, steps = stated.x, stated.u, model.size, len(stated.x) - 1
+    n = model.size
     using.progress("candidates", 0.3)
     surface, given_rows, change, free = None, None, NO_CHANGE, free_thicknesses(config, mesh, model.reference)
     names: tuple[str, ...] = ()
@@ -179,19 +179,12 @@ def trained(
         assert reduced.matrices is not None  # the config asks for matrices beside given gauges
         both = given_rows @ with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
-    rms, peak = _sizes(stated, reduced, rows, pool)
     motions = {}
-    for case in cases:
-        using.progress(f"readings of {case.run.name}", 0.5)
-        case_rms, case_peak = _sizes(case, reduced, rows, pool)
-        motions[case.run.name] = CaseMotion(
-            time=case.run.time_step * np.arange(len(case.x)),
-            load=case.u,
-            coordinate=case.x[:, :n],
-            velocity=case.x[:, n:],
-            rms=case_rms,
-            peak=case_peak,
-        )
+    for moved in (stated, *cases):
+        if moved.run.name:
+            using.progress(f"readings of {moved.run.name}", 0.5)
+        motions[moved.run.name] = _read(moved, reduced, rows, pool)
+    as_stated = motions.pop("")
     training = Training(
         candidates=pool,
         name=names + ("",) * (pool.gauges - len(names)),
@@ -200,13 +193,13 @@ def trained(
         missed=missed,
         given=given_rows,
         moved=surface.moved if surface is not None and len(surface.moved) else None,
-        time=stated.run.time_step * np.arange(steps + 1),
-        load=u,
-        coordinate=x[:, :n],
-        velocity=x[:, n:],
-        acceleration=accelerations(model, model.reference, x, u),
-        rms_as_stated=rms,
-        peak_as_stated=peak,
+        time=as_stated.time,
+        load=as_stated.load,
+        coordinate=as_stated.coordinate,
+        velocity=as_stated.velocity,
+        acceleration=accelerations(model, model.reference, stated.x, stated.u),
+        rms_as_stated=as_stated.rms,
+        peak_as_stated=as_stated.peak,
         cases=motions,
     )
     if pool.arms is not None:
@@ -231,13 +224,14 @@ def _moved(run: TrainingRun, reduced: Reduced) -> _Moved:
     return _Moved(run, motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held))
 
 
-def _sizes(moved: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> tuple[np.ndarray, np.ndarray]:
-    """RMS and largest reading of all channels (m,) in a run."""
+def _read(moved: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> CaseMotion:
+    n = reduced.model.size
     with np.errstate(over="ignore", invalid="ignore"):  # refused below
         rms, peak = reading_sizes(reduced.model, rows, pool.quantity, moved.x, moved.u)
     with blame(moved.run.key):
         refuse_readings(peak)
-    return rms, peak
+    time = moved.run.time_step * np.arange(len(moved.x))
+    return CaseMotion(time=time, load=moved.u, coordinate=moved.x[:, :n], velocity=moved.x[:, n:], rms=rms, peak=peak)
 
 
 def _arm_peak(
