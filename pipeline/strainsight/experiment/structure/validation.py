@@ -12,13 +12,25 @@ from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.consistency import after_start, nees, nis, settling_time, verdict, whiteness
-from strainsight.estimation.decision import Benefit, Claim, Decision, band_of, benefit_of, samples_alike, without_sigma
+from strainsight.estimation.decision import (
+    WITHHELD,
+    Benefit,
+    Claim,
+    Decision,
+    band_of,
+    benefit_of,
+    claims_of,
+    samples_alike,
+    without_sigma,
+)
 from strainsight.estimation.model import FilterModel, physical, surface_reading
 from strainsight.estimation.record import BankRecord
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
-from strainsight.experiment.filters_compared import disagreements_in_words, ratios
+from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
+from strainsight.experiment.layout.advice import budget_tables
+from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.filtering import (
     beyond_ranges,
@@ -41,16 +53,19 @@ from strainsight.experiment.structure.problem import (
     scheme_in_words,
 )
 from strainsight.experiment.structure.structure import Structure
-from strainsight.experiment.structure.studies import Rank, rank_of, studies_of, sweeps_of
+from strainsight.experiment.structure.studies import Rank, rank_of, studies_of, sweep_table, sweeps_of
 from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.experiment.structure.truth import truth_of
 from strainsight.ordering import first_of_largest
 from strainsight.parallel import Sweep, side_by_side, watched
+from strainsight.records.mesh import STRAIN as STRAIN_UNIT
+from strainsight.records.mesh import gauge_grid
 from strainsight.records.placed import budget_of_shares
+from strainsight.records.record import written
 from strainsight.records.reduced import Modes
 from strainsight.records.training import Screened
 from strainsight.records.validated import Consistency, Field, RandomSetErrors, SimulatedChannels, Validated
-from strainsight.runner.output import Scalar, Table
+from strainsight.runner.output import Output, Scalar, Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
 from strainsight.sensors.screening import CLEARANCE
 from strainsight.text import number
@@ -151,7 +166,50 @@ def validation_of(
     )
 
 
-def validation_decision(config: PlacementConfig, validation: Validation) -> Decision:
+OF_SIGMA = ("std", "smoothed_std", "ratio", "rank_claimed", "rank_correlation")
+"""Numbers of the summary that σ is in."""
+
+
+def validation_output(structure: Structure, validation: Validation) -> Output:
+    """Datasets, with the strain of every candidate as points of a grid, numbers, tables and the measurements as a file; without σ
+    where it is withheld."""
+    config = structure.config
+    labels = layout_labels(structure.training.name, validation.trial.gauges)
+    shown, repeats = validation.validated, validation.validated.repeats
+    numbers, decision = _numbers(validation, config.validation.truth.model), _decision(config, validation)
+    claims = {}
+    if decision.withheld:
+        numbers = {key: value for key, value in numbers.items() if key.split(".")[0] not in OF_SIGMA}
+        numbers |= {"out_of_range": decision.withheld, "verdict": WITHHELD}
+        # random sets and repeats, each an estimate of its own, keep their σ
+        rest = {name: getattr(shown, name) for name in ("repeats", "screened", "all", "sweep")}
+        shown = replace(without_sigma(shown), compared=None, budget=None, **rest)
+    else:
+        claims = {
+            name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in validation.accuracy
+        }
+        numbers |= {f"claim.{name}": every[0].verdict for name, every in claims.items() if every}
+    units = {name: load.unit for name, load in config.loads.items()}
+    field = {"true": shown.field.true, "strain": shown.field.strain, "std": shown.field.std}
+    # Where not all read strain, an array has several units.
+    strains = np.all(structure.pool.quantity == STRAIN)
+    grid, attributes = gauge_grid(structure.pool.position, field, dict.fromkeys(field, STRAIN_UNIT) if strains else {})
+    return Output(
+        datasets=grid | written(shown, validation.units),
+        attributes=attributes,
+        summary=numbers,
+        message=_message(validation, claims, decision.withheld),
+        tables=(
+            _table(validation, bool(decision.withheld)),
+            *budget_tables(shown.budget, validation.without),
+            *([] if shown.compared is None else [comparison_table(shown.compared, validation.units)]),
+            *([] if shown.sweep is None else [sweep_table(shown.sweep)]),
+        ),
+        files={"measured.csv": _measured_csv(validation.trial, labels, shown.gauge.measured, units)},
+    )
+
+
+def _decision(config: PlacementConfig, validation: Validation) -> Decision:
     """Whether σ is given: not of parameters beyond their ranges, nor where another filter excludes the estimate."""
     accuracy, trial = validation.validated, validation.trial
     ends = {name: (accuracy.smoothed[name][-1], accuracy.smoothed_std[name][-1]) for name in accuracy.smoothed}
@@ -161,12 +219,6 @@ def validation_decision(config: PlacementConfig, validation: Validation) -> Deci
     )
     reasons = (excluded_in_words(apart, trial.settled is not None, "train.settle"),)
     return Decision(reasons=reasons, beyond=beyond, remedy=widen(beyond))
-
-
-def validated_without_sigma(validated: Validated) -> Validated:
-    """NaN for σ of its run; random sets and repeats, each an estimate of its own, keep theirs."""
-    rest = {name: getattr(validated, name) for name in ("repeats", "screened", "all", "sweep")}
-    return replace(without_sigma(validated), compared=None, budget=None, **rest)
 
 
 def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
@@ -261,7 +313,7 @@ def _draws(error: np.ndarray, std: np.ndarray) -> int:
     return max(1, int(np.count_nonzero(np.isfinite(scaled)) / samples_alike(scaled)))
 
 
-def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
+def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
     """Time, a column a channel ("G2.3 [m/m]" is the third grid of G2) and the known loads; the first row has loads only.
 
     labels (k,) of the gauges of the layout; measured (T, m) by their channels; units of the loads.
@@ -278,7 +330,7 @@ def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, unit
     return csv_bytes([["time [s]", *names, *loads], *numbers])
 
 
-def validation_numbers(validation: Validation, model: str) -> dict[str, Scalar]:
+def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
     """Every number by its name, model: that of the truth in the config."""
     trial, scheme = validation.trial, scheme_in_words(validation.trial.problem, validation.trial.h)
     stopped = f"{trial.stopped} of the layout stopped at an edge" if trial.stopped else ""
@@ -312,7 +364,7 @@ def validation_numbers(validation: Validation, model: str) -> dict[str, Scalar]:
     )
 
 
-def validation_message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
+def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
     """One line, first what does not hold; claims: on every unknown, the one that decides first; withheld: that there is no σ, and
     why."""
     trial, problem = validation.trial, validation.trial.problem
@@ -344,7 +396,7 @@ def validation_message(validation: Validation, claims: Mapping[str, tuple[Claim,
 MEDIANS = ("random sets, screened: median", "all: median")
 
 
-def validation_table(validation: Validation, withheld: bool) -> Table:
+def _table(validation: Validation, withheld: bool) -> Table:
     """Every unknown by the layout, and the median error of random sets; withheld: whether σ is."""
     trial, validated = validation.trial, validation.validated
     columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)
