@@ -68,7 +68,7 @@ class TrainingRun:
 
 def run_as_stated(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> TrainingRun:
     """The run under the loads as stated; inputs: of the model, in its order, which may not be that of the config."""
-    return _run(config, "", TrainingCase(), inputs, files)
+    return _run(config, "", TrainingCase.model_validate({}), inputs, files)
 
 
 def runs_of(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> tuple[TrainingRun, ...]:
