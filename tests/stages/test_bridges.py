@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -17,7 +18,7 @@ from typer.testing import CliRunner
 from strainsight import api
 from strainsight.errors import ConfigError, UserError
 from strainsight.experiment.layout.gauge_list import deck_frame
-from strainsight.experiment.layout.workshop import Wiring, Workshop, catman_table, elements_of, labview_table
+from strainsight.experiment.layout.workshop import Workshop, catman_table, elements_of, labview_table
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges, read_bonded
 from strainsight.experiment.structure.placement import placement_output
 from strainsight.runner.artefact import Artefact
@@ -341,9 +342,9 @@ def only_row(table):
 def test_exports_have_the_wiring_the_slope_and_the_elements_of_a_bridge(by_pattern, pattern, wired, arms):
     """n arms of ±ε give r = n GF ε/4, and ε_B = n ε."""
     listed = by_pattern[pattern].listed
-    row = only_row(catman_table(listed, Wiring(2.0, 120.0)))
+    row = only_row(catman_table(listed, SimpleNamespace(gauge_factor=2.0, resistance=120.0)))
     assert (row["Bridge"], row["Unit"]) == (wired, "um/m")
-    row = only_row(labview_table(listed, Wiring(2.0)))
+    row = only_row(labview_table(listed, SimpleNamespace(gauge_factor=2.0, resistance=None)))
     assert (row["Measurement type"], row["Strain configuration"]) == ("Bridge (V/V)", "")
     strain = 1e-4
     assert float(row["Scale slope"]) * arms * 2.0 * strain / 4 == pytest.approx(arms * strain)
@@ -355,4 +356,4 @@ def test_two_arms_of_one_sign_are_opposite(by_pattern):
     listed = by_pattern["half-bending"].listed
     arms = replace(listed.channels.arms, sign=np.ones(1, dtype=int))
     opposite = replace(listed, channels=replace(listed.channels, arms=arms))
-    assert only_row(catman_table(opposite, Wiring(2.0, 120.0)))["Bridge"] == "half, arms 1 and 3"
+    assert only_row(catman_table(opposite, SimpleNamespace(gauge_factor=2.0, resistance=120.0)))["Bridge"] == "half, arms 1 and 3"

@@ -11,7 +11,6 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
 from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
 from strainsight.experiment.layout.workshop import (
-    Wiring,
     Workshop,
     abaqus_sets,
     catman_table,
@@ -64,7 +63,6 @@ def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, byt
     Raises ConfigError where element sets are asked for and no gauge lies on an element.
     """
     config, wanted = context.config, context.config.report.exports
-    wiring = Wiring(config.report.gauge_factor, config.report.resistance)
     elements = elements_of(shop)
     if not elements and (sets := [name for name in wanted if name in ("nastran", "abaqus")]):
         raise ConfigError(
@@ -75,8 +73,8 @@ def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, byt
     files = {
         "nastran": ("gauges-nastran.inc", lambda: nastran_sets(elements, config.name)),
         "abaqus": ("gauges-abaqus.inp", lambda: abaqus_sets(elements, config.name)),
-        "catman": ("channels-catman.txt", lambda: catman_table(shop.listed, wiring)),
-        "labview": ("channels-labview.txt", lambda: labview_table(shop.listed, wiring)),
+        "catman": ("channels-catman.txt", lambda: catman_table(shop.listed, config.report)),
+        "labview": ("channels-labview.txt", lambda: labview_table(shop.listed, config.report)),
         "mat": ("model.mat", lambda: _mat_file(context, shop)),
     }
     return {name: content() for name, content in (files[export] for export in wanted)}

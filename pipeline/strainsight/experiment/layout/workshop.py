@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from strainsight.config.gauges import GaugeType, Typed, gauge_type
+from strainsight.config.placement import Report
 from strainsight.csv_cells import csv_bytes
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
@@ -90,39 +91,33 @@ HALVES = {True: "half, arms 1 and 2", False: "half, arms 1 and 3"}
 
 
 @dataclass(frozen=True)
-class Wiring:
-    """What a config says of all strain gauges alike: gauge factor [-] and resistance [ohm], None where it does not."""
-
-    gauge_factor: float | None = None
-    resistance: float | None = None
-
-
-@dataclass(frozen=True)
 class _Row:
-    """A channel: name; kind of its gauge; unit; bridge, "" of what is no strain; arms."""
+    """A channel: name; kind of its gauge; unit; bridge, gauge factor and resistance in words, "" of what is no strain or not
+    known; arms."""
 
     name: str
     kind: str
     unit: str
     bridge: str
     arms: int
+    factor: str
+    resistance: str
 
 
-def catman_table(listed: GaugeList, wiring: Wiring) -> bytes:
+def catman_table(listed: GaugeList, report: Report) -> bytes:
     """A row a channel, cells apart by tabs: number, name, sensor, bridge, gauge factor, resistance, µm/m a mV/V, unit.
 
     ε [µm/m] = 4000/GF · r [mV/V]     of one gauge, and of a bridge the signed sum ε_B of its arms
     """
     head = ["Channel", "Name", "Sensor", "Bridge", "Gauge factor", "Resistance [ohm]", "um/m per mV/V", "Unit"]
     rows: list[list[str]] = []
-    for number, row in enumerate(_rows(listed), start=1):
-        factor, resistance = _wired(row, wiring)
-        slope = f"{4000 / wiring.gauge_factor:.9g}" if wiring.gauge_factor and row.arms else ""
-        rows.append([str(number), row.name, row.kind, row.bridge, factor, resistance, slope, row.unit])
+    for number, row in enumerate(_rows(listed, report), start=1):
+        slope = f"{4000 / report.gauge_factor:.9g}" if report.gauge_factor and row.arms else ""
+        rows.append([str(number), row.name, row.kind, row.bridge, row.factor, row.resistance, slope, row.unit])
     return _table(head, rows)
 
 
-def labview_table(listed: GaugeList, wiring: Wiring) -> bytes:
+def labview_table(listed: GaugeList, report: Report) -> bytes:
     """A row a channel, cells apart by tabs, in the words of NI-DAQmx: a single gauge is a strain channel, "Quarter Bridge I"; a
     bridge, whose ε_B is the sum of its arms and no strain that NI knows, a Bridge (V/V) channel, with the slope of its scale.
 
@@ -131,20 +126,20 @@ def labview_table(listed: GaugeList, wiring: Wiring) -> bytes:
     head = ["Name", "Measurement type", "Strain configuration", "Gauge factor", "Nominal gauge resistance [ohm]"]
     head += ["Scale slope", "Scaled unit"]
     rows: list[list[str]] = []
-    for row in _rows(listed):
-        factor, resistance = _wired(row, wiring)
+    for row in _rows(listed, report):
         kind, configuration, slope, unit = row.kind, "", "", row.unit
         if row.arms == 1:
             kind, configuration, unit = "Strain", "Quarter Bridge I", "strain"
         elif row.arms:
-            slope = f"{4 / wiring.gauge_factor:.9g}" if wiring.gauge_factor else ""
+            slope = f"{4 / report.gauge_factor:.9g}" if report.gauge_factor else ""
             kind, unit = "Bridge (V/V)", "strain"
-        rows.append([row.name, kind, configuration, factor, resistance, slope, unit])
+        rows.append([row.name, kind, configuration, row.factor, row.resistance, slope, unit])
     return _table(head, rows)
 
 
-def _rows(listed: GaugeList) -> list[_Row]:
+def _rows(listed: GaugeList, report: Report) -> list[_Row]:
     rows, channels = [], listed.channels
+    wired = ["" if value is None else f"{value:.9g}" for value in (report.gauge_factor, report.resistance)]
     for label, i in zip(channel_labels(listed), channels.gauge.tolist(), strict=True):
         strain, signs = listed.unit[i] == "strain", [listed.signs[line] for line in listed.lines_of(i)]
         bridged = listed.kind[i] == "bridge"
@@ -152,15 +147,9 @@ def _rows(listed: GaugeList) -> list[_Row]:
         bridge = BRIDGES.get(count, f"{count} arms") if count else ""
         if bridged and count == 2:
             bridge = HALVES[signs[0] != signs[1]]
-        rows.append(_Row(label, listed.kind[i], UNIT.get(listed.unit[i], listed.unit[i]), bridge, count))
+        unit = UNIT.get(listed.unit[i], listed.unit[i])
+        rows.append(_Row(label, listed.kind[i], unit, bridge, count, *(wired if count else ("", ""))))
     return rows
-
-
-def _wired(row: _Row, wiring: Wiring) -> tuple[str, str]:
-    """Gauge factor and resistance, empty of what is no strain or where they are not known."""
-    values = (wiring.gauge_factor, wiring.resistance)
-    factor, resistance = ("" if value is None or not row.arms else f"{value:.9g}" for value in values)
-    return factor, resistance
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> bytes:
