@@ -161,17 +161,11 @@ def signals_of(
 
 def _calibration(entry: Channel) -> ChannelSettings:
     bridge = entry.bridge
+    alike = ("unit", "offset", "drift", "zero", "scale", "sign", "override", "missing")
     return ChannelSettings(
-        unit=entry.unit,
         bridge=None if bridge is None else Bridge(bridge.arrangement, bridge.gauge_factor, bridge.poisson_ratio),
-        offset=entry.offset,
-        drift=entry.drift,
-        zero=entry.zero,
-        scale=entry.scale,
-        sign=entry.sign,
-        override=entry.override,
         delay=_delay(entry.delay),
-        missing=entry.missing,
+        **{name: getattr(entry, name) for name in alike},
     )
 
 

@@ -249,19 +249,16 @@ def _require_affine(parameter: Parameter, parameters: Sequence[Parameter]) -> No
 
 def point_loads(config: Mapping[str, LoadSection]) -> dict[str, PointLoad]:
     """The loads of the config, in its order."""
+    alike = ("direction", "deck_load", "moment", "bearing", "gravity")
     return {
         name: PointLoad(
             name,
-            entry.direction,
-            entry.node,
-            entry.set,
-            entry.deck_load,
-            entry.moment,
-            entry.bearing,
-            bool(entry.pressure),
-            bool(entry.factor),
-            entry.gravity,
-            None if entry.rotation is None else (entry.rotation.axis, entry.rotation.point),
+            node_id=entry.node,
+            node_set=entry.set,
+            pressure=bool(entry.pressure),
+            factor=bool(entry.factor),
+            rotation=None if entry.rotation is None else (entry.rotation.axis, entry.rotation.point),
+            **{key: getattr(entry, key) for key in alike},
         )
         for name, entry in config.items()
     }
