@@ -66,14 +66,12 @@ def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
         pool=PoolTable(
             candidate=pool.first, channel=pool.channels[exists], row=np.nonzero(exists)[0], gauges=pool.gauges
         ),
-        elimination=Removals(
-            removed=result.removed,
+        elimination=record_from(
+            Removals,
+            result,
             trace=cost.get("trace"),
             metric=cost.get("metric"),
-            rise=result.rise,
             unknowns=task.weighed,
-            blocks=result.blocks,
-            solves=result.solves,
             ties=np.array([len(tied) for tied in result.ties], dtype=np.int64),
         ),
         residual=result.residual,
@@ -142,17 +140,13 @@ def _selection(placement: Placement, gauges: np.ndarray, load: np.ndarray | None
     pool, candidates = placement.task.pool, placement.task.candidates
     row = np.array([int(np.flatnonzero((pool.gauges == g).any(axis=1))[0]) for g in gauges])
     rank = np.unique(row, return_index=True, return_inverse=True)
-    first = candidates.first[gauges]
-    return Selection(
+    return record_from(
+        Selection,
+        candidates.take(candidates.first[gauges]),
         gauge=row,
         number=gauges,
         channel=channels_of_gauges(candidates.gauge, gauges),
         rank=np.argsort(np.argsort(rank[1]))[rank[2]] + 1,
-        element=candidates.element[first],
-        facet=candidates.facet[first],
-        nodes=candidates.nodes[first],
-        position=candidates.position[first],
-        direction=candidates.direction[first],
         load=load,
     )
 
