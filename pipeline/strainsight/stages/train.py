@@ -21,7 +21,7 @@ from strainsight.experiment.structure.clearance import (
 from strainsight.experiment.structure.expectation import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.experiment.structure.observation import observed_of
 from strainsight.experiment.structure.reduction import inertia_problems
-from strainsight.experiment.structure.references import KINDS_OF_LOAD, load_units
+from strainsight.experiment.structure.references import KINDS_OF_LOAD, WHERE_SENSORS_ARE, load_units
 from strainsight.experiment.structure.screening import screened_of
 from strainsight.experiment.structure.training import trained
 from strainsight.measurements.calibration import LARGE_STRAIN
@@ -120,23 +120,17 @@ TRAIN = Stage(
         *KINDS_OF_LOAD,
         "train",
         "place.load_cases",
-        "gauges.surface",
+        *WHERE_SENSORS_ARE,
         "gauges.direction",
         "gauges.rosette",
         "gauges.bridge",
         "gauges.grid_length",
-        "gauges.include",
-        "gauges.exclude",
         "gauges.fixed",
         "gauges.fixed_file",
         "gauges.snap_tolerance",
-        "gauges.given",
         "motion_sensors.*.quantity",
-        "motion_sensors.*.surface",
         "motion_sensors.*.axes",
         "motion_sensors.*.every",
-        "motion_sensors.*.include",
-        "motion_sensors.*.exclude",
         "mesh.length_unit",
         "mesh.matrices",
         "parameters.*.property",

@@ -25,6 +25,7 @@ from strainsight.experiment.structure.record_filter import RecordFilter
 from strainsight.experiment.structure.structure import Structure
 from strainsight.measurements.records import required_unit
 from strainsight.records.estimated import ChannelsChecked
+from strainsight.records.record import record_from
 from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import STRAIN, UNITS, Candidates
 from strainsight.sensors.rows import channel_rows, fits
@@ -148,14 +149,12 @@ def judgement_of(
     # what explains a consistent record a little better than no fault is chance, and no explanation
     best = [finding.best_of(j) if finding.contradicts else None for j in range(len(test.labels))]
     gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
-    by_channel = ChannelsChecked(
+    by_channel = record_from(
+        ChannelsChecked,
+        finding.check,
         by_others=bool(len(finding.without)),
         begin=_time_of(test, check.part[0]),
         end=_time_of(test, check.part[1] - 1),
-        measured=finding.check.measured,
-        predicted=finding.check.predicted,
-        residual=finding.check.residual,
-        correlation=finding.check.correlation,
         fault=tuple("" if one is None else words.of(one)[0] for one in best),
         gain=np.minimum(gain, np.finfo(float).max),
         candidate=candidates,

@@ -314,10 +314,7 @@ def _input_model(noise: InputNoise, frequency: float) -> InputModel:
     return input_model(noise.model, frequency, noise.kappa, noise.smoothness, noise.damping)
 
 
-READS = (
-    *WHAT_IS_FREE,
-    "parameters.*.guess",
-    *WHERE_LOADS_ACT,
+WHERE_SENSORS_ARE = (
     "gauges.surface",
     "gauges.include",
     "gauges.exclude",
@@ -326,6 +323,7 @@ READS = (
     "motion_sensors.*.include",
     "motion_sensors.*.exclude",
 )
+READS = (*WHAT_IS_FREE, "parameters.*.guess", *WHERE_LOADS_ACT, *WHERE_SENSORS_ARE)
 
 
 def check_references(config: PlacementConfig, mesh: Mesh) -> None:
