@@ -211,14 +211,12 @@ class _OnStructure(Subject):
 
     def _scenarios(self, channels: np.ndarray, share: float) -> list[tuple[Scenario, ...]]:
         """Of every load case; share of its duration over which errors of installation are coherent."""
-        config = self.config
-        ranges = {name: entry.range for name, entry in config.parameters.items()}
         added = [
             share * problem.run.duration * v if share else None
             for problem, v in zip(self.problems, self.installation, strict=True)
         ]
         return [
-            scenarios_of(problem, channels, config.place, ranges, config.seed, more)
+            scenarios_of(problem, channels, self.config, more)
             for problem, more in zip(self.problems, added, strict=True)
         ]
 
@@ -277,7 +275,7 @@ def _ringing(problem: Problem, config: PlacementConfig) -> str:
     p, case = problem, problem.run.name
     if not p.unknowns.parameters:
         return ""
-    instants = placed_instants(p, p.model.reference, p.x, config.place, config.seed)
+    instants = placed_instants(p, p.model.reference, p.x, config)
     words = ringing_in_words(p.run.settle, p.loading, p.model, instants)
     return f"Load case {case}: {words}" if case and words else words
 

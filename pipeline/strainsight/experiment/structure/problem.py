@@ -8,7 +8,7 @@ from typing import Literal
 
 import numpy as np
 
-from strainsight.config.placement import PlacementConfig, PlaceSection
+from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
@@ -309,39 +309,32 @@ def initial_covariance(problem: Problem, relative_std: Mapping[str, float], movi
 
 
 def scenarios_of(
-    problem: Problem,
-    channels: np.ndarray,
-    settings: PlaceSection,
-    ranges: Mapping[str, Sequence[float]],
-    seed: int,
-    installation: np.ndarray | None = None,
+    problem: Problem, channels: np.ndarray, config: PlacementConfig, installation: np.ndarray | None = None
 ) -> tuple[Scenario, ...]:
     """One fixed linearisation an instant and parameter sample, without a metric yet.
 
-    channels (pool, c): rows of train.h5 of every pool row, −1 for none; settings: `place` of a config; ranges: parameter →
-    (lowest, highest) [SI]; installation (m,) [unit² s]: intensity that is added to the noise of every channel of train.h5
-    (`installation_variances`).
+    channels (pool, c): rows of train.h5 of every pool row, −1 for none; installation (m,) [unit² s]: intensity that is added to
+    the noise of every channel of train.h5 (`installation_variances`).
     """
-    p = problem
+    p, settings = problem, config.place
+    ranges = {name: entry.range for name, entry in config.parameters.items()}
     u = instant_values(p.u)
     plain: list[Scenario] = []
-    for theta in parameter_samples(p.model.reference, ranges, settings.parameter_samples, seed):
+    for theta in parameter_samples(p.model.reference, ranges, settings.parameter_samples, config.seed):
         x = p.x if theta == p.model.reference else motion_of(p.model, theta, p.loading)
-        chosen = placed_instants(p, theta, x, settings, seed)
+        chosen = placed_instants(p, theta, x, config)
         F = linearise(p.model, p.unknowns, theta, x[chosen], u[chosen], settings.damping_slope)
         for F_at, H, r in zip(F, *_measured(p, channels, theta, x[chosen], u[chosen], F, installation), strict=True):
             plain.append(Scenario(F_at, p.frozen_Q, H, r, np.zeros(len(F_at))))
     return tuple(plain)
 
 
-def placed_instants(
-    problem: Problem, theta: Mapping[str, float], x: np.ndarray, settings: PlaceSection, seed: int
-) -> np.ndarray:
+def placed_instants(problem: Problem, theta: Mapping[str, float], x: np.ndarray, config: PlacementConfig) -> np.ndarray:
     """Indices of the instants to place for, in the motion x (steps + 1, 2n) at θ [SI]."""
     # One instant is the thesis's case: any of them, also where a parameter hardly acts.
-    share = 0.0 if settings.instants == 1 else 0.5
-    u = instant_values(problem.u)
-    return linearisation_instants(problem.model, problem.unknowns, theta, x, u, settings.instants, seed, share)
+    count = config.place.instants
+    share, u = 0.0 if count == 1 else 0.5, instant_values(problem.u)
+    return linearisation_instants(problem.model, problem.unknowns, theta, x, u, count, config.seed, share)
 
 
 def parameter_samples(
