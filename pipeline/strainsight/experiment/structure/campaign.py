@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
-from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
+from strainsight.errors import ConfigError, ContradictionError, NumericalError
 from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
@@ -156,8 +156,7 @@ def campaign_of(
     filters, tuning = record_filters(config, problem, tolerances, tests)
     field = displaced(reduced, filters[0])
     skin, bare = skin_in_test(structure, field)
-    with blame("estimate.virtual"):
-        virtual = virtual_of(mesh, field, settings.virtual, config.gauges, structure.free_thicknesses)
+    virtual = virtual_of(structure, field)
 
     def wanted(record: RecordFilter, run: FilterRun) -> WantedCovariances:
         return wanted_of(config, record, virtual, run)

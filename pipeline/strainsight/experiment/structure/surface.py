@@ -8,10 +8,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.estimate import Field3D
-from strainsight.config.gauges import Gauges, NamedGauge
+from strainsight.config.gauges import NamedGauge
 from strainsight.config.loads import LoadSection
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, DeckError
+from strainsight.errors import ConfigError, DeckError, blame
 from strainsight.estimation.model import FilterModel, surface_reading, theta_of
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, WantedCovariances
@@ -105,24 +105,24 @@ class Virtual:
         )
 
 
-def virtual_of(
-    mesh: Mesh, field: Displaced, entries: Sequence[NamedGauge], gauges: Gauges, free: Sequence[Parameter] = ()
-) -> Virtual | None:
-    """The gauges of `estimate.virtual`, each at the nearest point of the whole surface; None without one.
-
-    gauges of the config: grid length and snapping tolerance; free: thicknesses of shells. Raises UserError for one off the
-    surface.
-    """
+@blame("estimate.virtual")
+def virtual_of(structure: Structure, field: Displaced) -> Virtual | None:
+    """The gauges of `estimate.virtual`, each at the nearest point of the whole surface; None without one. Raises UserError for
+    one off the surface."""
+    config, mesh, gauges = structure.config, structure.mesh, structure.config.gauges
+    entries = () if config.estimate is None else config.estimate.virtual
     if not entries:
         return None
-    facets = exterior_facets(mesh)
+    facets = structure.skin.facets
     stated = [
         BondedEntry(e.position, e.direction, gauges.grid_length if e.length is None else e.length, e.angles)
         for e in entries
     ]
     pool = bonded(mesh, facets, stated, gauges.snap_tolerance, key="estimate.virtual")[0]
     rows, change = rows_along(
-        mesh, free, lambda at: channel_rows(mesh.position, pool, field.basis, facets=facets, thickness=at)
+        mesh,
+        structure.free_thicknesses,
+        lambda at: channel_rows(mesh.position, pool, field.basis, facets=facets, thickness=at),
     )
     return Virtual(pool, rows, change, field.coordinates)
 
