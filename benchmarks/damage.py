@@ -40,6 +40,7 @@ from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, 
 from strainsight.experiment.structure.problem import Problem, filter_model, initial_covariance, problem_of, sample_std
 from strainsight.experiment.structure.references import parameters_of
 from strainsight.experiment.structure.start import loading_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.surface import Displaced, skin_of
 from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.experiment.structure.trial import sample_noise, trial_of
@@ -113,12 +114,13 @@ def filtering(
     training = api.train(case, mesh, reduced)
     screened = api.screen(case, mesh, reduced, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
-    problem = problem_of(case.config, case.files, reduced, training, screened)
+    structure = Structure(case.config, case.files, mesh, reduced, training)
+    problem = problem_of(structure, screened)
     channels = problem.channels.of(gauges)
     channels = channels[channels >= 0]
     parameters = parameters_of(case.config.parameters, mesh, case.files)
-    truth = truth_of(case.config, mesh, None, reduced, training, problem, case)
-    allowed = tolerated(case.config, mesh, reduced, training, channels)
+    truth = truth_of(structure, None, problem, case)
+    allowed = tolerated(structure, channels)
     trial = trial_of(case.config, problem, truth, allowed, gauges)
     field = field_beyond(allowed.loads, filter_model(problem, channels, trial.h), reduced)
     whole = Displaced(np.hstack([reduced.basis, field]), reduced.basis.shape[1])
@@ -126,7 +128,7 @@ def filtering(
     which = spread(every, problem)
     otherwise = {}
     for name in problem.unknowns.inputs if may_walk_otherwise(case.config, problem.unknowns.inputs) else ():
-        other = problem_of(walking(case.config, name), case.files, reduced, training, screened)
+        other = problem_of(replace(structure, config=walking(case.config, name)), screened)
         std = case.config.validation.initial_std
         otherwise[name] = other, initial_covariance(other, std, problem.loading.moving)
     shared = Filtering(
@@ -176,7 +178,7 @@ def true_damage(places: Places, q: np.ndarray, theta: dict[str, float]) -> np.nd
 
 def rich_record(motion: object, places: Places, theta: object, channels: int, number: int) -> Record:
     assert isinstance(motion, ModalMotion)
-    return Record(motion.reading(np.arange(channels))[1:], true_damage(places, motion.q, dict(theta)), number)  # type: ignore[call-overload]
+    return Record(motion(np.arange(channels))[1:], true_damage(places, motion.q, dict(theta)), number)  # type: ignore[call-overload]
 
 
 def own_record(shared: Filtering, number: int) -> Record:

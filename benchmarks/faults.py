@@ -22,7 +22,6 @@ import numpy as np
 
 from strainsight import api
 from strainsight.config.estimate import Estimate
-from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.fault_search import Diagnosis
 from strainsight.estimation.faults import Fault
 from strainsight.estimation.record_check import check_record
@@ -34,10 +33,8 @@ from strainsight.experiment.structure.measured import Measured, RecordSettings
 from strainsight.experiment.structure.nuisances import Tolerated, tolerated
 from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
 from strainsight.experiment.structure.record_filter import RecordFilter
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.trial import Trial, sample_noise, trial_of
-from strainsight.mesh.model import Mesh
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import Training
 from strainsight.sensors.installation import Installation
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -87,10 +84,7 @@ class Study:
     """A case with its layout; reading: realisation, channel and degrees that its gauge is turned by → (T + 1, m) without
     noise; rest: samples before the loads begin, in which nothing moves."""
 
-    config: PlacementConfig
-    mesh: Mesh
-    reduced: Reduced
-    training: Training
+    structure: Structure
     tolerances: Tolerated
     trial: Trial
     turning: Turning
@@ -114,9 +108,10 @@ def study_of(name: str, noise: float = NOISE, more: Sequence[str] = (), rest: fl
     training = api.train(case, mesh, reduced)
     screened = api.screen(case, mesh, reduced, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
-    problem = problem_of(case.config, case.files, reduced, training, screened)
-    truth = truths.truth_of(case.config, mesh, None, reduced, training, problem, case)
-    tolerances = tolerated(case.config, mesh, reduced, training, problem.channels.of(gauges))
+    structure = Structure(case.config, case.files, mesh, reduced, training)
+    problem = problem_of(structure, screened)
+    truth = truths.truth_of(structure, None, problem, case)
+    tolerances = tolerated(structure, problem.channels.of(gauges))
     trial = trial_of(case.config, problem, truth, tolerances, gauges)
     again, drawn = trial.again, drawn_installations.installation_of
     assert again is not None
@@ -133,9 +128,9 @@ def study_of(name: str, noise: float = NOISE, more: Sequence[str] = (), rest: fl
         with patch.object(truths, "installation_of", turned):
             return again(realisation)
 
-    turning = turning_of(mesh, reduced, training, trial.chosen)
+    turning = turning_of(structure, trial.chosen)
     count = round(rest / trial.h)
-    return Study(case.config, mesh, reduced, training, tolerances, trial, turning, reading, count)
+    return Study(structure, tolerances, trial, turning, reading, count)
 
 
 def suspect(study: Study, samples: np.ndarray) -> Suspect:
@@ -147,7 +142,7 @@ def suspect(study: Study, samples: np.ndarray) -> Suspect:
     time = trial.h * np.arange(len(samples) + 1)
     test = Measured(time, trial.h, 1, known, samples, trial.chosen, ("",) * m, *nothing)
     given = RecordFilter(trial.problem, study.tolerances, model, test, trial.covariance, trial.settled)
-    return suspect_of(study.config, study.mesh, study.reduced, study.training, given, study.turning)
+    return suspect_of(study.structure, given, study.turning)
 
 
 def record(study: Study, realisation: int, channel: int = 0, degrees: float = 0.0) -> np.ndarray:

@@ -28,6 +28,7 @@ from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord
 from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
+from strainsight.experiment.structure.structure import Structure
 
 ROOT = Path(__file__).resolve().parent.parent
 DURATION, RAMP, HERTZ, AMPLITUDE = 0.5, 0.2, 20.0, 1e4
@@ -49,7 +50,8 @@ def setting(folder: Path) -> Setting:
     training = api.train(case, mesh, reduced)
     screened = api.screen(case, mesh, reduced, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
-    problem = problem_of(case.config, case.files, reduced, training, screened)
+    structure = Structure(case.config, case.files, mesh, reduced, training)
+    problem = problem_of(structure, screened)
     channels = problem.channels.of(gauges)
     model = filter_model(problem, channels[channels >= 0], problem.h)
     P = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 0.1), moving=False)

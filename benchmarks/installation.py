@@ -23,6 +23,7 @@ from strainsight import api
 from strainsight.experiment.structure.nuisances import tolerated
 from strainsight.experiment.structure.placement import StructurePlacement
 from strainsight.experiment.structure.problem import problem_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.trial import trial_of
 from strainsight.experiment.structure.truth import truth_of
 from strainsight.mesh.model import Mesh
@@ -62,12 +63,13 @@ def tried(config: str, draws: int, pool: object) -> list[Tried]:
 def _on(case: api.Case, mesh: Mesh, reduced: Reduced, draws: int, pool: object) -> Tried:
     training = api.train(case, mesh, reduced)
     screened = api.screen(case, mesh, reduced, training)
-    problem = problem_of(case.config, case.files, reduced, training, screened)
+    structure = Structure(case.config, case.files, mesh, reduced, training)
+    problem = problem_of(structure, screened)
     start = perf_counter()
     placed = api.place(case, mesh, reduced, training, screened)
     took = perf_counter() - start
-    truth = truth_of(case.config, mesh, None, reduced, training, problem, case)
-    own = tolerated(case.config, mesh, reduced, training, problem.channels.of(placed.gauges))
+    truth = truth_of(structure, None, problem, case)
+    own = tolerated(structure, problem.channels.of(placed.gauges))
     trial = trial_of(case.config, problem, truth, own, placed.gauges)
     assert trial.again is not None
     readings = [(trial.again(r), r) for r in range(1, draws + 1)]

@@ -20,6 +20,7 @@ from strainsight import api
 from strainsight.experiment.structure.nuisances import tolerated
 from strainsight.experiment.structure.problem import filter_model, problem_of, sample_std
 from strainsight.experiment.structure.start import Loading
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.trial import Trial, sample_noise, trial_of
 from strainsight.experiment.structure.truth import SimulatedMotion, truth_of
 from strainsight.mesh.model import Mesh
@@ -78,10 +79,11 @@ def trial_at(config: str, noise: float, settings: tuple[str, ...] = ()) -> Trial
     case, (mesh, reduced, training) = loaded(config, noise, settings), before_screening(config, settings)
     screened = api.screen(case, mesh, reduced, training)
     gauges = api.place(case, mesh, reduced, training, screened).gauges
-    problem = problem_of(case.config, case.files, reduced, training, screened)
-    truth = truth_of(case.config, mesh, None, reduced, training, problem, case)
+    structure = Structure(case.config, case.files, mesh, reduced, training)
+    problem = problem_of(structure, screened)
+    truth = truth_of(structure, None, problem, case)
     channels = problem.channels.of(gauges)
-    return trial_of(case.config, problem, truth, tolerated(case.config, mesh, reduced, training, channels), gauges)
+    return trial_of(case.config, problem, truth, tolerated(structure, channels), gauges)
 
 
 def drawn(trial: Trial, reading: np.ndarray, realisation: int) -> Drawn:

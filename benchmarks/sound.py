@@ -23,15 +23,16 @@ import numpy as np
 
 from strainsight import api
 from strainsight.errors import ContradictionError, UserError
-from strainsight.experiment.structure.candidates import readings
+from strainsight.experiment.structure.candidates import reading_sizes
 from strainsight.experiment.structure.problem import problem_of, sample_std
 from strainsight.experiment.structure.start import Loading, motion_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.loads.histories import Tones, instant_values, tones_of
 from strainsight.mesh.model import Mesh
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.modal_step import hold_of_tones
-from strainsight.rom.model import modal_basis
+from strainsight.rom.model import accelerations, modal_basis
 
 MOST = 4.0
 """σ that an error may be."""
@@ -207,7 +208,8 @@ def record(folder: Path, study: Study, number: int) -> tuple[str, float]:
     exact = "{position: 0, angle: 0, transverse: 0, load_angle: 0, load_position: 0, frequency: 0, "
     tolerances = exact + f"gain: {GAIN}, load_gain: {LOAD_GAIN}, damping: {DAMPING}}}" if tolerant else "none"
     case = api.load(own.file, [f"tolerances={tolerances}"])
-    problem = problem_of(case.config, case.files, own.reduced, own.training, own.screened)
+    structure = Structure(case.config, case.files, own.mesh, own.reduced, own.training)
+    problem = problem_of(structure, own.screened)
     kind = int(study.sensors == "accelerometer")
     gauges = layout(own, kind, 1 if kind else 4, rng)
     channels = problem.channels.of(gauges).ravel()
@@ -227,7 +229,8 @@ def record(folder: Path, study: Study, number: int) -> tuple[str, float]:
     lead = np.zeros((0, *held.shape[1:]))
     loading = Loading(held, own.h, None if study.start == "rest" else tones, lead)
     x, u = motion_of(true_model, theta, loading), instant_values(held)
-    y = readings(true_model, theta, problem.channels.rows[channels], problem.channels.quantity[channels], x, u)
+    moving = accelerations(true_model, theta, x, u) if kind else x[:, : true_model.size]
+    y = moving @ problem.channels.rows[channels].T
     std = sample_std(problem, channels, own.h)
     gain, load_gain = (1 + tolerant * s * rng.standard_normal(n) for s, n in ((GAIN, len(channels)), (LOAD_GAIN, 2)))
     y = y * gain + std * rng.standard_normal(y.shape)
@@ -268,8 +271,7 @@ def layout(own: Prepared, kind: int, count: int, rng: np.random.Generator) -> np
     """Gauges (count,) drawn from those that read a third of the strongest of their kind, as far apart as 20 draws get."""
     pool, motion = own.training.candidates, own.training.motions[0]
     x = np.hstack([motion.coordinate, motion.velocity])
-    read = readings(own.reduced.model, own.reduced.model.reference, own.training.rows, pool.quantity, x, motion.load)
-    rms = np.sqrt(np.mean(read**2, axis=0))
+    rms, _ = reading_sizes(own.reduced.model, own.training.rows, pool.quantity, x, motion.load)
     strong = np.flatnonzero((pool.quantity == kind) & (rms > rms[pool.quantity == kind].max() / 3))
     strong = strong[np.isin(pool.gauge[strong], own.screened.kept)]
     best, far = strong[:count], -1.0

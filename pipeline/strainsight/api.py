@@ -57,6 +57,7 @@ if TYPE_CHECKING:
     from strainsight.experiment.structure.campaign import Campaign
     from strainsight.experiment.structure.estimation import Estimation
     from strainsight.experiment.structure.placement import StructurePlacement
+    from strainsight.experiment.structure.structure import Structure
     from strainsight.experiment.structure.validation import Validation
     from strainsight.runner.plan import Job
     from strainsight.runner.stage import Stage
@@ -286,11 +287,17 @@ def train(case: Case, mesh: Mesh, reduced: Reduced) -> Training:
     return trained(case.config, mesh, reduced, case)[0]
 
 
+def _structure(case: Case, mesh: Mesh, reduced: Reduced, training: Training) -> Structure:
+    from strainsight.experiment.structure.structure import Structure
+
+    return Structure(case.config, case.files, mesh, reduced, training)
+
+
 def screen(case: Case, mesh: Mesh, reduced: Reduced, training: Training) -> Screened:
     """The clearance from edges, supports and loads, the noise of every channel, and which candidates go on."""
     from strainsight.experiment.structure.screening import screened_of
 
-    return screened_of(case.config, case.files, mesh, reduced, training)
+    return screened_of(_structure(case, mesh, reduced, training))
 
 
 def observe(case: Case, reduced: Reduced, training: Training, screened: Screened) -> Observed:
@@ -324,9 +331,9 @@ def expect(
     from strainsight.experiment.structure.nuisances import tolerated
     from strainsight.experiment.structure.problem import problem_of
 
-    problem = problem_of(case.config, case.files, reduced, training, screened)
-    own = np.asarray(gauges, dtype=int)
-    return expectation(problem, own, tolerated(case.config, mesh, reduced, training, problem.channels.of(own)))
+    structure, numbers = _structure(case, mesh, reduced, training), np.asarray(gauges, dtype=int)
+    problem = problem_of(structure, screened)
+    return expectation(problem, numbers, tolerated(structure, problem.channels.of(numbers)))
 
 
 def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gauges: Gauges) -> HotSpots | None:
@@ -337,7 +344,7 @@ def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gaug
     """
     from strainsight.experiment.structure.clearance import tested_hot_spots
 
-    return tested_hot_spots(case.config, mesh, reduced, training, np.asarray(gauges, dtype=int))
+    return tested_hot_spots(_structure(case, mesh, reduced, training), np.asarray(gauges, dtype=int))
 
 
 def validate(
@@ -354,7 +361,7 @@ def validate(
     modal = case.config.validation.truth.model in ("modes", "rich")
     spectrum = spectrum_of(case.config, mesh, case) if modal else None
     numbers = np.asarray(gauges, dtype=int)
-    return validation_of(case.config, mesh, spectrum, reduced, training, screened, numbers, case)
+    return validation_of(_structure(case, mesh, reduced, training), spectrum, screened, numbers, case)
 
 
 def estimate(

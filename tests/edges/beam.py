@@ -18,6 +18,7 @@ from strainsight import api
 from strainsight.config.load import load_config
 from strainsight.experiment.structure import placement
 from strainsight.experiment.structure.placement import StructurePlacement
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.validation import Validation
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.plan import Job
@@ -227,7 +228,10 @@ def prepared(folder: Path, text: str, changes: Mapping[str, Any] = {}, *override
     reduced = api.reduce(case, mesh)
     training = api.train(case, mesh, reduced)
     screened = api.screen(case, mesh, reduced, training)
-    return SimpleNamespace(case=case, mesh=mesh, reduced=reduced, training=training, screened=screened)
+    structure = Structure(case.config, case.files, mesh, reduced, training)
+    return SimpleNamespace(
+        case=case, mesh=mesh, reduced=reduced, training=training, screened=screened, structure=structure
+    )
 
 
 def placed(own: SimpleNamespace) -> StructurePlacement:

@@ -22,18 +22,17 @@ def beam_in(folder, kind="hex8"):
 
     def made(changes):
         own = prepared(folder, bricks((6, 2, 2), kind), changes)
-        config = own.case.config
-        own.problem = problem_of(config, own.case.files, own.reduced, own.training, own.screened)
+        own.problem = problem_of(own.structure, own.screened)
         own.gauges = own.screened.kept[:4]
         own.channels = own.problem.channels.of(own.gauges)[:, 0]
-        own.tolerated = tolerated(config, own.mesh, own.reduced, own.training, own.channels)
+        own.tolerated = tolerated(own.structure, own.channels)
         return own
 
     return made
 
 
 def trial(own):
-    truth = truth_of(own.case.config, own.mesh, None, own.reduced, own.training, own.problem, own.case)
+    truth = truth_of(own.structure, None, own.problem, own.case)
     return trial_of(own.case.config, own.problem, truth, own.tolerated, own.gauges)
 
 

@@ -99,7 +99,7 @@ def test_strain_where_no_gauge_is_lies_within_sigma_of_drawn_loads(beam, treat):
     n, f = own.reduced.basis.shape[1], field.shape[1]
     whole = np.zeros((len(rows), size + f))
     whole[:, :n], whole[:, size:] = rows[:, :n], rows[:, n:]
-    truth = truth_of(own.case.config, own.mesh, None, own.reduced, own.training, own.problem, own.case)
+    truth = truth_of(own.structure, None, own.problem, own.case)
     loading = loading_of(own.problem.run.settle, list(own.problem.run.signals.values()), found.h, len(found.known))
     errors, sigmas, without = [], [], []
     for realisation in range(1, 101):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from io import StringIO
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from strainsight import api
 from strainsight.errors import UserError
 from strainsight.experiment.layout.gauge_list import deck_frame, layout_labels
 from strainsight.experiment.layout.output import gauge_csv
-from strainsight.experiment.layout.workshop import Wiring, catman_table
+from strainsight.experiment.layout.workshop import catman_table
 from strainsight.experiment.structure.bonded_gauges import read_bonded
 
 from ..shared import slowly
@@ -144,7 +145,8 @@ def test_a_rosette_comes_back_from_its_file_as_it_was(project, tmp_path):
     training = api.train(case, mesh, reduced)
     placed = api.place(case, mesh, reduced, training, api.screen(case, mesh, reduced, training))
     (project / "rosettes.csv").write_bytes(gauge_csv(placed.listed, {}, mesh, deck_frame("mm")))
-    table = csv.DictReader(StringIO(catman_table(placed.listed, Wiring(2.0, 120.0)).decode()), delimiter="\t")
+    channels = catman_table(placed.listed, SimpleNamespace(gauge_factor=2.0, resistance=120.0))
+    table = csv.DictReader(StringIO(channels.decode()), delimiter="\t")
     assert [row["Name"] for row in table] == [f"{name} {angle}°" for name in ("G1", "G2") for angle in (0, 45, 120)]
     again = api.train(api.load(project / "test.yaml", [*rosettes, "gauges.fixed_file=rosettes.csv"]), mesh, reduced)
     assert again.name[:3] == ("G1", "G2", "")

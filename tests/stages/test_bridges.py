@@ -8,6 +8,7 @@ import shutil
 from dataclasses import replace
 from io import StringIO
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -16,8 +17,8 @@ from typer.testing import CliRunner
 
 from strainsight import api
 from strainsight.errors import ConfigError, UserError
-from strainsight.experiment.layout.gauge_list import deck_frame, gauge_lines
-from strainsight.experiment.layout.workshop import Wiring, Workshop, catman_table, elements_of, labview_table
+from strainsight.experiment.layout.gauge_list import deck_frame
+from strainsight.experiment.layout.workshop import Workshop, catman_table, elements_of, labview_table
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges, read_bonded
 from strainsight.experiment.structure.placement import placement_output
 from strainsight.runner.artefact import Artefact
@@ -262,11 +263,10 @@ def test_a_bridge_knows_a_modulus_better_by_the_number_of_its_arms_and_no_arm_he
     np.testing.assert_allclose(np.array(sigma[0]) / sigma, [1, 2, 4], rtol=0.01)
     where = [found.listed.position[0] for found in by_pattern.values()]
     np.testing.assert_allclose([x[0] for x in where], where[0][0])  # where bending is most
-    arms = by_pattern["full-bending"].listed.arms[0]
-    np.testing.assert_array_equal(arms.sign, [1, -1, 1, -1])
-    np.testing.assert_allclose(
-        arms.grid.position[:, 2], np.where(arms.sign * arms.grid.normal[0, 2] > 0, SIZE[2], 0), atol=1e-9
-    )
+    listed = by_pattern["full-bending"].listed
+    signs, arms = np.array(listed.signs, dtype=float), listed.grids
+    np.testing.assert_array_equal(signs, [1, -1, 1, -1])
+    np.testing.assert_allclose(arms.position[:, 2], np.where(signs * arms.normal[0, 2] > 0, SIZE[2], 0), atol=1e-9)
 
     # A load of 20 Hz tells E by the motion, too, whatever the gains are.
     slow = {"loads.tip.signal.frequency": 2.0, "train": {"duration": 0.5, "time_step": 0.005}}
@@ -342,17 +342,18 @@ def only_row(table):
 def test_exports_have_the_wiring_the_slope_and_the_elements_of_a_bridge(by_pattern, pattern, wired, arms):
     """n arms of ±ε give r = n GF ε/4, and ε_B = n ε."""
     listed = by_pattern[pattern].listed
-    row = only_row(catman_table(listed, Wiring(2.0, 120.0)))
+    row = only_row(catman_table(listed, SimpleNamespace(gauge_factor=2.0, resistance=120.0)))
     assert (row["Bridge"], row["Unit"]) == (wired, "um/m")
-    row = only_row(labview_table(listed, Wiring(2.0)))
+    row = only_row(labview_table(listed, SimpleNamespace(gauge_factor=2.0, resistance=None)))
     assert (row["Measurement type"], row["Strain configuration"]) == ("Bridge (V/V)", "")
     strain = 1e-4
     assert float(row["Scale slope"]) * arms * 2.0 * strain / 4 == pytest.approx(arms * strain)
-    shop = Workshop(listed, gauge_lines(listed), no_edges(len(gauge_lines(listed))), deck_frame("mm"))
-    assert elements_of(shop) == {listed.labels[0]: sorted(set(listed.arms[0].grid.element.tolist()))}
+    shop = Workshop(listed, no_edges(len(listed.grids)), deck_frame("mm"))
+    assert elements_of(shop) == {listed.labels[0]: sorted(set(listed.grids.element.tolist()))}
 
 
 def test_two_arms_of_one_sign_are_opposite(by_pattern):
     listed = by_pattern["half-bending"].listed
-    opposite = replace(listed, arms=(replace(listed.arms[0], sign=np.ones(2, dtype=int)),))
-    assert only_row(catman_table(opposite, Wiring(2.0, 120.0)))["Bridge"] == "half, arms 1 and 3"
+    arms = replace(listed.channels.arms, sign=np.ones(1, dtype=int))
+    opposite = replace(listed, channels=replace(listed.channels, arms=arms))
+    assert only_row(catman_table(opposite, SimpleNamespace(gauge_factor=2.0, resistance=120.0)))["Bridge"] == "half, arms 1 and 3"

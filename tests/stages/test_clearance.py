@@ -17,6 +17,7 @@ from strainsight.experiment.structure.clearance import (
     clearance_warning,
     loaded_nodes,
 )
+from strainsight.experiment.structure.structure import Structure
 from strainsight.mesh.additions import with_face
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.joins import NodalForces
@@ -47,7 +48,7 @@ def beam(tmp_path_factory):
         return training, api.screen(case, mesh, reduced, training)
 
     screened.case = lambda *overrides: api.load(folder / "edge.yaml", list(overrides))
-    screened.mesh = mesh
+    screened.mesh, screened.reduced = mesh, reduced
     return screened
 
 
@@ -85,14 +86,14 @@ def test_a_default_that_leaves_no_choice_is_halved_with_a_word_and_a_stated_one_
     places are to be 0.3 m apart there is no choice whatever the clearance."""
     training, _ = beam()
     case = beam.case("screen.keep=all", "screen.minimum_spacing=0", "gauges.grid_length=0.06")
-    found, blocked = clearance_of(case.config, beam.mesh, training)
+    found, blocked = clearance_of(Structure(case.config, {}, beam.mesh, beam.reduced, training))
     assert found.wanted == carrier_clearance(0.06)
     assert found.distance == 0.5 * found.wanted
     left = np.unique(training.candidates.position[training.candidates.first[~blocked]], axis=0)
     assert len(left) >= CHOICE
     assert f"{1e3 * found.distance:.3g} mm is kept" in clearance_warning(found)
     sparse = beam.case("screen.keep=all", "screen.minimum_spacing=0.3")
-    found, blocked = clearance_of(sparse.config, beam.mesh, training)
+    found, blocked = clearance_of(Structure(sparse.config, {}, beam.mesh, beam.reduced, training))
     assert found.distance == 0
     assert not blocked.any()
     assert "none is kept" in clearance_warning(found)

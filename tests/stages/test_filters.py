@@ -48,7 +48,7 @@ def validated(tmp_path_factory):
 
     def problem(*overrides):
         own = beam(*overrides)
-        return problem_of(own.case.config, own.case.files, own.reduced, own.training, own.screened)
+        return problem_of(own.structure, own.screened)
 
     run.problem = problem
     return run
@@ -263,7 +263,7 @@ def test_instants_in_what_a_start_from_rest_has_set_off_are_reported(beam, chang
     """3/(ζω₁) is some 0.7 s here, and the run 0.1 s."""
     small = beam(changes)
     problem = small.problem
-    at = placed_instants(problem, problem.model.reference, problem.x, small.case.config.place, 1)
+    at = placed_instants(problem, problem.model.reference, problem.x, small.case.config)
     message = ringing_in_words(problem.run.settle, problem.loading, problem.model, at)
     assert message.startswith("2 of 2 instants") is warned
     if changes.get("train.settle") == 0.01:

@@ -10,6 +10,7 @@ import pytest
 from strainsight import api
 from strainsight.errors import InfeasibleError
 from strainsight.experiment.structure.clearance import bent_gauges, bent_warning, clearance_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.mesh.facets import exterior_facets, facet_key
 from strainsight.sensors.screening import BEND
 from strainsight.sensors.surface import facet_centres
@@ -104,14 +105,18 @@ def test_what_bends_too_tightly_is_no_place_that_a_clearance_leaves(beam, traini
         moved[i] = np.where(far, share / 2, (1 - share) / 2) @ mesh.position[corners]
     own = replace(pool, position=moved)
     case = beam.load(*tight(0.24), "gauges.clearance=0.001")
+    structure = Structure(case.config, {}, mesh, beam.reduced, training)
+
+    def clearance_at(places):
+        return clearance_of(replace(structure, training=replace(training, candidates=own.take(np.array(places)))))
+
     for i, near in ((inside, "bends"), (flank, "edges")):
         with pytest.raises(InfeasibleError, match=r"1 mm from every edge, support, load and bend too tight for"):
-            clearance_of(case.config, mesh, replace(training, candidates=own.take(np.array([i]))))
-        both = own.take(np.array([i, np.flatnonzero(half & (y == 0) & (np.abs(z - 0.045) < 1e-9))[0]]))
-        found, blocked = clearance_of(case.config, mesh, replace(training, candidates=both))
+            clearance_at([i])
+        found, blocked = clearance_at([i, np.flatnonzero(half & (y == 0) & (np.abs(z - 0.045) < 1e-9))[0]])
         assert ({name for name, count in found.near.items() if count}, blocked.tolist()) == ({near}, [True, False])
     with pytest.raises(InfeasibleError, match="none of 2 candidates"):
-        clearance_of(case.config, mesh, replace(training, candidates=own.take(np.array([inside, flank]))))
+        clearance_at([inside, flank])
 
 
 def test_one_that_is_bonded_there_is_kept_with_a_warning(beam):
@@ -121,7 +126,8 @@ def test_one_that_is_bonded_there_is_kept_with_a_warning(beam):
     training, mesh = api.train(case, beam.mesh, beam.reduced), curled(beam.mesh)
     found = api.screen(case, mesh, beam.reduced, training)
     assert {0, 1} <= set(found.kept.tolist())
-    said = bent_warning(case.config, training, bent_gauges(case.config, mesh, training))
+    structure = Structure(case.config, {}, mesh, beam.reduced, training)
+    said = bent_warning(structure, bent_gauges(structure))
     assert "K1" in said
     assert "fixed 2" not in said
-    assert bent_warning(case.config, training, bent_gauges(case.config, beam.mesh, training)) == ""
+    assert bent_warning(structure, bent_gauges(replace(structure, mesh=beam.mesh))) == ""

@@ -62,7 +62,7 @@ def test_the_gauge_beside_a_load_on_one_node_is_named_and_the_others_are_not(bea
 def test_the_moduli_are_those_of_the_guess_and_uniform_ones_do_not_matter(beam):
     """E of the deck is the truth, the guess a tenth lower; strain changes alike in a part of one material."""
     own, found = beam
-    mesh = at_guess(own.case.config, own.mesh, own.reduced)
+    mesh = at_guess(own.structure)
     (region,) = mesh.regions.values()
     assert mesh.materials[region.material].youngs_modulus == pytest.approx(0.9 * E)
     assert mesh.materials[region.material].poisson_ratio == own.mesh.materials[1].poisson_ratio
@@ -93,7 +93,9 @@ def steep(bar, angles, rosette=False, bonded=False):
     part = every.take(np.flatnonzero(np.abs(every.position[:, 0] - 0.2) < 0.13))
     part.bonded[:] = bonded
     training = SimpleNamespace(moment=np.eye(1))
-    found = _steep(mesh, reduced, training, part, SIGMA, skin_of(mesh.position, facets))
+    tolerances, skin = SimpleNamespace(position=SIGMA), skin_of(mesh.position, facets)
+    structure = SimpleNamespace(mesh=mesh, reduced=reduced, training=training, tolerances=tolerances, skin=skin)
+    found = _steep(structure, part)
     return *found, part.position[part.first, 0]
 
 
@@ -126,7 +128,9 @@ def test_a_channel_that_reads_nothing_but_rounding_hides_no_other(bar):
     facets = exterior_facets(mesh)
     part = candidates(mesh, facets, (1, 0, 0), (0.0, 90.0), include=[NormalCone((0, 0, 1), 5.0)], rosette=True, length=LENGTH)
     training, skin = SimpleNamespace(moment=moment), skin_of(mesh.position, facets)
-    _, over_grid = _steep(mesh, SimpleNamespace(basis=basis), training, part, SIGMA, skin)
+    tolerances, reduced = SimpleNamespace(position=SIGMA), SimpleNamespace(basis=basis)
+    structure = SimpleNamespace(mesh=mesh, reduced=reduced, training=training, tolerances=tolerances, skin=skin)
+    _, over_grid = _steep(structure, part)
     np.testing.assert_allclose(over_grid, LENGTH / (part.position[part.first, 1] + 0.02), rtol=1e-6)
 
 

@@ -10,7 +10,8 @@ import yaml
 from scipy.linalg import solve_continuous_are
 
 from strainsight import api
-from strainsight.experiment.structure.problem import problem_in
+from strainsight.experiment.structure.problem import problem_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.training import runs_of
 from strainsight.records.placed import Placed
 from strainsight.records.record import read
@@ -195,8 +196,9 @@ def test_a_silent_load_keeps_the_process_noise_that_it_has_as_stated_and_others_
     cases = {"silent": DOWN, "other": {"loads": {"down": quick}}}
     case = beam.case(cases)
     training, screened = beam.trained(case)
+    structure = Structure(case.config, case.files, beam.mesh, beam.reduced, training)
     found = {
-        run.name: problem_in(run, case.config, case.files, beam.reduced, training, screened)
+        run.name: problem_of(structure, screened, run)
         for run in runs_of(case.config, beam.reduced.model.inputs, case.files)
     }
     walks = {name: np.diag(own.Q)[-2:] for name, own in found.items()}

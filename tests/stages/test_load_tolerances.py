@@ -272,14 +272,14 @@ TURN = 30.0
 def test_a_gauge_taken_as_turned_has_the_mean_of_one_that_is(tmp_path):
     few = f"gauges.direction.angles=[0, {TURN}]", "tolerances={angle: 6.0}", "gauges.clearance=none"
     own = prepared(tmp_path, bricks((10, 2, 2), "hex20"), {"screen": {"keep": "all"}}, *few)
-    case, mesh, reduced, training = own.case, own.mesh, own.reduced, own.training
-    problem, pool = problem_of(case.config, {}, reduced, training, own.screened), training.candidates
+    structure, training = own.structure, own.training
+    problem, pool = problem_of(own.structure, own.screened), training.candidates
     one = int(np.flatnonzero((pool.angle == 0) & (pool.normal[:, 2] > 0.99) & (np.abs(pool.position[:, 0] - 0.25) < 0.05))[0])
     (twin,) = np.flatnonzero((pool.angle == TURN) & (pool.element == pool.element[one]) & (pool.facet == pool.facet[one]))
 
     def averaged(channel):
         channels = np.array([channel])
-        own = tolerated(case.config, mesh, reduced, training, channels)
+        own = tolerated(structure, channels)
         plain = filter_model(problem, channels, 0.001)
         return own, plain, on_average(own, plain, channels)
 
@@ -287,8 +287,8 @@ def test_a_gauge_taken_as_turned_has_the_mean_of_one_that_is(tmp_path):
     test = SimpleNamespace(channels=np.array([one]), known=np.zeros((1, 3, 0)), values=None)
     start = np.zeros((model.size, model.size))
     given = SimpleNamespace(model=model, test=test, problem=problem, covariance=start, tolerances=own, biased=None, settled=None)
-    turning = turning_of(mesh, reduced, training, test.channels)
-    found, _ = suspect_of(case.config, mesh, reduced, training, given, turning).turned(0, TURN)
+    turning = turning_of(structure, test.channels)
+    found, _ = suspect_of(structure, given, turning).turned(0, TURN)
     assert not start.any()  # the start at rest of the filter is left as it is
     _, plain, wanted = averaged(int(twin))
     size = np.abs(wanted.H).max()

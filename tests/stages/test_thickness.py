@@ -75,7 +75,7 @@ def test_the_covariance_of_a_layout_is_that_of_the_augmented_system_by_scipy(tmp
     run = prepared(tmp_path, deck(), CHANGES)
     found, own, training = placed(run), run.reduced.model, run.training
     p = found.problem
-    k = placed_instants(p, own.reference, p.x, run.case.config.place, run.case.config.seed)[0]
+    k = placed_instants(p, own.reference, p.x, run.case.config)[0]
     n, x, u = own.size, p.x[k], instant_values(p.u)[k]
     membrane, bending = halves(training)
     first = (training.candidates.element <= 8)[:, None]

@@ -20,6 +20,7 @@ from strainsight.experiment.structure.nuisances import on_average, tolerated
 from strainsight.experiment.structure.placement import COHERENCE
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.experiment.structure.screening import installation_variances
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.trial import trial_of
 from strainsight.experiment.structure.truth import installation_of, model_of, truth_of
 from strainsight.fem.affine import AffineOperator
@@ -54,9 +55,10 @@ def beam(tmp_path_factory):
     def drawn(*overrides):
         """The truth and its repeats, which no filter has followed yet."""
         own = case(*overrides)
-        problem = problem_of(own.config, own.files, reduced, training, screened)
-        errors = tolerated(own.config, mesh, reduced, training, problem.channels.of(gauges)[:, 0])
-        truth = truth_of(own.config, mesh, None, reduced, training, problem, own)
+        structure = Structure(own.config, own.files, mesh, reduced, training)
+        problem = problem_of(structure, screened)
+        errors = tolerated(structure, problem.channels.of(gauges)[:, 0])
+        truth = truth_of(structure, None, problem, own)
         return trial_of(own.config, problem, truth, errors, gauges)
 
     def expected(*overrides):
@@ -65,7 +67,7 @@ def beam(tmp_path_factory):
     def slopes(change):
         """E that the filter makes of the readings in training, over time, and σ-scaled derivatives in ν of `change`."""
         own = case("tolerances=none")
-        problem = problem_of(own.config, own.files, reduced, training, screened)
+        problem = problem_of(Structure(own.config, own.files, mesh, reduced, training), screened)
         model = filter_model(problem, gauges, problem.h)
         start = initial_covariance(problem, dict.fromkeys(problem.unknowns.names, 1.0), problem.loading.moving)
         known, y = problem.u[:, :, problem.columns(problem.known)], training.reading(gauges)[1:]
@@ -299,8 +301,7 @@ def test_gauges_are_expected_to_be_off_by_their_share_of_misaligned_loads(tmp_pa
     tolerances = NOTHING | {"load_angle": 1.0, "load_position": 0.01}
     pull = {"loads.tip.direction": [1, 0, 0]}
     own = beam_in(tmp_path)(pull | {"tolerances": tolerances | {"gain": 0.05}})
-    args = (own.case.config, own.case.files, own.mesh, own.reduced, own.training, own.gauges)
-    expected = installation_variances(*args)[0, own.channels] / 0.05**2
+    expected = installation_variances(own.structure, own.gauges)[0, own.channels] / 0.05**2
     exact = trial(beam_in(tmp_path)(pull | {"tolerances": tolerances, "validate.truth.parameters": {}}))
     squares = np.array([np.mean(exact.again(i) ** 2, axis=0) for i in range(1, 601)])
     error = squares.std(axis=0) / np.sqrt(len(squares))

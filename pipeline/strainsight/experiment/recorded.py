@@ -58,11 +58,7 @@ def recorded(key: str, config: RecordedSection, path: Path, of: Sequence[str] = 
         values = recording.channels[column]
         missing = np.flatnonzero(np.isnan(values))
         if missing.size:
-            raise UserError(
-                f"no sample under {column!r}",
-                where=recording.place(int(missing[0])),
-                remedy=NO_GAPS,
-            )
+            raise UserError(f"no sample under {column!r}", where=recording.place(int(missing[0])), remedy=NO_GAPS)
         check_marks(recording, column, recording.units[column] or "", NO_GAPS, negative=True)
         back = np.flatnonzero(np.diff(recording.time) <= 0)
         if back.size:
@@ -100,16 +96,11 @@ def _factor(column: str, recording: Recording, path: Path, of: Sequence[str]) ->
             f"{column!r} is in {stated}, {path.name} says: no unit that is known", remedy=error.remedy
         ) from None
     if unit.quantity not in of:
-        what = (
-            "a load"
-            if set(of) == set(LOADS)
-            else f"a load that is a {of[0]}"
-            if set(of) <= set(LOADS)
-            else " or ".join(of)
-        )
+        of_load = set(of) <= set(LOADS)
+        what = ("a load" if len(of) > 1 else f"a load that is a {of[0]}") if of_load else " or ".join(of)
         raise ConfigError(
             f"{column!r} is in {stated}, {path.name} says: no unit of {what}",
-            remedy=f"name the column of {'the load' if set(of) <= set(LOADS) else 'what the history is of'}",
+            remedy=f"name the column of {'the load' if of_load else 'what the history is of'}",
         )
     return unit.factor
 
@@ -170,17 +161,11 @@ def signals_of(
 
 def _calibration(entry: Channel) -> ChannelSettings:
     bridge = entry.bridge
+    alike = ("unit", "offset", "drift", "zero", "scale", "sign", "override", "missing")
     return ChannelSettings(
-        unit=entry.unit,
         bridge=None if bridge is None else Bridge(bridge.arrangement, bridge.gauge_factor, bridge.poisson_ratio),
-        offset=entry.offset,
-        drift=entry.drift,
-        zero=entry.zero,
-        scale=entry.scale,
-        sign=entry.sign,
-        override=entry.override,
         delay=_delay(entry.delay),
-        missing=entry.missing,
+        **{name: getattr(entry, name) for name in alike},
     )
 
 

@@ -77,9 +77,9 @@ WARNINGS = "warnings"
 """Title of the table of a stage's warnings."""
 
 
-def warnings_table(texts: Sequence[str]) -> tuple[Table, ...]:
-    """A table of warnings, none for no texts."""
-    return (Table(WARNINGS, ("",), tuple((text,) for text in texts)),) if texts else ()
+def warnings_table(texts: Sequence[str], title: str = WARNINGS) -> tuple[Table, ...]:
+    """A table of warnings or other sentences, none for no texts."""
+    return (Table(title, ("",), tuple((text,) for text in texts)),) if texts else ()
 
 
 def warnings_in(tables: Iterable[Table]) -> tuple[str, ...]:

@@ -4,17 +4,8 @@ from __future__ import annotations
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.experiment.structure.campaign import campaign_of
-from strainsight.experiment.structure.campaign_text import (
-    campaign_files,
-    campaign_message,
-    campaign_numbers,
-    campaign_record,
-    campaign_tables,
-)
+from strainsight.experiment.structure.campaign_text import campaign_output
 from strainsight.experiment.structure.reduction import FILES, READS
-from strainsight.records.estimated import record_group
-from strainsight.records.mesh import vtkhdf_datasets
-from strainsight.records.record import below, written
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
@@ -31,19 +22,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         inputs.layout(context),
         context,
     )
-    grid, attributes = ({}, {}) if campaign.surface is None else vtkhdf_datasets(campaign.surface)
-    datasets = {} if campaign.only else written(campaign_record(campaign), campaign.units)
-    for name, record in campaign.records.items():
-        of_record = written(record.estimated, campaign.units)
-        datasets |= of_record if campaign.only else below(record_group(name), of_record)
-    return Output(
-        datasets=datasets | grid,
-        attributes=attributes,
-        summary=campaign_numbers(campaign),
-        message=campaign_message(campaign),
-        tables=campaign_tables(campaign),
-        files=campaign_files(campaign),
-    )
+    return campaign_output(campaign)
 
 
 ESTIMATE = Stage(

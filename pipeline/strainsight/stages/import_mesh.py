@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 
-from strainsight.config.mesh import MeshFile
 from strainsight.config.placement import PlacementConfig
 from strainsight.decks.reader import format_of
 from strainsight.experiment.structure.early import check_files
@@ -70,16 +69,15 @@ def looked_at(
 ) -> tuple[tuple[float, np.ndarray] | None, tuple[Quality, ...], tuple[str, ...]]:
     """Mass [kg] with centre (3,) [m], shapes of the elements, and what is more likely a mistake than meant, in sentences. Raises
     UserError for what cannot be computed."""
-    weight, quality = checked(mesh, config.mesh)
+    stated = config.mesh
+    weight, quality = checked(mesh, stated)
     check_references(config, mesh)
-    return weight, quality, (*_warnings(mesh, config.mesh), *beyond_range(config, mesh))
-
-
-def _warnings(mesh: Mesh, config: MeshFile) -> tuple[str, ...]:
-    """Sentences for a warning; with ready matrices or results the materials and the unused nodes of the file mean nothing."""
-    if config.matrices is not None or config.results is not None:
-        return ()
-    return model_warnings(mesh, config.length_unit, config.mass_unit, config.free)
+    warnings: tuple[str, ...] = ()
+    if (
+        stated.matrices is None and stated.results is None
+    ):  # beside them materials and unused nodes of the file mean nothing
+        warnings = model_warnings(mesh, stated.length_unit, stated.mass_unit, stated.free)
+    return weight, quality, (*warnings, *beyond_range(config, mesh))
 
 
 def _grid(mesh: Mesh) -> VtkHdf:

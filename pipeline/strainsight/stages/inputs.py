@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+from strainsight.config.placement import PlacementConfig
+from strainsight.experiment.structure.structure import Structure
 from strainsight.mesh.model import Mesh
 from strainsight.records.mesh import mesh_from
 from strainsight.records.placed import Placed
@@ -26,6 +28,11 @@ def reduced(context: Context[object]) -> Reduced:
 def training(context: Context[object]) -> Training:
     """train.h5."""
     return read(Training, context.upstream["train"])
+
+
+def structure(context: Context[PlacementConfig]) -> Structure:
+    """Of import.h5, rom.h5 and train.h5."""
+    return Structure(context.config, context.files, mesh(context), reduced(context), training(context))
 
 
 def screened(context: Context[object]) -> Screened:

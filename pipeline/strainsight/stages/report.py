@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -12,7 +11,6 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
 from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
 from strainsight.experiment.layout.workshop import (
-    Wiring,
     Workshop,
     abaqus_sets,
     catman_table,
@@ -39,6 +37,7 @@ from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.runner.output import Dataset, Output, warnings_table
 from strainsight.runner.stage import Context, Stage
+from strainsight.sensors.candidates import UNITS
 from strainsight.sensors.export import edge_lines, seen_from
 from strainsight.stages import inputs
 from strainsight.stages.pages.page import placement_report
@@ -64,7 +63,6 @@ def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, byt
     Raises ConfigError where element sets are asked for and no gauge lies on an element.
     """
     config, wanted = context.config, context.config.report.exports
-    wiring = Wiring(config.report.gauge_factor, config.report.resistance)
     elements = elements_of(shop)
     if not elements and (sets := [name for name in wanted if name in ("nastran", "abaqus")]):
         raise ConfigError(
@@ -75,8 +73,8 @@ def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, byt
     files = {
         "nastran": ("gauges-nastran.inc", lambda: nastran_sets(elements, config.name)),
         "abaqus": ("gauges-abaqus.inp", lambda: abaqus_sets(elements, config.name)),
-        "catman": ("channels-catman.txt", lambda: catman_table(shop.listed, wiring)),
-        "labview": ("channels-labview.txt", lambda: labview_table(shop.listed, wiring)),
+        "catman": ("channels-catman.txt", lambda: catman_table(shop.listed, config.report)),
+        "labview": ("channels-labview.txt", lambda: labview_table(shop.listed, config.report)),
         "mat": ("model.mat", lambda: _mat_file(context, shop)),
     }
     return {name: content() for name, content in (files[export] for export in wanted)}
@@ -84,16 +82,16 @@ def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, byt
 
 def _mat_file(context: Context[PlacementConfig], shop: Workshop) -> bytes:
     placed, model = read(Placed, context.upstream["place"]), read(Reduced, context.upstream["rom"]).model
-    listed = shop.listed
-    units = [unit for unit, directions in zip(listed.unit, listed.directions, strict=True) for _ in directions]
+    units = [UNITS[int(quantity)] for quantity in shop.listed.channels.quantity]
     of_loads = {name: load.unit for name, load in context.config.loads.items()}
-    return mat_file(placed, model, channel_labels(listed), units, of_loads)
+    return mat_file(placed, model, channel_labels(shop.listed), units, of_loads)
 
 
 def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> list[Sheet]:
     """A sheet for every gauge, of a bridge for every arm; none of what lies on no facet."""
-    config, frame, edges = context.config, shop.frame, shop.edges
-    if not any(line.facet for line in shop.lines):
+    config, frame, edges, listed = context.config, shop.frame, shop.edges, shop.listed
+    grids = listed.grids
+    if not grids.facet.any():
         return []
     lines = edge_lines(mesh.position, exterior_facets(mesh))
 
@@ -108,24 +106,25 @@ def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> 
         return front, side
 
     sheets = []
-    for name, i, directions in _places(shop):
-        line, normal = shop.lines[i], frame.turn(shop.lines[i].normal)
-        strain, bonded = shop.listed.unit[line.gauge] == "strain", bool(shop.listed.bonded[line.gauge])
-        foil = foil_at(config.gauges, shop, i)
+    for name, bonded_grids in listed.places():
+        i = bonded_grids[0]
+        if not grids.facet[i]:
+            continue
+        gauge, normal, foil = listed.gauge[i], frame.turn(grids.normal[i]), foil_at(config.gauges, shop, i)
         front, side = views(tuple((np.round(normal, 9) + 0.0).tolist()))
         sheets.append(
             Sheet(
                 name=name,
-                kind=shop.listed.kind[line.gauge] + ", bonded already" * bonded,
+                kind=listed.kind[gauge] + ", bonded already" * bool(listed.bonded[gauge]),
                 run=config.name,
                 deck=Path(config.mesh.file).name,
                 layout=context.upstream["place"].digest[:12],
                 frame=frame,
-                position=frame.place(line.position),
+                position=frame.place(grids.position[i]),
                 normal=normal,
-                directions=frame.turn(directions),
-                strain=strain,
-                grid=float(frame.length(line.length)),
+                directions=frame.turn(grids.direction[bonded_grids]),
+                strain=listed.unit[gauge] == "strain",
+                grid=float(frame.length(grids.length[i])),
                 grid_width=0.0 if foil.type is None else float(frame.length(foil.type.grid_width)),
                 carrier=(float(frame.length(foil.length)), float(frame.length(foil.width))),
                 carrier_of="assumed" if foil.type is None else str(config.gauges.type),
@@ -133,8 +132,8 @@ def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> 
                 angle=edges.angle[i],
                 foot=frame.place(edges.foot[i]),
                 along=frame.turn(edges.along[i]),
-                element=int(line.element),
-                facet=int(line.facet),
+                element=int(grids.element[i]),
+                facet=int(grids.facet[i]),
                 front=front,
                 side=side,
             )
@@ -149,19 +148,6 @@ def sheet_files(sheets: list[Sheet]) -> dict[str, bytes]:
         name = file_name(f"sheet-{sheet.name}", {Path(other).stem.lower() for other in files})
         files[f"{name}.svg"] = sheet_svg(sheet).encode()
     return files
-
-
-def _places(shop: Workshop) -> Iterator[tuple[str, int, np.ndarray]]:
-    """Name, first line and directions (c, 3) of every place on a facet."""
-    for gauge, label in enumerate(shop.listed.labels):
-        lines, arms = shop.lines_of(gauge), shop.listed.arms[gauge]
-        if arms is not None:
-            places = [(name, i, [i]) for name, i in zip(arms.labels(label), lines, strict=True)]
-        else:
-            places = [(label, lines[0], lines)]
-        for name, i, grids in places:
-            if shop.lines[i].facet:
-                yield name, i, np.array([shop.lines[k].direction for k in grids])
 
 
 def run(context: Context[PlacementConfig]) -> Output:

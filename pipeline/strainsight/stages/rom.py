@@ -65,12 +65,7 @@ def run_modes(context: Context[PlacementConfig]) -> Output:
     values = ", ".join(f"{name} = {value:.6g}" for name, value in guesses.items()) or "the deck"
     return Output(
         datasets=written(modes),
-        summary={
-            "unknowns": size,
-            "modes": len(frequency),
-            "first": float(frequency[0]),
-            "last": float(frequency[-1]),
-        },
+        summary={"unknowns": size, "modes": len(frequency), "first": float(frequency[0]), "last": float(frequency[-1])},
         message=f"{len(frequency)} modes of {size} unknowns, {hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz",
         tables=(
             Table(

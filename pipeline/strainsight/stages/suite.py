@@ -83,7 +83,7 @@ def suite_of(context: Context[Slice]) -> Suite:
         provenance |= {f"{entry.name}, {stage}": up[stage].digest[:16] for stage in (*up,)[-1:]}
     studies = _studies(context.config.studies, runs)
     statements = statements_of(context.config.claims, runs)
-    comparisons = comparisons_of(context.config.comparisons, runs)
+    comparisons = tuple(all_of(context.config.comparisons, lambda row: _comparison(row, runs)))
     name, title = str(context.config.name), str(context.config.title)
     return Suite(name, title, tuple(runs), studies, statements, comparisons, provenance)
 
@@ -158,11 +158,6 @@ def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[SuiteS
 def statements_of(claims: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[Statement, ...]:
     """Raises ConfigError for every claim about a number that its run does not have."""
     return tuple(all_of(claims, lambda claim: _statement(claim.measure, claim.text, claim.why, runs)))
-
-
-def comparisons_of(rows: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[SourceComparison, ...]:
-    """Raises ConfigError for every row about a number that its run does not have."""
-    return tuple(all_of(rows, lambda row: _comparison(row, runs)))
 
 
 def _comparison(row: Any, runs: Sequence[SuiteRun]) -> SourceComparison:

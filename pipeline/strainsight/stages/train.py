@@ -21,7 +21,7 @@ from strainsight.experiment.structure.clearance import (
 from strainsight.experiment.structure.expectation import loud_noise, quiet_noise, unresolved_candidates
 from strainsight.experiment.structure.observation import observed_of
 from strainsight.experiment.structure.reduction import inertia_problems
-from strainsight.experiment.structure.references import KINDS_OF_LOAD, load_units
+from strainsight.experiment.structure.references import KINDS_OF_LOAD, WHERE_SENSORS_ARE, load_units
 from strainsight.experiment.structure.screening import screened_of
 from strainsight.experiment.structure.training import trained
 from strainsight.measurements.calibration import LARGE_STRAIN
@@ -42,10 +42,8 @@ def run_train(context: Context[PlacementConfig]) -> Output:
     training, surface = trained(context.config, inputs.mesh(context), reduced, context)
     pool, moved = training.candidates, training.moved
     rms = training.rms
-    if warning := unresolved_candidates(training):
-        warnings.warn(warning, stacklevel=2)
-    for warning in inertia_problems(context.config.train, training, float(reduced.frequency[0])):
-        warnings.warn(warning, stacklevel=2)
+    inertia = inertia_problems(context.config.train, training, float(reduced.frequency[0]))
+    _warn(unresolved_candidates(training), *inertia)
     strongest = float(rms[pool.quantity == pool.quantity[0]].max())
     steps = len(training.time) - 1
     return Output(
@@ -77,17 +75,22 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
         parts[1] += f" of {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
     if strongest > LARGE_STRAIN:
         parts.append("far from small: are load and modulus in the right unit?")
-    if surface is not None and len(surface.moved):
-        parts.append(f"bonded ones moved by up to {1e3 * surface.moved.max():.2g} mm")
-    if surface is not None and surface.left_out:
-        parts.append(f"{surface.left_out} places left out: a grid over a sharp edge")
-    if surface is not None and surface.alone:
-        parts.append(f"{surface.alone} places left out: no facet opposite that takes the arms of a bridge")
-    if surface is not None and surface.twice:
-        parts.append(f"{surface.twice} bridges taken once of two that are one, seen from its sides")
-    if surface is not None and surface.empty:
-        parts.append(f"no facet in the zone {', '.join(surface.empty)}: is it in metres?")
+    if surface is not None:
+        moved = float(surface.moved.max(initial=0.0))
+        notes = (
+            (len(surface.moved), f"bonded ones moved by up to {1e3 * moved:.2g} mm"),
+            (surface.left_out, f"{surface.left_out} places left out: a grid over a sharp edge"),
+            (surface.alone, f"{surface.alone} places left out: no facet opposite that takes the arms of a bridge"),
+            (surface.twice, f"{surface.twice} bridges taken once of two that are one, seen from its sides"),
+            (len(surface.empty), f"no facet in the zone {', '.join(surface.empty)}: is it in metres?"),
+        )
+        parts += [text for count, text in notes if count]
     return ", ".join(parts)
+
+
+def _warn(*texts: str) -> None:
+    for text in filter(None, texts):
+        warnings.warn(text, stacklevel=3)
 
 
 def _bonded_table(pool: Candidates, names: Sequence[str], moved: np.ndarray) -> Table:
@@ -117,23 +120,17 @@ TRAIN = Stage(
         *KINDS_OF_LOAD,
         "train",
         "place.load_cases",
-        "gauges.surface",
+        *WHERE_SENSORS_ARE,
         "gauges.direction",
         "gauges.rosette",
         "gauges.bridge",
         "gauges.grid_length",
-        "gauges.include",
-        "gauges.exclude",
         "gauges.fixed",
         "gauges.fixed_file",
         "gauges.snap_tolerance",
-        "gauges.given",
         "motion_sensors.*.quantity",
-        "motion_sensors.*.surface",
         "motion_sensors.*.axes",
         "motion_sensors.*.every",
-        "motion_sensors.*.include",
-        "motion_sensors.*.exclude",
         "mesh.length_unit",
         "mesh.matrices",
         "parameters.*.property",
@@ -155,28 +152,24 @@ TRAIN = Stage(
 
 def run_screen(context: Context[PlacementConfig]) -> Output:
     """Which candidates go on, and why the others do not."""
-    config, mesh, training = context.config, inputs.mesh(context), inputs.training(context)
-    screened, pool = screened_of(config, context.files, mesh, inputs.reduced(context), training), training.candidates
+    config, structure = context.config, inputs.structure(context)
+    screened, pool, training = screened_of(structure), structure.pool, structure.training
     dropped = Counter(str(code) for code in screened.reason if code)
     noise, strain = float(screened.noise_std[0]), pool.quantity[0] == 0
     shown = f"{1e6 * noise:.3g} µm/m" if strain else f"{noise:.3g}"
     parts = [f"{pool.gauges} → {len(screened.kept)}", f"noise {shown}"]
-    for warning in _fewer_than_asked(context.config.screen, screened, pool):
-        warnings.warn(warning, stacklevel=2)
+    _warn(*_fewer_than_asked(config.screen, screened, pool))
     clearance, numbers = screened.clearance, {}
     if clearance is not None:
         parts.append(clearance_in_words(clearance, dropped[CLEARANCE]))
         numbers = {"clearance": clearance.distance}
-        if warning := clearance_warning(clearance):
-            warnings.warn(warning, stacklevel=2)
+        _warn(clearance_warning(clearance))
     if dropped[BEND]:
         parts.append(f"{dropped[BEND]} where the surface bends too tightly")
-    bent = bent_gauges(config, mesh, training)
-    if warning := bent_warning(config, training, bent):
-        warnings.warn(warning, stacklevel=2)
-        parts.append(f"{int((bent & pool.bonded[pool.first]).sum())} bonded where the surface bends too tightly")
-    for warning in filter(None, (quiet_noise(training, screened), loud_noise(training, screened))):
-        warnings.warn(warning, stacklevel=2)
+    bent = bent_gauges(structure)
+    if count := int((bent & pool.bonded[pool.first]).sum()):
+        parts.append(f"{count} bonded where the surface bends too tightly")
+    _warn(bent_warning(structure, bent), quiet_noise(training, screened), loud_noise(training, screened))
     if kind := type_in_words(config):
         parts.append(kind)
     return Output(

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -17,7 +17,8 @@ from strainsight.placement.criteria import Criterion
 from strainsight.placement.elimination import Elimination
 from strainsight.placement.score import WORTH, gains, worth_keeping
 from strainsight.records.placed import Budget
-from strainsight.runner.output import Table
+from strainsight.runner.output import Table, warnings_table
+from strainsight.text import listed as listed_words
 
 MATTERS = 1.05
 """Factor that another layout than the first has to be better by, and that σ of no unknown may be worse by."""
@@ -37,10 +38,6 @@ class Expectation:
         """How much σ grows without each gauge, summed over these unknowns (k,); infinite where that is not solved."""
         grown = np.asarray(sum(self.without[name] / self.std[name] for name in over))
         return np.where(np.isnan(grown), np.inf, grown)
-
-    def ordered(self, order: np.ndarray) -> Expectation:
-        """The same with the gauges in another order."""
-        return replace(self, without={name: values[order] for name, values in self.without.items()})
 
 
 def least_expected(layouts: Sequence[Expectation], over: Collection[str]) -> int:
@@ -84,9 +81,9 @@ def budget_table(budget: Mapping[str, Mapping[str, float]], of: str = "budget") 
 
 def budget_tables(budget: Budget | None, without: Sequence[str] = ()) -> tuple[Table, ...]:
     """Of a filter that has run, with what would help most, and why an unknown has none; none of nothing."""
-    sentences = tuple((sentence,) for sentence in (*helps({} if budget is None else budget.shares), *without))
+    sentences = (*helps({} if budget is None else budget.shares), *without)
     table = () if budget is None else (budget_table(budget.shares, "budget of the filtered estimates"),)
-    return (*table, *([Table("what would help", ("",), sentences)] if sentences else []))
+    return (*table, *warnings_table(sentences, "what would help"))
 
 
 def helps(budget: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
@@ -96,12 +93,8 @@ def helps(budget: Mapping[str, Mapping[str, float]]) -> Iterator[str]:
         largest = list(shares)[first_of_largest(np.array(list(shares.values())))]
         led.setdefault(largest, []).append(name)
     for source, names in led.items():
-        much = _listed([f"{100 * budget[name][source]:.0f} % of the variance of {name}" for name in names])
-        yield f"What would help {_listed(names)} most: {REMEDY[source]} ({source}: {much})."
-
-
-def _listed(words: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(words[:-1]), words[-1]]))
+        much = listed_words([f"{100 * budget[name][source]:.0f} % of the variance of {name}" for name in names])
+        yield f"What would help {listed_words(names)} most: {REMEDY[source]} ({source}: {much})."
 
 
 NEARLY = 0.8
@@ -144,11 +137,6 @@ def advice(
             else []
         ),
     )
-
-
-def advice_table(sentences: Sequence[str]) -> Table:
-    """The sentences as they are printed."""
-    return Table("advice", ("",), tuple((sentence,) for sentence in sentences))
 
 
 def _how_many(sigma: str, cost: np.ndarray, kept: int, labels: Sequence[str], keep: int) -> Iterator[str]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from itertools import count
 from typing import TypedDict
 
@@ -43,47 +43,99 @@ def layout_labels(names: Sequence[str], gauges: np.ndarray) -> tuple[str, ...]:
 
 
 @dataclass(frozen=True)
-class BridgeArms:
-    """All arms of one bridge, the first of which has its place: grid, a of them, and their signs (a,)."""
-
-    grid: Candidates
-    sign: np.ndarray
-
-    def labels(self, label: str) -> list[str]:
-        """Of each of them, by that of the bridge."""
-        return [f"{label} arm {k + 1}" for k in range(len(self.sign))]
-
-
-@dataclass(frozen=True)
 class GaugeList:
     """The gauges of a layout, k of them in its order.
 
-    labels as of `layout_labels`; kind: in words; unit of its readings; element, facet ids, of given gauges their number and
-    0; position, normal (k, 3); directions: of each (c, 3) of all its channels; angles: of each (c,) [deg]; length (k,) [m] of
-    its grid; bonded (k,); family: "gauges", or the name among the motion sensors; peak (k,): largest training reading, peaks:
-    that of each channel; most (k,): that of any grid, of a bridge of any arm; range (k,): what a grid can measure, NaN where not
-    stated; arms of each that is a bridge, else None; notes: what is to be looked at of each where it is bonded, empty where there
-    is nothing, and without any where that was not asked.
+    labels as of `layout_labels`; channels: theirs, m of them; family: "gauges", or the name among the motion sensors, of each
+    gauge; peaks (m,): largest training reading of every channel; strained (m,): that of any of its grids; limit (m,): what a grid
+    can measure, infinite where not stated; notes: what is to be looked at of each where it is bonded, empty where there is
+    nothing, and without any where that was not asked.
     """
 
     labels: tuple[str, ...]
-    kind: tuple[str, ...]
-    unit: tuple[str, ...]
-    element: np.ndarray
-    facet: np.ndarray
-    position: np.ndarray
-    normal: np.ndarray
-    directions: tuple[np.ndarray, ...]
-    angles: tuple[np.ndarray, ...]
-    length: np.ndarray
-    bonded: np.ndarray
+    channels: Candidates
     family: tuple[str, ...]
-    peak: np.ndarray
-    peaks: tuple[np.ndarray, ...]
-    most: np.ndarray
-    range: np.ndarray
-    arms: tuple[BridgeArms | None, ...]
+    peaks: np.ndarray
+    strained: np.ndarray
+    limit: np.ndarray
     notes: tuple[str, ...] = ()
+
+    @cached_property
+    def kind(self) -> tuple[str, ...]:
+        """Of every gauge, in words."""
+        c, (first, count) = self.channels, np.unique(self.channels.gauge, return_index=True, return_counts=True)[1:]
+        return tuple(_kind(int(c.quantity[i]), n, bool(c.bridged[i])) for i, n in zip(first, count, strict=True))
+
+    @property
+    def unit(self) -> tuple[str, ...]:
+        """Of the readings of every gauge."""
+        return tuple(UNITS[int(quantity)] for quantity in self.channels.quantity[self.channels.first])
+
+    @property
+    def bonded(self) -> np.ndarray:
+        """Which gauges (k,) are in place already."""
+        return self.channels.bonded[self.channels.first]
+
+    @property
+    def position(self) -> np.ndarray:
+        """Of every gauge (k, 3) [m]."""
+        return self.channels.position[self.channels.first]
+
+    @property
+    def peak(self) -> np.ndarray:
+        """Largest training reading of every gauge (k,)."""
+        return np.asarray(np.maximum.reduceat(self.peaks, self.channels.first))
+
+    @property
+    def most(self) -> np.ndarray:
+        """Largest training reading of any grid of every gauge (k,), of a bridge of any arm."""
+        return np.asarray(np.maximum.reduceat(self.strained, self.channels.first))
+
+    @property
+    def range(self) -> np.ndarray:
+        """What a grid of every gauge (k,) can measure, NaN where that is not stated."""
+        stated = np.minimum.reduceat(self.limit, self.channels.first)
+        return np.where(np.isfinite(stated), stated, np.nan)
+
+    @cached_property
+    def _order(self) -> np.ndarray:
+        return np.argsort(self.channels.channel_of_grid, kind="stable")
+
+    @cached_property
+    def grids(self) -> Candidates:
+        """A line of the list each: all channels, of a bridge its arms, gauge by gauge."""
+        return self.channels.grids.take(self._order)
+
+    @property
+    def channel(self) -> np.ndarray:
+        """That of every line (g,)."""
+        return self.channels.channel_of_grid[self._order]
+
+    @cached_property
+    def gauge(self) -> np.ndarray:
+        """The number in the layout of the gauge of every line (g,)."""
+        return self.channels.gauge[self.channel]
+
+    @cached_property
+    def signs(self) -> tuple[str, ...]:
+        """Of every line in words, empty of what is no arm of a bridge."""
+        arm, sign = self.channels.bridged[self.channel], self.channels.sign_of_grid[self._order]
+        return tuple(f"{s:g}" * bool(of_bridge) for s, of_bridge in zip(sign, arm, strict=True))
+
+    def lines_of(self, gauge: int) -> np.ndarray:
+        """Numbers of the lines of a gauge, by its number in the layout."""
+        return np.flatnonzero(self.gauge == gauge)
+
+    def places(self) -> list[tuple[str, np.ndarray]]:
+        """Name and lines of everything that is bonded: a gauge with its grids, of a bridge each arm by itself."""
+        places = []
+        for i, label in enumerate(self.labels):
+            lines = self.lines_of(i)
+            if self.kind[i] == "bridge":
+                places += [(f"{label} arm {k + 1}", lines[k : k + 1]) for k in range(len(lines))]
+            else:
+                places.append((label, lines))
+        return places
 
 
 def gauge_list(
@@ -93,54 +145,36 @@ def gauge_list(
     families: Sequence[str],
     peak: np.ndarray,
     limit: np.ndarray,
-    most: np.ndarray | None = None,
+    strained: np.ndarray | None = None,
 ) -> GaugeList:
     """Gauges (k,) by their numbers, as a layout lists them.
 
-    names: of every candidate gauge, empty where it has none; families: names of the arrays of the candidates; peak (m,): largest
-    reading of every channel; limit (m,): what it can measure, infinite where that is not stated; most (m,): largest reading of
-    any of its grids, None: `peak`.
+    names: of every candidate gauge, empty where it has none; families: names of the arrays of the candidates; peak, strained,
+    limit (m,) of every channel as in `GaugeList`, strained None: `peak`.
     """
-    channels = [pool.channels(gauges[i : i + 1]) for i in range(len(gauges))]
-    first = pool.first[gauges]
-    stated = np.array([limit[c].min() for c in channels])
+    used = pool.channels(gauges)
+    channels = pool.take(used)
     return GaugeList(
-        labels=layout_labels(names, gauges),
-        kind=tuple(_kind(int(pool.quantity[c[0]]), len(c), bool(pool.bridged[c[0]])) for c in channels),
-        unit=tuple(UNITS[int(pool.quantity[c])] for c in first),
-        element=pool.element[first],
-        facet=pool.facet[first],
-        position=pool.position[first],
-        normal=pool.normal[first],
-        directions=tuple(pool.direction[c] for c in channels),
-        angles=tuple(pool.angle[c] for c in channels),
-        length=pool.length[first],
-        bonded=pool.bonded[first],
-        family=tuple(families[int(pool.array[c])] for c in first),
-        peak=np.array([peak[c].max() for c in channels]),
-        peaks=tuple(peak[c] for c in channels),
-        most=np.array([(peak if most is None else most)[c].max() for c in channels]),
-        range=np.where(np.isfinite(stated), stated, np.nan),
-        arms=tuple(_arms(pool.take(c)) for c in channels),
+        layout_labels(names, gauges),
+        channels,
+        tuple(families[int(array)] for array in channels.array[channels.first]),
+        peak[used],
+        (peak if strained is None else strained)[used],
+        limit[used],
     )
-
-
-def _arms(gauge: Candidates) -> BridgeArms | None:
-    return None if gauge.arms is None else BridgeArms(gauge.grids, gauge.sign_of_grid)
 
 
 def channel_labels(listed: GaugeList) -> tuple[str, ...]:
     """A label for every channel: that of its gauge, with the angle or axis where it has several."""
-    labels = []
-    for label, kind, angles, directions in zip(
-        listed.labels, listed.kind, listed.angles, listed.directions, strict=True
-    ):
+    labels: list[str] = []
+    for i, label in enumerate(listed.labels):
+        angles = listed.channels.angle[listed.channels.gauge == i]
         if len(angles) == 1:
             labels.append(label)
-        elif kind == "rosette":
+        elif listed.kind[i] == "rosette":
             labels += [f"{label} {angle:g}°" for angle in angles]
         else:
-            labels += [f"{label} axis {i + 1}" for i in range(len(directions))]
+            labels += [f"{label} axis {axis + 1}" for axis in range(len(angles))]
     return tuple(labels)
 
 
@@ -153,112 +187,51 @@ def _kind(quantity: int, channels: int, bridge: bool) -> str:
 
 
 def gauge_table(listed: GaugeList, without: Mapping[str, np.ndarray], relative: bool) -> Table:
-    """Where every gauge goes, and what each unknown would be known to without it."""
-    kinds, without_surface = listed.bonded.any() or set(listed.kind) != {"strain gauge"}, not listed.facet.any()
-
-    def place(position: np.ndarray, direction: np.ndarray) -> tuple[str, str]:
-        return " ".join(f"{x:.4f}" for x in position), " ".join(f"{round(x, 3) + 0.0:g}" for x in direction)
-
-    rows: list[tuple[str, ...]] = []
-    for i in range(len(listed.labels)):
-        rows.append(
-            (
-                listed.labels[i],
-                *([listed.kind[i] + ", bonded" * bool(listed.bonded[i])] if kinds else []),
-                *([] if without_surface else [str(listed.element[i]), str(listed.facet[i])]),
-                *place(listed.position[i], listed.directions[i][0]),
-                " ".join(f"{angle:g}°" for angle in listed.angles[i])
-                if listed.kind[i] in ("strain gauge", "rosette", "bridge")
-                else "",
-                *(f"{100 * v[i]:.3g} %" if relative else f"{v[i]:.4g}" for v in without.values()),
+    """Where every gauge goes, and what each unknown would be known to without it; the further arms of a bridge below it."""
+    grids, kinds = listed.grids, listed.bonded.any() or set(listed.kind) != {"strain gauge"}
+    on_surface, rows = bool(grids.facet.any()), []
+    for i, label in enumerate(listed.labels):
+        lines, kind = listed.lines_of(i), listed.kind[i] + ", bonded" * bool(listed.bonded[i])
+        values = [f"{100 * v[i]:.3g} %" if relative else f"{v[i]:.4g}" for v in without.values()]
+        bridge = listed.kind[i] == "bridge"
+        for number, line in enumerate(lines if bridge else lines[:1]):
+            if number:
+                label, values = "", [""] * len(values)
+                kind = f"arm {number + 1}, {'−' if listed.signs[line] == '-1' else '+'}"
+            angles = grids.angle[[line] if bridge else lines] if listed.unit[i] == "strain" else grids.angle[:0]
+            rows.append(
+                (
+                    label,
+                    *([kind] if kinds else []),
+                    *([str(grids.element[line]), str(grids.facet[line])] if on_surface else []),
+                    " ".join(f"{x:.4f}" for x in grids.position[line]),
+                    " ".join(f"{round(x, 3) + 0.0:g}" for x in grids.direction[line]),
+                    " ".join(f"{angle:g}°" for angle in angles),
+                    *values,
+                )
             )
-        )
-        if (arms := listed.arms[i]) is None:
-            continue
-        rows += [
-            (
-                "",
-                f"arm {k + 1}, {'+' if arms.sign[k] > 0 else '−'}",
-                str(arms.grid.element[k]),
-                str(arms.grid.facet[k]),
-                *place(arms.grid.position[k], arms.grid.direction[k]),
-                f"{arms.grid.angle[k]:g}°",
-                *[""] * len(without),
-            )
-            for k in range(1, len(arms.sign))
-        ]
     columns = (
         "gauge",
         *(["kind"] if kinds else []),
-        *([] if without_surface else ["element", "facet"]),
-        "x y z [m]",
-        "direction",
-        "angle",
+        *(["element", "facet"] if on_surface else []),
+        *("x y z [m]", "direction", "angle"),
         *(f"σ({name}) without it" for name in without),
     )
     return Table("gauges", columns, tuple(rows))
 
 
-def marked_places(listed: GaugeList) -> tuple[np.ndarray, np.ndarray, np.ndarray, tuple[str, ...]]:
-    """Position, first direction and normal (p, 3) of every gauge, of a bridge those of its arms, and a label for each."""
-    rows: list[tuple[np.ndarray, np.ndarray, np.ndarray]] = []
-    labels: list[str] = []
-    for i, label in enumerate(listed.labels):
-        arms = listed.arms[i]
-        if arms is None:
-            rows.append((listed.position[i], listed.directions[i][0], listed.normal[i]))
-            labels.append(label)
-        else:
-            rows += zip(arms.grid.position, arms.grid.direction, arms.grid.normal, strict=True)
-            labels += arms.labels(label)
-    position, direction, normal = (np.array(column).reshape(-1, 3) for column in zip(*rows, strict=True))
-    return position, direction, normal, tuple(labels)
+def marked_places(listed: GaugeList) -> tuple[Candidates, tuple[str, ...]]:
+    """The first grid of every gauge, of a bridge every arm, and a label for each."""
+    places = listed.places()
+    return listed.grids.take(np.array([lines[0] for _, lines in places])), tuple(label for label, _ in places)
 
 
-@dataclass(frozen=True)
-class GaugeLine:
-    """A channel, or an arm of a bridge with its sign in words: number of its gauge in the layout; ids; position [m]; normal and
-    direction unit; angle [deg] from the projected axis; length [m] of the grid, 0: not stated; peak [unit of the channel]."""
-
-    gauge: int
-    element: int
-    facet: int
-    position: np.ndarray
-    normal: np.ndarray
-    direction: np.ndarray
-    angle: float
-    length: float
-    peak: float
-    sign: str = ""
-
-
-def gauge_lines(listed: GaugeList) -> list[GaugeLine]:
-    """All of them in the order of the layout."""
-    return [line for i in range(len(listed.labels)) for line in _lines(listed, i)]
-
-
-def _lines(listed: GaugeList, i: int) -> list[GaugeLine]:
-    arms, peaks = listed.arms[i], listed.peaks[i]
-    if arms is not None:
-        g, peak = arms.grid, peaks[0]
-        columns = zip(g.element, g.facet, g.position, g.normal, g.direction, g.angle, g.length, arms.sign, strict=True)
-        return [
-            GaugeLine(i, e, f, x, n, d, angle, length, peak, f"{s:g}") for e, f, x, n, d, angle, length, s in columns
-        ]
-    element, facet, position, normal = (getattr(listed, c)[i] for c in ("element", "facet", "position", "normal"))
-    each = zip(listed.directions[i], listed.angles[i], peaks, strict=True)
-    return [GaugeLine(i, element, facet, position, normal, d, angle, listed.length[i], peak) for d, angle, peak in each]
-
-
-def line_edges(lines: Sequence[GaugeLine], mesh: Mesh) -> EdgeDimensions:
-    """Of every line the nearest edges of its face; none of what lies on no facet."""
-    if not any(line.facet for line in lines):
-        return no_edges(len(lines))
-    columns = (np.array([getattr(line, name) for line in lines]) for name in ("element", "facet"))
-    position, direction, normal = (
-        np.array([getattr(line, name) for line in lines]).reshape(-1, 3) for name in ("position", "direction", "normal")
-    )
-    return edge_dimensions(mesh.position, exterior_facets(mesh), facet_keys(*columns), position, direction, normal)
+def line_edges(grids: Candidates, mesh: Mesh) -> EdgeDimensions:
+    """Of every grid the nearest edges of its face; none of what lies on no facet."""
+    if not grids.facet.any():
+        return no_edges(len(grids))
+    on = facet_keys(grids.element, grids.facet)
+    return edge_dimensions(mesh.position, exterior_facets(mesh), on, grids.position, grids.direction, grids.normal)
 
 
 def measured_columns(frame: PositionAxes) -> list[str]:
@@ -267,13 +240,12 @@ def measured_columns(frame: PositionAxes) -> list[str]:
     return [f"x_{u}", f"y_{u}", f"z_{u}", f"edge_{u}", "edge_deg", f"edge2_{u}", "edge2_deg"]
 
 
-def measured_cells(lines: Sequence[GaugeLine], edges: EdgeDimensions, frame: PositionAxes) -> list[list[str]]:
-    """Of every line its place in the frame, and distance and angle to both edges; empty where there is none."""
-    rows = []
-    for line, distance, angle in zip(lines, frame.length(edges.distance), edges.angle, strict=True):
-        pairs = [value for pair in zip(distance, angle, strict=True) for value in pair]
-        rows.append([cell(x) for x in (*frame.place(line.position), *pairs)])
-    return rows
+def measured_cells(grids: Candidates, edges: EdgeDimensions, frame: PositionAxes) -> list[list[str]]:
+    """Of every grid its place in the frame, and distance and angle to both edges; empty where there is none."""
+    pairs = np.stack([frame.length(edges.distance), edges.angle], axis=2).reshape(len(grids), -1)
+    return [
+        [cell(x) for x in (*frame.place(position), *of)] for position, of in zip(grids.position, pairs, strict=True)
+    ]
 
 
 def cell(value: float) -> str:

@@ -10,12 +10,10 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
 from strainsight.csv_cells import csv_bytes
-from strainsight.experiment.layout.advice import advice_table
 from strainsight.experiment.layout.comparison import RuleComparison, criteria_table
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
     deck_frame,
-    gauge_lines,
     gauge_table,
     line_edges,
     marked_places,
@@ -38,7 +36,7 @@ from strainsight.records.placed import (
     metric_key,
 )
 from strainsight.records.record import FieldPlace, record_from, written
-from strainsight.runner.output import Dataset, Output, Scalar, Table
+from strainsight.runner.output import Dataset, Output, Scalar, Table, warnings_table
 from strainsight.sensors.candidates import channels_of_gauges, grouped, units_in_words
 from strainsight.sensors.export import uff_text
 
@@ -68,14 +66,12 @@ def layout_record(kind: type[R], placement: Placement, **more: Any) -> R:
         pool=PoolTable(
             candidate=pool.first, channel=pool.channels[exists], row=np.nonzero(exists)[0], gauges=pool.gauges
         ),
-        elimination=Removals(
-            removed=result.removed,
+        elimination=record_from(
+            Removals,
+            result,
             trace=cost.get("trace"),
             metric=cost.get("metric"),
-            rise=result.rise,
             unknowns=task.weighed,
-            blocks=result.blocks,
-            solves=result.solves,
             ties=np.array([len(tied) for tied in result.ties], dtype=np.int64),
         ),
         residual=result.residual,
@@ -115,7 +111,7 @@ def layout_output(
     if placement.layout.proven:
         parts.append("proven")
     parts += [f"{n} ± " + (f"{100 * v:.2g} %" if task.relative else f"{v:.3g}") for n, v in std.items()]
-    position, direction, normal, labels = marked_places(listed)
+    marked, labels = marked_places(listed)
     unit = units_in_words(task.candidates.quantity)
     units = {"the channel": unit, "the intensity": f"{grouped(unit)}^2 s"}
     return Output(
@@ -131,11 +127,11 @@ def layout_output(
             gauge_table(listed, placement.expected.without, task.relative),
             *tables,
             criteria_table(placement.others, names, task.unknowns.scale if task.relative else None),
-            advice_table(placement.advice),
+            *warnings_table(placement.advice, "advice"),
         ),
         files={
             "gauges.csv": gauge_csv(listed, placement.expected.without, mesh, deck_frame(length_unit)),
-            "gauges.unv": uff_text(position, direction, normal, labels).encode(),
+            "gauges.unv": uff_text(marked.position, marked.direction, marked.normal, labels).encode(),
         },
     )
 
@@ -144,17 +140,13 @@ def _selection(placement: Placement, gauges: np.ndarray, load: np.ndarray | None
     pool, candidates = placement.task.pool, placement.task.candidates
     row = np.array([int(np.flatnonzero((pool.gauges == g).any(axis=1))[0]) for g in gauges])
     rank = np.unique(row, return_index=True, return_inverse=True)
-    first = candidates.first[gauges]
-    return Selection(
+    return record_from(
+        Selection,
+        candidates.take(candidates.first[gauges]),
         gauge=row,
         number=gauges,
         channel=channels_of_gauges(candidates.gauge, gauges),
         rank=np.argsort(np.argsort(rank[1]))[rank[2]] + 1,
-        element=candidates.element[first],
-        facet=candidates.facet[first],
-        nodes=candidates.nodes[first],
-        position=candidates.position[first],
-        direction=candidates.direction[first],
         load=load,
     )
 
@@ -231,23 +223,18 @@ def gauge_csv(listed: GaugeList, without: Mapping[str, np.ndarray], mesh: Mesh, 
     """A line a channel, of a bridge an arm with its sign, lengths in m, the largest training reading in the unit of the channel,
     σ of every unknown without the gauge relative to its scale; then places and distances to the edges in the deck's unit, and
     what is to be looked at where it is bonded, where there is something."""
-    bridged, noted = any(listed.arms), any(listed.notes)
+    bridged, noted, grids = any(listed.signs), any(listed.notes), listed.grids
     axes = [f"{vector}_{axis}" for vector in ("position", "normal", "direction") for axis in "xyz"]
     head = ["gauge", "kind", "sensors", "glued", "element", "facet", *axes, "angle_deg", "grid_length", "peak", "unit"]
     head += ["sign"] * bridged
     rows = [[*head, *(f"std_{name}_without" for name in without), *measured_columns(frame), *["notes"] * noted]]
-    lines = gauge_lines(listed)
-    for line, measured in zip(lines, measured_cells(lines, line_edges(lines, mesh), frame), strict=True):
-        i = line.gauge
-        numbers = [
-            *np.round([*line.position, *line.normal, *line.direction], 12) + 0.0,
-            line.angle,
-            line.length,
-            line.peak,
-        ]
-        bonded = "yes" if listed.bonded[i] else "no"
-        words = [listed.labels[i], listed.kind[i], listed.family[i], bonded, str(line.element), str(line.facet)]
+    vectors = np.round(np.hstack([grids.position, grids.normal, grids.direction]), 12) + 0.0
+    numbers = np.column_stack([vectors, grids.angle, grids.length, listed.peaks[listed.channel]])
+    for line, measured in enumerate(measured_cells(grids, line_edges(grids, mesh), frame)):
+        i = listed.gauge[line]
+        words = [listed.labels[i], listed.kind[i], listed.family[i], "yes" if listed.bonded[i] else "no"]
+        words += [str(grids.element[line]), str(grids.facet[line]), *(f"{x:.9g}" for x in numbers[line])]
         missing = [f"{values[i]:.9g}" for values in without.values()]
-        tail = [listed.unit[i], *[line.sign] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
-        rows.append([*words, *(f"{x:.9g}" for x in numbers), *tail])
+        tail = [listed.unit[i], *[listed.signs[line]] * bridged, *missing, *measured, *listed.notes[i : i + noted]]
+        rows.append([*words, *tail])
     return csv_bytes(rows)

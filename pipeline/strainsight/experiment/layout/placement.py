@@ -20,7 +20,6 @@ from strainsight.placement.certificate import certify
 from strainsight.placement.elimination import Elimination, eliminate_from
 from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import loss_if_one_fails
-from strainsight.placement.scenario import Pool
 from strainsight.placement.score import score
 
 ROUNDS = 3
@@ -67,14 +66,6 @@ class Subject(ABC):
         """Groups of them that are redundant."""
         return ()
 
-    def alone(self, gauges: np.ndarray, coherence: float) -> Sequence[Pool]:
-        """Scenarios of a coherence with the gauges as pool rows of their own, where a pool row may be two gauges."""
-        raise NotImplementedError
-
-    def task_of(self, gauges: np.ndarray) -> Task:
-        """The task with these as its pool, where the pool of `tasks` is a part of the candidates."""
-        raise NotImplementedError
-
 
 def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement:
     """The layout of least expected σ among those of the tasks of the subject.
@@ -97,17 +88,16 @@ def place(subject: Subject, progress: Callable[[str, float], None]) -> Placement
         chosen = least_expected(both, tasks[0].over)
     task, (result, layout) = tasks[chosen], drafts[chosen]
     if task.whole is not None and task.settings.optimise == "metric":
-        task, result, layout = _widened(task, result, layout, subject, progress)
+        task, result, layout = _widened(task, result, layout, progress)
     layout = proved(task, layout, result.pools, progress)
     expected, final = _most_missed_first(task, expected_of(task, layout), layout.gauges)
     gauges = task.pool.gauges_of(final)
     listed = subject.listed(gauges)
     progress("failures and other rules", 0.8)
-    if len(final) == len(gauges):
+    if task.single is None or len(final) == len(gauges):
         loss = loss_if_one_fails(task.under(task.pools), final, task.aggregate)
     else:  # of a mirrored pair one gauge fails, not both
-        single = task.under(subject.alone(gauges, task.coherence))
-        loss = loss_if_one_fails(single, np.arange(len(gauges)), task.aggregate)
+        loss = loss_if_one_fails(task.under(task.single(gauges)), np.arange(len(gauges)), task.aggregate)
     words = advice(task, result, layout, listed, expected, loss, subject.alike(gauges))
     if chosen:
         words = (moved_in_words(expected_of(tasks[0], drafts[0][1]), expected, task.over), *words)
@@ -129,7 +119,7 @@ def _drafted(task: Task, progress: Callable[[str, float], None]) -> tuple[Elimin
 
 
 def _widened(
-    task: Task, result: Elimination, layout: OptimisedLayout, subject: Subject, progress: Callable[[str, float], None]
+    task: Task, result: Elimination, layout: OptimisedLayout, progress: Callable[[str, float], None]
 ) -> tuple[Task, Elimination, OptimisedLayout]:
     """The same with a pool to which every candidate was added that a better layout could have, the likeliest first and at most as
     many again in a round: exchanges lead on from the layout until none is left out, and the elimination of what is then the pool
@@ -144,7 +134,7 @@ def _widened(
         if not len(new):
             break
         new = new[tied_order(bound.including[new])][: len(whole.rows)]
-        task = subject.task_of(np.union1d(whole.rows, new))
+        task = whole.task_with(np.union1d(whole.rows, new))
         start = whole.rows[start] if task.whole is None else np.searchsorted(task.whole.rows, whole.rows[start])
         if layout.exchange:
             start = exchange(task.under(task.searched), start, task.aggregate, limits=task.limits).gauges
@@ -166,5 +156,5 @@ def _most_missed_first(task: Task, expected: Expectation, rows: np.ndarray) -> t
     gauges, importance = task.pool.gauges_of(rows), expected.importance(task.over)
     missed = [importance[np.isin(gauges, task.pool.gauges[row])].sum() for row in rows]
     final = rows[tied_order(-np.array(missed))]
-    order = [int(np.flatnonzero(gauges == gauge)[0]) for gauge in task.pool.gauges_of(final)]
-    return expected.ordered(np.array(order)), final
+    order = np.array([int(np.flatnonzero(gauges == gauge)[0]) for gauge in task.pool.gauges_of(final)])
+    return replace(expected, without={name: values[order] for name, values in expected.without.items()}), final

@@ -3,7 +3,7 @@ make small."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -20,6 +20,7 @@ from strainsight.placement.limits import FIXED, Limits, limits_of
 from strainsight.placement.scenario import Aggregate, Pool, of_last_states, slow_pools, thesis_weight, weight_of_pools
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.zones import inside
+from strainsight.text import listed
 
 
 @dataclass(frozen=True)
@@ -167,11 +168,13 @@ class PoolReadings:
 @dataclass(frozen=True)
 class Whole:
     """All candidates, where the pool is only a part of them: pools, every scenario solved with all, still without a metric;
-    limits of a layout of them; rows (p,): numbers of those in the pool, ascending."""
+    limits of a layout of them; rows (p,): numbers of those in the pool, ascending; task_with: the same task with others as its
+    pool."""
 
     pools: tuple[Pool, ...]
     limits: Limits
     rows: np.ndarray
+    task_with: Callable[[np.ndarray], Task]
 
 
 @dataclass(frozen=True)
@@ -181,7 +184,8 @@ class Task:
     over the scenarios; weights of the trace; relative: whether σ is claimed relative to `scale`, or in its unit; coherence τ [s]
     of the white noise that stands for errors of installation in the pools, 0: they are taken as exact; cases: the load cases that
     the scenarios are of, None where there is one without a name; whole: all candidates, by which the trace is then weighed, None
-    where the pool has all."""
+    where the pool has all; single: the pools with each gauge (k,) of a layout as a row of its own, None
+    where every pool row is one gauge."""
 
     unknowns: UnknownStates
     pools: tuple[Pool, ...]
@@ -198,6 +202,7 @@ class Task:
     coherence: float = 0.0
     cases: LoadCases | None = None
     whole: Whole | None = None
+    single: Callable[[np.ndarray], Sequence[Pool]] | None = None
 
     @property
     def states(self) -> tuple[str, ...]:
@@ -284,4 +289,4 @@ def root_of(criterion: Criterion, over: Sequence[str]) -> str:
     """The name of the root of a criterion: the σ of one unknown, or the criterion's mean of several."""
     if len(over) == 1:
         return f"the steady-state σ of {over[0]}"
-    return f"{criterion.sigma} of {', '.join(over[:-1])} and {over[-1]}"
+    return f"{criterion.sigma} of {listed(over)}"

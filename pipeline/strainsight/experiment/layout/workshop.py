@@ -6,14 +6,15 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
+import numpy as np
+
 from strainsight.config.gauges import GaugeType, Typed, gauge_type
+from strainsight.config.placement import Report
 from strainsight.csv_cells import csv_bytes
 from strainsight.experiment.layout.gauge_list import (
-    GaugeLine,
     GaugeList,
     cell,
     channel_labels,
-    gauge_lines,
     line_edges,
     marked_places,
     measured_cells,
@@ -30,13 +31,8 @@ class Workshop:
     """A layout line by line, the edges that every line is measured from, and the axes that places are given in."""
 
     listed: GaugeList
-    lines: Sequence[GaugeLine]
     edges: EdgeDimensions
     frame: PositionAxes
-
-    def lines_of(self, gauge: int) -> list[int]:
-        """Indices of the lines of a gauge, by its number in the layout."""
-        return [i for i, line in enumerate(self.lines) if line.gauge == gauge]
 
 
 @dataclass(frozen=True)
@@ -50,46 +46,41 @@ class Foil:
 
 def foil_at(gauges: Typed, shop: Workshop, line: int) -> Foil:
     """Of the grid of this line. What is bonded already may be of another type than the config names."""
-    row = shop.lines[line]
-    bonded_on = shop.listed.unit[row.gauge] == "strain" and not shop.listed.bonded[row.gauge]
+    listed, length = shop.listed, shop.listed.grids.length[line]
+    gauge = listed.gauge[line]
+    bonded_on = listed.unit[gauge] == "strain" and not listed.bonded[gauge]
     kind = gauge_type(gauges) if bonded_on else None
-    size = carrier(row.length) if kind is None else (kind.carrier_length, kind.carrier_width)
+    size = carrier(length) if kind is None else (kind.carrier_length, kind.carrier_width)
     return Foil(*size, kind)
 
 
 def workshop_of(listed: GaugeList, mesh: Mesh, frame: PositionAxes) -> Workshop:
     """The layout on this mesh, as measured in a frame."""
-    lines = gauge_lines(listed)
-    return Workshop(listed, lines, line_edges(lines, mesh), frame)
+    return Workshop(listed, line_edges(listed.grids, mesh), frame)
 
 
 def workshop_csv(shop: Workshop) -> bytes:
     """workshop.csv: a line a channel, of a bridge an arm; places, directions and normals in the frame, its unit in the heads."""
-    listed, frame, bridged = shop.listed, shop.frame, any(shop.listed.arms)
+    listed, frame, grids = shop.listed, shop.frame, shop.listed.grids
+    bridged = any(listed.signs)
     axes = [f"{vector}_{axis}" for vector in ("direction", "normal") for axis in "xyz"]
     head = ["gauge", "kind", "glued", "element", "facet", *measured_columns(frame)]
     head += [*axes, "angle_deg", f"grid_length_{frame.unit}"] + ["sign"] * bridged
     rows = [head]
-    for line, measured in zip(shop.lines, measured_cells(shop.lines, shop.edges, frame), strict=True):
-        i = line.gauge
-        words = [
-            listed.labels[i],
-            listed.kind[i],
-            "yes" if listed.bonded[i] else "no",
-            str(line.element),
-            str(line.facet),
-        ]
-        turned = [cell(x) for x in (*frame.turn(line.direction), *frame.turn(line.normal))]
-        sizes = [cell(line.angle), cell(float(frame.length(line.length)))]
-        rows.append([*words, *measured, *turned, *sizes, *[line.sign] * bridged])
+    for line, measured in enumerate(measured_cells(grids, shop.edges, frame)):
+        i = listed.gauge[line]
+        words = [listed.labels[i], listed.kind[i], "yes" if listed.bonded[i] else "no"]
+        words += [str(grids.element[line]), str(grids.facet[line])]
+        turned = [cell(x) for x in (*frame.turn(grids.direction[line]), *frame.turn(grids.normal[line]))]
+        sizes = [cell(grids.angle[line]), cell(float(frame.length(grids.length[line])))]
+        rows.append([*words, *measured, *turned, *sizes, *[listed.signs[line]] * bridged])
     return csv_bytes(rows)
 
 
 def workshop_unv(shop: Workshop) -> bytes:
     """workshop.unv: as gauges.unv, in the frame and its unit."""
-    frame = shop.frame
-    position, direction, normal, labels = marked_places(shop.listed)
-    moved = frame.place(position), frame.turn(direction), frame.turn(normal)
+    frame, (grids, labels) = shop.frame, marked_places(shop.listed)
+    moved = frame.place(grids.position), frame.turn(grids.direction), frame.turn(grids.normal)
     return uff_text(*moved, labels, unit=frame.unit, metres=frame.metres).encode()
 
 
@@ -100,39 +91,33 @@ HALVES = {True: "half, arms 1 and 2", False: "half, arms 1 and 3"}
 
 
 @dataclass(frozen=True)
-class Wiring:
-    """What a config says of all strain gauges alike: gauge factor [-] and resistance [ohm], None where it does not."""
-
-    gauge_factor: float | None = None
-    resistance: float | None = None
-
-
-@dataclass(frozen=True)
 class _Row:
-    """A channel: name; kind of its gauge; unit; bridge, "" of what is no strain; arms."""
+    """A channel: name; kind of its gauge; unit; bridge, gauge factor and resistance in words, "" of what is no strain or not
+    known; arms."""
 
     name: str
     kind: str
     unit: str
     bridge: str
     arms: int
+    factor: str
+    resistance: str
 
 
-def catman_table(listed: GaugeList, wiring: Wiring) -> bytes:
+def catman_table(listed: GaugeList, report: Report) -> bytes:
     """A row a channel, cells apart by tabs: number, name, sensor, bridge, gauge factor, resistance, µm/m a mV/V, unit.
 
     ε [µm/m] = 4000/GF · r [mV/V]     of one gauge, and of a bridge the signed sum ε_B of its arms
     """
     head = ["Channel", "Name", "Sensor", "Bridge", "Gauge factor", "Resistance [ohm]", "um/m per mV/V", "Unit"]
     rows: list[list[str]] = []
-    for number, row in enumerate(_rows(listed), start=1):
-        factor, resistance = _wired(row, wiring)
-        slope = f"{4000 / wiring.gauge_factor:.9g}" if wiring.gauge_factor and row.arms else ""
-        rows.append([str(number), row.name, row.kind, row.bridge, factor, resistance, slope, row.unit])
+    for number, row in enumerate(_rows(listed, report), start=1):
+        slope = f"{4000 / report.gauge_factor:.9g}" if report.gauge_factor and row.arms else ""
+        rows.append([str(number), row.name, row.kind, row.bridge, row.factor, row.resistance, slope, row.unit])
     return _table(head, rows)
 
 
-def labview_table(listed: GaugeList, wiring: Wiring) -> bytes:
+def labview_table(listed: GaugeList, report: Report) -> bytes:
     """A row a channel, cells apart by tabs, in the words of NI-DAQmx: a single gauge is a strain channel, "Quarter Bridge I"; a
     bridge, whose ε_B is the sum of its arms and no strain that NI knows, a Bridge (V/V) channel, with the slope of its scale.
 
@@ -141,38 +126,30 @@ def labview_table(listed: GaugeList, wiring: Wiring) -> bytes:
     head = ["Name", "Measurement type", "Strain configuration", "Gauge factor", "Nominal gauge resistance [ohm]"]
     head += ["Scale slope", "Scaled unit"]
     rows: list[list[str]] = []
-    for row in _rows(listed):
-        factor, resistance = _wired(row, wiring)
+    for row in _rows(listed, report):
         kind, configuration, slope, unit = row.kind, "", "", row.unit
         if row.arms == 1:
             kind, configuration, unit = "Strain", "Quarter Bridge I", "strain"
         elif row.arms:
-            slope = f"{4 / wiring.gauge_factor:.9g}" if wiring.gauge_factor else ""
+            slope = f"{4 / report.gauge_factor:.9g}" if report.gauge_factor else ""
             kind, unit = "Bridge (V/V)", "strain"
-        rows.append([row.name, kind, configuration, factor, resistance, slope, unit])
+        rows.append([row.name, kind, configuration, row.factor, row.resistance, slope, unit])
     return _table(head, rows)
 
 
-def _rows(listed: GaugeList) -> list[_Row]:
-    labels = channel_labels(listed)
-    rows: list[_Row] = []
-    for i, kind in enumerate(listed.kind):
-        arms = listed.arms[i]
-        strain = listed.unit[i] == "strain"
-        count = 0 if not strain else 1 if arms is None else len(arms.sign)
+def _rows(listed: GaugeList, report: Report) -> list[_Row]:
+    rows, channels = [], listed.channels
+    wired = ["" if value is None else f"{value:.9g}" for value in (report.gauge_factor, report.resistance)]
+    for label, i in zip(channel_labels(listed), channels.gauge.tolist(), strict=True):
+        strain, signs = listed.unit[i] == "strain", [listed.signs[line] for line in listed.lines_of(i)]
+        bridged = listed.kind[i] == "bridge"
+        count = len(signs) if bridged else int(strain)
         bridge = BRIDGES.get(count, f"{count} arms") if count else ""
-        if arms is not None and count == 2:
-            bridge = HALVES[bool(arms.sign[0] * arms.sign[1] < 0)]
+        if bridged and count == 2:
+            bridge = HALVES[signs[0] != signs[1]]
         unit = UNIT.get(listed.unit[i], listed.unit[i])
-        rows += [_Row(labels[len(rows) + k], kind, unit, bridge, count) for k in range(len(listed.directions[i]))]
+        rows.append(_Row(label, listed.kind[i], unit, bridge, count, *(wired if count else ("", ""))))
     return rows
-
-
-def _wired(row: _Row, wiring: Wiring) -> tuple[str, str]:
-    """Gauge factor and resistance, empty of what is no strain or where they are not known."""
-    values = (wiring.gauge_factor, wiring.resistance)
-    factor, resistance = ("" if value is None or not row.arms else f"{value:.9g}" for value in values)
-    return factor, resistance
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> bytes:
@@ -192,10 +169,10 @@ LONGEST = 80
 def elements_of(shop: Workshop) -> dict[str, list[int]]:
     """Label of every gauge → ids of the elements below it, of a bridge below all its arms, ascending; none of what lies on no
     facet."""
-    below = {}
+    below, grids = {}, shop.listed.grids
     for i, label in enumerate(shop.listed.labels):
-        ids = sorted({int(shop.lines[k].element) for k in shop.lines_of(i) if shop.lines[k].facet})
-        if ids:
+        lines = shop.listed.lines_of(i)
+        if ids := np.unique(grids.element[lines][grids.facet[lines] > 0]).tolist():
             below[label] = ids
     return below
 

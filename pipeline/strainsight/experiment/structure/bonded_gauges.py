@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from scipy import sparse
 
+from strainsight.config.estimate import Estimate
 from strainsight.config.gauges import bridge_problem
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
@@ -161,19 +162,47 @@ def bonded_gauges(config: PlacementConfig, training: Training, layout: np.ndarra
         _check_kept(file)
         with blame(KEY):
             places = read_bonded(file)
-    numbers = {}
-    for i, entry in enumerate(config.estimate.channels):
+    for key, name in placed_channels(config.estimate, tuple(named), tuple(placed), places):
+        if places is not None:
+            _check_place(config, key, name, training.candidates, placed[name], places[name])
+    return {name: (placed | named)[name] for name in (str(entry.gauge) for entry in config.estimate.channels)}
+
+
+def placed_channels(
+    settings: Estimate, named: Sequence[str], labels: Sequence[str], places: Mapping[str, BondedPlace] | None
+) -> Iterator[tuple[str, str]]:
+    """Key and name of every channel whose gauge is called by its place in the layout, of `labels`, and not by a name of the
+    config, of `named`; places: those of `estimate.gauges_file`, None where it cannot be read yet or none is named.
+
+    Raises ConfigError for a gauge that is neither, and where it is not said where it was bonded.
+    """
+    for i, entry in enumerate(settings.channels):
         name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
-        if name not in named and name not in placed:
-            raise absent(key, name, [*placed, *named], places)
-        numbers[name] = number = named[name] if name in named else placed[name]
         if name in named:
             continue
-        if places is None and not config.estimate.as_placed:
-            raise place_unknown(name)
-        if places is not None:
-            _check_place(config, key, name, training.candidates, number, places)
-    return numbers
+        if name not in labels:
+            if places is not None and name in places:
+                was = _xyz(places[name].position[0])
+                raise ConfigError(
+                    f"the layout has no gauge '{name}' now: it was bonded at {was} m", key=key, remedy=_KEPT
+                )
+            existing = list(dict.fromkeys((*labels, *named)))
+            listed = f"there are {', '.join(existing[:12])}{' …' * (len(existing) > 12)}"
+            remedy = did_you_mean(name, existing)
+            raise ConfigError(f"no gauge '{name}'", key=key, remedy=" ".join(filter(None, (remedy, listed))))
+        if places is None and settings.gauges_file is None and not settings.as_placed:
+            raise ConfigError(
+                f"{name} is the name of a place in the layout as it is now, and nothing says where it was bonded",
+                key=KEY,
+                remedy="keep gauges.csv of the results beside the config when gauges are bonded, and name it: "
+                "estimate.gauges_file: gauges.csv; or set estimate.as_placed: true where the layout is sure to be the same",
+            )
+        if places is not None and name not in places:
+            remedy, listed = did_you_mean(name, places), f"it has {', '.join(places)}"
+            raise ConfigError(
+                f"{KEY} does not say where {name} was bonded", key=key, remedy=" ".join(filter(None, (remedy, listed)))
+            )
+        yield key, name
 
 
 def _check_kept(file: Path) -> None:
@@ -187,50 +216,14 @@ def _check_kept(file: Path) -> None:
         )
 
 
-def place_unknown(name: str) -> ConfigError:
-    """Of a gauge of the layout, which is placed anew by every run."""
-    return ConfigError(
-        f"{name} is the name of a place in the layout as it is now, and nothing says where it was bonded",
-        key=KEY,
-        remedy="keep gauges.csv of the results beside the config when gauges are bonded, and name it: "
-        "estimate.gauges_file: gauges.csv; or set estimate.as_placed: true where the layout is sure to be the same",
-    )
-
-
-def absent(
-    key: str, name: str, existing: Sequence[str], places: Mapping[str, BondedPlace] | None = None
-) -> ConfigError:
-    """Of a channel of a gauge that is not among those that are there."""
-    listed = list(dict.fromkeys(existing))
-    known = f"there are {', '.join(listed[:12])}{' …' * (len(listed) > 12)}"
-    if places is not None and name in places:
-        was = f": it was bonded at {_xyz(places[name].position[0])} m"
-        return ConfigError(f"the layout has no gauge '{name}' now{was}", key=key, remedy=_KEPT)
-    return ConfigError(
-        f"no gauge '{name}'", key=key, remedy=" ".join(filter(None, (did_you_mean(name, listed), known)))
-    )
-
-
 _KEPT = "bonded gauges stay in every layout, under their names, with gauges.fixed_file: that file"
 
 
-def not_bonded(key: str, name: str, places: Mapping[str, BondedPlace]) -> ConfigError:
-    """Of a gauge that the file of the bonded ones lacks."""
-    known = f"it has {', '.join(places)}"
-    return ConfigError(
-        f"{KEY} does not say where {name} was bonded",
-        key=key,
-        remedy=" ".join(filter(None, (did_you_mean(name, places), known))),
-    )
-
-
 def _check_place(
-    config: PlacementConfig, key: str, name: str, candidates: Candidates, number: int, places: Mapping[str, BondedPlace]
+    config: PlacementConfig, key: str, name: str, candidates: Candidates, number: int, was: BondedPlace
 ) -> None:
     """Raises ConfigError where the gauge is not where it was bonded."""
-    if name not in places:
-        raise not_bonded(key, name, places)
-    was, channels = places[name], candidates.take(candidates.channels(np.array([number])))
+    channels = candidates.take(candidates.channels(np.array([number])))
     order = np.argsort(-channels.sign_of_grid, kind="stable")  # the arms of a bridge as those of the file below
     now, sign = channels.grids.take(order), channels.sign_of_grid[order]
     if len(now) != len(was.direction):

@@ -10,7 +10,7 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
-from strainsight.errors import ConfigError, ContradictionError, NumericalError, blame
+from strainsight.errors import ConfigError, ContradictionError, NumericalError
 from strainsight.estimation.consistency import Tuning
 from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
@@ -18,7 +18,6 @@ from strainsight.estimation.smoother import WantedCovariances
 from strainsight.experiment.hold_out import held_out
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
-from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
 from strainsight.experiment.structure.consistency import (
     Judgement,
     Together,
@@ -54,6 +53,7 @@ from strainsight.experiment.structure.record_filter import (
     record_filters,
 )
 from strainsight.experiment.structure.references import unknown_units
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.surface import (
     damage_grid,
     displaced,
@@ -136,7 +136,8 @@ def campaign_of(
 
     # measured records
     progress("reading", 0.0)
-    problem = problem_of(config, using.files, reduced, training, screened)
+    structure = Structure(config, using.files, mesh, reduced, training)
+    problem = problem_of(structure, screened)
     numbers = bonded_gauges(config, training, gauges, using.files.get("estimate.gauges_file"))
     tests, load_units = [], {name: load.unit for name, load in config.loads.items()}
     for entry in records:
@@ -151,13 +152,11 @@ def campaign_of(
 
     # their filters
     progress("model", 0.2)
-    tolerances = tolerated(config, mesh, reduced, training, channels)
+    tolerances = tolerated(structure, channels)
     filters, tuning = record_filters(config, problem, tolerances, tests)
     field = displaced(reduced, filters[0])
-    skin, bare = skin_in_test(config, mesh, field, using.files)
-    free = free_thicknesses(config, mesh, problem.model.reference)
-    with blame("estimate.virtual"):
-        virtual = virtual_of(mesh, field, settings.virtual, config.gauges, free)
+    skin, bare = skin_in_test(structure, field)
+    virtual = virtual_of(structure, field)
 
     def wanted(record: RecordFilter, run: FilterRun) -> WantedCovariances:
         return wanted_of(config, record, virtual, run)
@@ -170,7 +169,7 @@ def campaign_of(
         progress = paced(progress, time.perf_counter() - began, seconds, passes, settings.hold_out is not None)
 
     # whether they are consistent with the model, and with each other
-    turning = turning_of(mesh, reduced, training, channels, thickness_at(mesh, free, problem.model.reference))
+    turning = turning_of(structure, channels)
     judgements, suspects = [], []
     for i, record in enumerate(filters):
 
@@ -178,7 +177,7 @@ def campaign_of(
             of = f" of {records[i].name}" * (len(records) > 1)
             progress(f"channels{of}", CHECKED + (FILTERED - CHECKED) * (i + share) / len(records))
 
-        suspects.append(suspect_of(config, mesh, reduced, training, record, turning))
+        suspects.append(suspect_of(structure, record, turning))
         judgements.append(judgement_of(record.test, problem, suspects[-1], tolerances.discrepancy, checking))
     together = None if len(records) == 1 else together_of(filters, suspects)
     apart = together.words if together is not None and all(one.trusted for one in judgements) else ""
@@ -230,7 +229,7 @@ def campaign_of(
     progress("field", HELD if settings.hold_out else LATER)
 
     def filters_of(changed: PlacementConfig) -> list[RecordFilter]:
-        walked = problem_of(changed, using.files, reduced, training, screened)
+        walked = problem_of(replace(structure, config=changed), screened)
         return record_filters(changed, walked, tolerances, tests)[0]
 
     damage: Damaged | None = None
@@ -249,7 +248,7 @@ def campaign_of(
         )
 
     # the estimate of each
-    not_held = not_held_in_words(config, reduced, training)
+    not_held = not_held_in_words(structure)
     exact = "" if withheld else exact_frequencies_in_words(config)
     notes = (*bare, note, *_notes(hidden, tuning), *damage_notes)
     common = Common(config, decision, skin, virtual, (*not_held, exact), notes)
@@ -306,8 +305,7 @@ def _filtered(
         results = filter_by_consistency(filters, consistent, wanted, progress)
         compare = not first.long if compare is None else compare
         if len(filters) == 1 and compare and not decision.withheld and first.problem.method == "bank":
-            data = first.covariance, first.test.known, first.test.values, first.biased
-            results = (replace(results[0], compared=compared(first.problem, first.model, *data)),)
+            results = (replace(results[0], compared=compared(first.problem, first.bank_record)),)
         return results
     except (NumericalError, np.linalg.LinAlgError) as error:
         if decision.inconsistent:

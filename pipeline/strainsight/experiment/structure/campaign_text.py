@@ -24,24 +24,42 @@ from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.structure.campaign import Campaign
 from strainsight.experiment.structure.estimation import Estimation
 from strainsight.experiment.structure.filtering import posterior_doubts, posterior_numbers
-from strainsight.records.estimated import CampaignRecord, DamageAt, Damaged, Estimated
-from strainsight.runner.output import Scalar, Table, warnings_table
+from strainsight.records.estimated import CampaignRecord, DamageAt, Damaged, Estimated, record_group
+from strainsight.records.mesh import vtkhdf_datasets
+from strainsight.records.record import below, written
+from strainsight.runner.output import Output, Scalar, Table, warnings_table
 
 
-def campaign_record(campaign: Campaign) -> CampaignRecord:
-    """What estimate.h5 has beside several records."""
-    together = campaign.together
-    assert together is not None
-    return CampaignRecord(
-        name=tuple(campaign.records),
-        alone=together.alone,
-        gain=together.gain,
-        posterior=campaign.posterior,
-        damage=campaign.damage,
+def campaign_output(campaign: Campaign) -> Output:
+    """Datasets of every record, and of all together; the surface in time as a grid; numbers, message, tables, signals as CSV."""
+    grid, attributes = ({}, {}) if campaign.surface is None else vtkhdf_datasets(campaign.surface)
+    datasets, files, together = dict(grid), {}, campaign.together
+    for name, record in campaign.records.items():
+        of_record = written(record.estimated, campaign.units)
+        datasets |= of_record if campaign.only else below(record_group(name), of_record)
+        files[f"estimate{'' if campaign.only else f'-{name}'}.csv"] = _csv(
+            record.estimated, campaign.units, campaign.labels
+        )
+    if together is not None:
+        shared = CampaignRecord(
+            name=tuple(campaign.records),
+            alone=together.alone,
+            gain=together.gain,
+            posterior=campaign.posterior,
+            damage=campaign.damage,
+        )
+        datasets = written(shared, campaign.units) | datasets
+    return Output(
+        datasets=datasets,
+        attributes=attributes,
+        summary=_numbers(campaign),
+        message=_message(campaign),
+        tables=_tables(campaign),
+        files=files,
     )
 
 
-def campaign_numbers(campaign: Campaign) -> dict[str, Scalar]:
+def _numbers(campaign: Campaign) -> dict[str, Scalar]:
     """Every number by its name; of one record of several with that behind it."""
     first, together = campaign.first.estimated, campaign.together
     every = [record.estimated for record in campaign.records.values()]
@@ -89,9 +107,9 @@ def _load_numbers(campaign: Campaign, records: Sequence[Estimated]) -> dict[str,
     return numbers
 
 
-def campaign_message(campaign: Campaign) -> str:
+def _message(campaign: Campaign) -> str:
     """One line."""
-    numbers, first, only = campaign_numbers(campaign), campaign.first.estimated, campaign.only
+    numbers, first, only = _numbers(campaign), campaign.first.estimated, campaign.only
     source = first.source.file if only else f"{len(campaign.records)} records ({', '.join(campaign.records)})"
     parts = [campaign.decision.message] if campaign.decision.message else []
     parts.append(f"{numbers['samples']} samples of {numbers['channels']} channels in {source}")
@@ -113,11 +131,11 @@ def campaign_message(campaign: Campaign) -> str:
     return ", ".join(parts)
 
 
-def campaign_tables(campaign: Campaign) -> tuple[Table, ...]:
+def _tables(campaign: Campaign) -> tuple[Table, ...]:
     """The unknowns as smoothed, or the records and the parameters by all of them and by each alone; then what there is of each
     record, what was done to the measurements, and the verdict on them."""
     first, only, notes = campaign.first.estimated, campaign.only, list[tuple[str, ...]]()
-    tables = [_unknowns_table(campaign) if only else records_table(campaign)]
+    tables = [_unknowns_table(campaign) if only else _records_table(campaign)]
     tables += [_parameter_table(campaign)] if not only and campaign.unknowns.parameters else []
     tables += [*damage_tables(campaign.damage, campaign.labels), *budget_tables(first.budget)]
     if first.compared is not None:
@@ -131,10 +149,9 @@ def campaign_tables(campaign: Campaign) -> tuple[Table, ...]:
         notes += [(of, note) for note in filter(None, (*record.estimated.notes, record.innovations_in_words))]
     texts = [text for _, text in notes]
     rows = [("all" if texts.count(text) == len(campaign.records) else of, text) for of, text in notes]
-    measurements = Table("measurements", ("record", ""), tuple(dict.fromkeys(rows)))
-    if only:
-        measurements = Table("measurements", ("",), tuple((text,) for text in texts))
-    return (*tables, measurements, *warnings_table([*filter(None, (campaign.decision.message,))]))
+    by_record = (Table("measurements", ("record", ""), tuple(dict.fromkeys(rows))),)
+    measurements = warnings_table(texts, "measurements") if only else by_record
+    return (*tables, *measurements, *warnings_table([*filter(None, (campaign.decision.message,))]))
 
 
 def _unknowns_table(campaign: Campaign) -> Table:
@@ -152,7 +169,7 @@ def _unknowns_table(campaign: Campaign) -> Table:
     return Table("estimates, smoothed", ("unknown", "estimate", "claimed σ"), tuple(rows))
 
 
-def records_table(campaign: Campaign) -> Table:
+def _records_table(campaign: Campaign) -> Table:
     """A row a record: how long it is, peak and RMS of every load with σ, how large its innovations are, and the verdict."""
     rows, loads = [], campaign.unknowns.inputs
     for of, record in campaign.records.items():
@@ -224,14 +241,6 @@ def channel_table(estimated: Estimated, units: Sequence[str]) -> Table:
     whole = check.end - check.begin >= 0.99 * float(time[-1] - time[0])
     part = "" if whole else f", from {check.begin:.4g} to {check.end:.4g} s"
     return Table(f"channels, predicted {by}{part}", tuple(columns), tuple(rows))
-
-
-def campaign_files(campaign: Campaign) -> dict[str, bytes]:
-    """All time signals of every record as a table, SI units in the header."""
-    return {
-        f"estimate{'' if campaign.only else f'-{of}'}.csv": _csv(record.estimated, campaign.units, campaign.labels)
-        for of, record in campaign.records.items()
-    }
 
 
 def _csv(estimated: Estimated, units: Mapping[str, str], labels: Sequence[str]) -> bytes:

@@ -121,8 +121,16 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
         strain = StrainGauges(pool)
         if gauges.bridge is not None:
             keep, _, _ = admissible(mesh, facets, **sites_of(gauges))
-            strain = _bridged(bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep), gauges.bridge)
+            strain = bridges(skin_of(mesh.position, facets), pool, gauges.bridge, keep)
             pool = strain.candidates
+            if not len(pool):
+                raise InfeasibleError(
+                    f"no place has one opposite for the arms of a {gauges.bridge} bridge: behind none of {strain.alone} is a "
+                    "facet that takes a gauge along its direction",
+                    key="gauges.bridge",
+                    remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or "
+                    "remove it",
+                )
     if length == 0:
         return strain
     well = fits(mesh.position, pool, facets)
@@ -134,18 +142,6 @@ def _strain_gauges(mesh: Mesh, facets: Facets, gauges: Gauges, basis: np.ndarray
         )
     kept = pool.take(np.flatnonzero(well))
     return replace(strain, candidates=kept, left_out=pool.gauges - kept.gauges)
-
-
-def _bridged(bridged: StrainGauges, pattern: str) -> StrainGauges:
-    """Raises InfeasibleError where no place has one opposite."""
-    if not len(bridged.candidates):
-        raise InfeasibleError(
-            f"no place has one opposite for the arms of a {pattern} bridge: behind none of {bridged.alone} is a facet that "
-            "takes a gauge along its direction",
-            key="gauges.bridge",
-            remedy="include both sides (gauges.surface, gauges.include, gauges.exclude), take another direction, or remove it",
-        )
-    return bridged
 
 
 def fixed_gauges(gauges: Gauges, file: Path | None) -> list[BondedEntry]:
@@ -262,43 +258,27 @@ def channels_of(training: Training, screened: Screened) -> CandidateChannels:
 
 def listed_gauges(gauges: np.ndarray, training: Training, screened: Screened) -> GaugeList:
     """Gauges (k,) by their numbers, as a layout lists them, with what they read in the training run."""
-    candidates = training.candidates
-    used = candidates.channels(gauges)
-    peak, most = np.full((2, len(candidates)), np.nan)
-    peak[used], most[used] = training.peak[used], training.strained[used]
-    return gauge_list(candidates, training.name, gauges, screened.family, peak, screened.range, most)
-
-
-def readings(
-    model: ReducedModel,
-    theta: Mapping[str, float],
-    rows: np.ndarray,
-    quantity: np.ndarray,
-    x: np.ndarray,
-    u: np.ndarray,
-) -> np.ndarray:
-    """What channels read in a motion without noise: row·q of strain and displacement, row·q̈ of acceleration.
-
-    theta: all parameters [SI]; rows (m, n); quantity (m,); x (s, 2n) = [q, q̇]; u (s, n_u) [N] at the same instants.
-    Returns (s, m) [strain, m/s² or m].
-    """
-    n = model.size
-    reading = x[:, :n] @ rows.T
-    moving = quantity == ACCELERATION
-    if moving.any():
-        reading[:, moving] = accelerations(model, theta, x, u) @ rows[moving].T
-    return reading
+    return gauge_list(
+        training.candidates, training.name, gauges, screened.family, training.peak, screened.range, training.strained
+    )
 
 
 def reading_sizes(
     model: ReducedModel, rows: np.ndarray, quantity: np.ndarray, x: np.ndarray, u: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """RMS and largest of the `readings` of every channel (m,) at the references, some channels at a time."""
+    """RMS and largest reading (m,) of every channel in a motion at the references, without noise: row·q of strain and
+    displacement, row·q̈ of acceleration.
+
+    rows (m, n); quantity (m,); x (s, 2n) = [q, q̇]; u (s, n_u) [N] at the same instants. Some channels at a time.
+    """
+    q, moving = x[:, : model.size], quantity == ACCELERATION
+    acceleration = accelerations(model, model.reference, x, u) if moving.any() else q
     count = max(1, NUMBERS_AT_A_TIME // len(x))
     rms, peak = np.empty((2, len(rows)))
     for first in range(0, len(rows), count):
         part = slice(first, first + count)
-        reading = readings(model, model.reference, rows[part], quantity[part], x, u)
+        reading, which = q @ rows[part].T, moving[part]
+        reading[:, which] = acceleration @ rows[part][which].T
         rms[part], peak[part] = np.sqrt(np.mean(reading**2, axis=0)), np.abs(reading).max(axis=0)
     return rms, peak
 
@@ -319,11 +299,6 @@ def free_thicknesses(config: PlacementConfig, mesh: Mesh, reference: Mapping[str
         Parameter(name, THICKNESS, region_ids(mesh, named_regions(entry.region)), reference[name], range=entry.range)
         for name, entry in thicknesses.items()
     )
-
-
-def thickness_of_guess(config: PlacementConfig, mesh: Mesh, reference: Mapping[str, float]) -> Thickness | None:
-    """Of the shells at the references [m], which may differ from the deck; None where no thickness is free."""
-    return thickness_at(mesh, free_thicknesses(config, mesh, reference), reference)
 
 
 def thickness_at(mesh: Mesh, free: Sequence[Parameter], theta: Mapping[str, float]) -> Thickness | None:

@@ -3,25 +3,24 @@ of the mesh."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
 from strainsight.config.gauges import gauge_type
 from strainsight.config.placement import PlacementConfig
-from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import InfeasibleError
 from strainsight.experiment.recorded import named_regions
 from strainsight.experiment.structure.mesh import held_below
+from strainsight.experiment.structure.structure import Structure
 from strainsight.fem.affine import of_stiffness
 from strainsight.fem.loads import nodes_at
 from strainsight.mesh.additions import node_indices, region_ids
-from strainsight.mesh.facets import Facets, exterior_facets, facet_key
+from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import with_value
 from strainsight.records.placed import AtGauges, HotSpots
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import CARRIER, STATED, Clearance, Training
+from strainsight.records.training import CARRIER, STATED, Clearance
 from strainsight.runner.output import Table
 from strainsight.sensors.access import room
 from strainsight.sensors.candidates import STRAIN, Candidates
@@ -29,7 +28,6 @@ from strainsight.sensors.edges import carrier_clearance, crowded, half_diagonal,
 from strainsight.sensors.hot_spots import hot_spots
 from strainsight.sensors.installation import sensitivity_rows
 from strainsight.sensors.rows import installation_axes
-from strainsight.sensors.walk import Skin, skin_of
 from strainsight.sensors.zones import on_surface
 
 CHOICE = 50
@@ -39,7 +37,7 @@ STEPS = (1.0, 0.5, 0.25)
 """Of the carrier's clearance: what is tried on a part that is too small for it, before there is none."""
 
 
-def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tuple[Clearance | None, np.ndarray]:
+def clearance_of(structure: Structure) -> tuple[Clearance | None, np.ndarray]:
     """The clearance that is kept, None where none was to be, and which gauges (gauges,) are too near to something for it.
 
     Only strain gauges that are still to be bonded on the mesh keep one: where the others are is not ours to choose, and a sensor
@@ -47,12 +45,12 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
     again, then left out.
     Raises InfeasibleError where a stated one leaves no place.
     """
-    pool, stated = training.candidates, config.gauges.clearance
+    config, mesh, pool, stated = structure.config, structure.mesh, structure.pool, structure.config.gauges.clearance
     first, blocked = pool.first, np.zeros(pool.gauges, dtype=bool)
     free = np.flatnonzero((pool.quantity[first] == STRAIN) & ~pool.bonded[first])
-    if stated == "none" or training.given is not None or not len(free):
+    if stated == "none" or structure.training.given is not None or not len(free):
         return None, blocked
-    facets, part = exterior_facets(mesh), pool.take(first[free])
+    facets, part = structure.skin.facets, pool.take(first[free])
     points, places = part.position, part.grids.position
     around = obstacles(mesh, facets, loaded_nodes(config, mesh, facets))
     if names := [zone for zone in config.gauges.exclude if isinstance(zone, str)]:
@@ -69,47 +67,49 @@ def clearance_of(config: PlacementConfig, mesh: Mesh, training: Training) -> tup
         near = {name: part.any_grid(mask) for name, mask in crowded(places, around, distance).items()}
         return {name: mask | lying.get(name, False) for name, mask in near.items()}
 
+    rule = CARRIER if stated is None else STATED
     if stated is not None:
         wanted = float(stated)
-        near = nearer(wanted)
-        blocked[free] = _any(near)
-        if blocked[free].all():
-            raise InfeasibleError(
-                f"none of {len(points)} candidates is {1e3 * wanted:.3g} mm from every {_listed(around)}",
-                key="gauges.clearance",
-                remedy="state a smaller one, or none; zones of gauges.exclude leave out what has to be",
-            )
-        return Clearance(distance=wanted, wanted=wanted, rule=STATED, near=_counts(near)), blocked
-    wanted = (
-        carrier_clearance(config.gauges.grid_length)
-        if kind is None
-        else half_diagonal(kind.carrier_length, kind.carrier_width)
-    )
-    for step in STEPS:
+    elif kind is None:
+        wanted = carrier_clearance(config.gauges.grid_length)
+    else:
+        wanted = half_diagonal(kind.carrier_length, kind.carrier_width)
+    for step in STEPS if rule == CARRIER else (1.0,):
         near = nearer(step * wanted)
-        if room_for(points[~_any(near)], config.screen.minimum_spacing, CHOICE):
-            blocked[free] = _any(near)
-            return Clearance(distance=step * wanted, wanted=wanted, rule=CARRIER, near=_counts(near)), blocked
-    return Clearance(distance=0.0, wanted=wanted, rule=CARRIER, near={}), blocked
+        taken = np.any(list(near.values()), axis=0)
+        enough = not taken.all() if rule == STATED else room_for(points[~taken], config.screen.minimum_spacing, CHOICE)
+        if enough:
+            blocked[free] = taken
+            counts = {name: int(np.count_nonzero(mask)) for name, mask in near.items()}
+            return Clearance(distance=step * wanted, wanted=wanted, rule=rule, near=counts), blocked
+    if rule == CARRIER:
+        return Clearance(distance=0.0, wanted=wanted, rule=rule, near={}), blocked
+    *others, last = (OF_THEM.get(name, name.removesuffix("s")) for name in around)
+    raise InfeasibleError(
+        f"none of {len(points)} candidates is {1e3 * wanted:.3g} mm from every {', '.join(others)} and {last}",
+        key="gauges.clearance",
+        remedy="state a smaller one, or none; zones of gauges.exclude leave out what has to be",
+    )
 
 
-def bent_gauges(config: PlacementConfig, mesh: Mesh, training: Training) -> np.ndarray:
+def bent_gauges(structure: Structure) -> np.ndarray:
     """Which strain gauges (gauges,) lie on a facet that bends tighter than their type may be bent, bonded ones too; none without
     a type.
 
     Raises InfeasibleError where all candidates do.
     """
-    pool, kind = training.candidates, gauge_type(config.gauges)
+    gauges, mesh, pool = structure.config.gauges, structure.mesh, structure.pool
+    kind = gauge_type(gauges)
     bent = np.zeros(pool.gauges, dtype=bool)
     straining = np.flatnonzero(pool.quantity[pool.first] == STRAIN)
-    if kind is None or kind.bend_radius == 0 or training.given is not None or not len(straining):
+    if kind is None or kind.bend_radius == 0 or structure.training.given is not None or not len(straining):
         return bent
-    facets, part = exterior_facets(mesh), pool.take(pool.first[straining])
+    facets, part = structure.skin.facets, pool.take(pool.first[straining])
     bent[straining] = _lies_on(part, facets, tight(mesh.position, facets, kind.bend_radius))
     free = straining[~pool.bonded[pool.first[straining]]]
     if len(free) and bent[free].all():
         raise InfeasibleError(
-            f"the surface bends tighter than the {1e3 * kind.bend_radius:g} mm to which {config.gauges.type} may be bent at all "
+            f"the surface bends tighter than the {1e3 * kind.bend_radius:g} mm to which {gauges.type} may be bent at all "
             f"{len(free)} candidates",
             key="gauges.type",
             remedy="choose a smaller type, or another surface (gauges.surface, gauges.include)",
@@ -117,15 +117,16 @@ def bent_gauges(config: PlacementConfig, mesh: Mesh, training: Training) -> np.n
     return bent
 
 
-def bent_warning(config: PlacementConfig, training: Training, bent: np.ndarray) -> str:
+def bent_warning(structure: Structure, bent: np.ndarray) -> str:
     """Which bonded gauges lie on a surface that bends too tightly for their type, by `bent_gauges`; empty where none does."""
-    pool, kind = training.candidates, gauge_type(config.gauges)
+    pool, gauges = structure.pool, structure.config.gauges
+    kind = gauge_type(gauges)
     bonded = np.flatnonzero(bent & pool.bonded[pool.first])
     if kind is None or not len(bonded):
         return ""
-    names = ", ".join(training.name[i] or f"fixed {i + 1}" for i in bonded)
+    names = ", ".join(structure.training.name[i] or f"fixed {i + 1}" for i in bonded)
     return (
-        f"Bonded already where the surface bends tighter than the {1e3 * kind.bend_radius:g} mm of {config.gauges.type}: "
+        f"Bonded already where the surface bends tighter than the {1e3 * kind.bend_radius:g} mm of {gauges.type}: "
         f"{names}. Check that the carrier holds there, or state gauges.type as of the gauges that are bonded."
     )
 
@@ -138,19 +139,6 @@ def _lies_on(part: Candidates, facets: Facets, chosen: np.ndarray) -> np.ndarray
 
 OF_THEM = {"faces": "face of gauges.exclude", "bends": "bend too tight for gauges.type"}
 """In words, of one; others without their s."""
-
-
-def _listed(names: Iterable[str]) -> str:
-    *others, last = (OF_THEM.get(name, name.removesuffix("s")) for name in names)
-    return f"{', '.join(others)} and {last}"
-
-
-def _any(near: Mapping[str, np.ndarray]) -> np.ndarray:
-    return np.asarray(np.any(list(near.values()), axis=0))
-
-
-def _counts(near: Mapping[str, np.ndarray]) -> dict[str, int]:
-    return {name: int(np.count_nonzero(mask)) for name, mask in near.items()}
 
 
 def loaded_nodes(config: PlacementConfig, mesh: Mesh, facets: Facets) -> np.ndarray:
@@ -213,9 +201,7 @@ STEP = 0.001
 """[m] σ at which slopes are taken where the place has no tolerance."""
 
 
-def at_gauges(
-    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, gauges: np.ndarray
-) -> AtGauges | None:
+def at_gauges(structure: Structure, gauges: np.ndarray) -> AtGauges | None:
     """Of gauges by their numbers (k,), along the training run; None where they are given without a surface.
 
     With the slopes s₁, s₂ of a grid's strain in its place, along e₁ and e₂, ε its strain and t the time:
@@ -226,12 +212,11 @@ def at_gauges(
     Of a bridge the sum is over its arms, and the largest of them counts over the grid; of a rosette the channel that changes
     most; rms ε is that of the largest channel. NaN where no strain is measured.
     """
-    if training.given is not None or not mesh.has_surface:
+    pool, mesh = structure.pool, structure.mesh
+    if structure.training.given is not None or not mesh.has_surface:
         return None
-    pool, std = training.candidates, float(tolerances_of(config.tolerances).position)
-    part = pool.take(pool.channels(gauges))
-    skin = skin_of(mesh.position, exterior_facets(mesh))
-    in_place, over_grid = _steep(mesh, reduced, training, part, std, skin)
+    part, skin = pool.take(pool.channels(gauges)), structure.skin
+    in_place, over_grid = _steep(structure, part)
     grids = part.grids
     owner = part.gauge[part.channel_of_grid]
     height = np.full(part.gauges, np.inf)
@@ -250,12 +235,12 @@ def at_gauges(
     )
 
 
-def _steep(
-    mesh: Mesh, reduced: Reduced, training: Training, part: Candidates, std: float, skin: Skin
-) -> tuple[np.ndarray, np.ndarray]:
+def _steep(structure: Structure, part: Candidates) -> tuple[np.ndarray, np.ndarray]:
     """Change in place and over the grid (gauges,) of every gauge."""
-    grids, C = part.grids, training.moment
-    slopes = sensitivity_rows(mesh.position, part, reduced.basis, std or STEP, facets=skin)
+    grids, C, std = part.grids, structure.training.moment, float(structure.tolerances.position)
+    slopes = sensitivity_rows(
+        structure.mesh.position, part, structure.reduced.basis, std or STEP, facets=structure.skin
+    )
     e1, e2 = (axis[grids.gauge] for axis in installation_axes(grids))
     d1, d2 = (np.sum(grids.direction * e, axis=1)[:, None] for e in (e1, e2))
 
@@ -352,28 +337,30 @@ MOST = 20
 """Gauges that are tested: of larger layouts the most missed."""
 
 
-def tested_hot_spots(
-    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, gauges: np.ndarray
-) -> HotSpots | None:
+def tested_hot_spots(structure: Structure, gauges: np.ndarray) -> HotSpots | None:
     """The test of gauges on solids by their numbers (k,), at the guess and along the training run, NaN of others; None where the
     model is not that of a mesh of solids."""
-    if training.given is not None or reduced.matrices is not None or reduced.results is not None or not mesh.blocks:
+    config, mesh, reduced, pool = structure.config, structure.mesh, structure.reduced, structure.pool
+    if (
+        structure.training.given is not None
+        or reduced.matrices is not None
+        or reduced.results is not None
+        or not mesh.blocks
+    ):
         return None
-    pool = training.candidates
     solid = np.isin(pool.element[pool.first[gauges]], np.concatenate([block.ids for block in mesh.blocks]))
     which = np.flatnonzero(solid)[:MOST]
-    tested = gauges[which]
     test = hot_spots(
-        at_guess(config, mesh, reduced),
-        training.candidates.take(training.candidates.channels(tested)),
+        at_guess(structure),
+        pool.take(pool.channels(gauges[which])),
         reduced.basis,
-        training.moment,
-        loaded_nodes(config, mesh, exterior_facets(mesh)),
+        structure.training.moment,
+        loaded_nodes(config, mesh, structure.skin.facets),
         _pressed_nodes(config, mesh),
     )
     refined, spread = np.full((2, len(gauges)), np.nan)
     refined[which], spread[which] = test.change, test.spread
-    return HotSpots(refined=refined, spread=spread, share=max(SHARE, float(tolerances_of(config.tolerances).gain)))
+    return HotSpots(refined=refined, spread=spread, share=max(SHARE, float(structure.tolerances.gain)))
 
 
 def _pressed_nodes(config: PlacementConfig, mesh: Mesh) -> np.ndarray:
@@ -388,11 +375,12 @@ def _pressed_nodes(config: PlacementConfig, mesh: Mesh) -> np.ndarray:
     return np.flatnonzero(pressed)
 
 
-def at_guess(config: PlacementConfig, mesh: Mesh, reduced: Reduced) -> Mesh:
+def at_guess(structure: Structure) -> Mesh:
     """The mesh with the moduli at which training was simulated; springs are outside its elements, and not asked for."""
-    for name, entry in config.parameters.items():
+    mesh, reference = structure.mesh, structure.reduced.model.reference
+    for name, entry in structure.config.parameters.items():
         if of_stiffness(entry.property):
-            regions, value = region_ids(mesh, named_regions(entry.region)), reduced.model.reference[name]
+            regions, value = region_ids(mesh, named_regions(entry.region)), reference[name]
             mesh = with_value(mesh, entry.property, regions, value, entry.material)
     return mesh
 

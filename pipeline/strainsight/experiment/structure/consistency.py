@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from strainsight.config.estimate import Channel, DelayInSeconds
-from strainsight.config.placement import PlacementConfig
 from strainsight.estimation.conditional import Nuisances
 from strainsight.estimation.decision import INCONSISTENT
 from strainsight.estimation.faults import ANGLES, MARGIN, Explained, Fault, at_limit
@@ -23,13 +22,10 @@ from strainsight.experiment.structure.measured import Measured
 from strainsight.experiment.structure.nuisances import nuisances_of, on_average, tolerated
 from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.record_filter import RecordFilter
+from strainsight.experiment.structure.structure import Structure
 from strainsight.measurements.records import required_unit
-from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
-from strainsight.mesh.properties import Thickness
 from strainsight.records.estimated import ChannelsChecked
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import Training
+from strainsight.records.record import record_from
 from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import STRAIN, UNITS, Candidates
 from strainsight.sensors.rows import channel_rows, fits
@@ -55,24 +51,22 @@ class Turning:
     missed: np.ndarray
 
 
-def turning_of(
-    mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray, thickness: Thickness | None = None
-) -> Turning:
+def turning_of(structure: Structure, channels: np.ndarray) -> Turning:
     """Of channels (m,) of train.h5; only gauges of strain on the mesh can be turned, whose grid then stays on the surface, and no
-    bridges, the arms of which would be turned each by itself. thickness: of shells at the guess, where it is free."""
-    n, missed = training.rows.shape[1], reduced.misaligned.missed
+    bridges, the arms of which would be turned each by itself."""
+    training, missed = structure.training, structure.reduced.misaligned.missed
+    n = training.rows.shape[1]
     rows = np.full((len(channels), len(ANGLES), n), np.nan)
     more = np.zeros((*rows.shape[:2], *missed.shape[1:]))
-    pool = training.candidates
+    pool, position = structure.pool, structure.mesh.position
     single = np.flatnonzero((pool.quantity == STRAIN)[channels] & ~pool.bridged[channels] & (training.given is None))
     if len(single):
-        both = np.hstack([reduced.basis, missed.reshape(len(missed), -1)])
-        facets = exterior_facets(mesh)
         for k, angle in enumerate(ANGLES):
             # every channel as a gauge of one grid
             part = replace(_turned(pool.take(channels[single]), angle), gauge=np.arange(len(single)))
-            well = np.flatnonzero(fits(mesh.position, part, facets))
-            read = channel_rows(mesh.position, part.take(well), both, facets=facets, thickness=thickness)
+            well = np.flatnonzero(fits(position, part, structure.skin.facets))
+            lying = part.take(well)
+            read = channel_rows(position, lying, structure.field, facets=structure.skin, thickness=structure.thickness)
             rows[single[well], k], more[single[well], k] = read[:, :n], read[:, n:].reshape(-1, *missed.shape[1:])
     return Turning(rows, more)
 
@@ -82,11 +76,9 @@ def _turned(pool: Candidates, angle: float | np.ndarray) -> Candidates:
     return replace(pool, direction=turned(pool.direction, pool.normal, each))
 
 
-def suspect_of(
-    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, record: RecordFilter, turning: Turning
-) -> Suspect:
+def suspect_of(structure: Structure, record: RecordFilter, turning: Turning) -> Suspect:
     """A record by the bank, whatever filter estimates: no other takes the tolerances in."""
-    model, test, channels = record.model, record.test, record.test.channels
+    model, test, channels, training = record.model, record.test, record.test.channels, structure.training
     Q, at = np.array(model.Q), model.parameter_states
     Q[..., at, :], Q[..., :, at] = 0.0, 0.0
     constant = replace(model, Q=Q)
@@ -106,7 +98,7 @@ def suspect_of(
         rows, missed = np.array(training.rows), np.array(training.missed)
         rows[channel], missed[channel] = turning.rows[j, k], turning.missed[j, k]
         as_turned = replace(training, candidates=_turned(training.candidates, one), rows=rows, missed=missed)
-        tolerances = tolerated(config, mesh, reduced, as_turned, channels)
+        tolerances = tolerated(replace(structure, training=as_turned), channels)
         # the others have what they read on average over their installations already
         H[j] = on_average(tolerances, replace(constant, H=H), channels).H[j]
         changed = replace(constant, H=H, change=change)
@@ -157,14 +149,12 @@ def judgement_of(
     # what explains a consistent record a little better than no fault is chance, and no explanation
     best = [finding.best_of(j) if finding.contradicts else None for j in range(len(test.labels))]
     gain = [0.0 if one is None else one.evidence - finding.as_it_is.evidence for one in best]
-    by_channel = ChannelsChecked(
+    by_channel = record_from(
+        ChannelsChecked,
+        finding.check,
         by_others=bool(len(finding.without)),
         begin=_time_of(test, check.part[0]),
         end=_time_of(test, check.part[1] - 1),
-        measured=finding.check.measured,
-        predicted=finding.check.predicted,
-        residual=finding.check.residual,
-        correlation=finding.check.correlation,
         fault=tuple("" if one is None else words.of(one)[0] for one in best),
         gain=np.minimum(gain, np.finfo(float).max),
         candidate=candidates,

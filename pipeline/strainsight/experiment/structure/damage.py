@@ -298,17 +298,12 @@ def surface_places(surface: SurfaceModel, position: np.ndarray, element: np.ndar
 def curve_of(settings: DamageSettings) -> tuple[Curve, MeanStress]:
     """As the kernel takes them."""
     stated, mean = settings.curve, settings.mean_stress
-
-    def or_infinite(value: float | None) -> float:
-        return np.inf if value is None else value
-
+    ends = (stated.knee, stated.second_slope, stated.cut_off)
     curve = Curve(
         stated.stress * (2.0 if stated.of == "amplitude" else 1.0),
         stated.cycles,
         stated.slope,
-        or_infinite(stated.knee),
-        or_infinite(stated.second_slope),
-        or_infinite(stated.cut_off),
+        *(np.inf if value is None else value for value in ends),
     )
     constant = mean.tensile_strength if mean.rule == "goodman" else mean.sensitivity
     return curve, MeanStress({"none": NONE, "goodman": GOODMAN, "fkm": FKM}[mean.rule], constant or 0.0)

@@ -74,14 +74,7 @@ def _check_gauges(config: PlacementConfig, base: Path) -> None:
     """Names of the channels among those of bonded gauges and the G1 … of as many as are kept; given gauges have the numbers of
     their table for names. A file that says where those of the layout were bonded comes after the layout: only `estimate` needs
     it."""
-    from strainsight.experiment.structure.bonded_gauges import (
-        KEY,
-        absent,
-        given_table,
-        not_bonded,
-        place_unknown,
-        read_bonded,
-    )
+    from strainsight.experiment.structure.bonded_gauges import KEY, given_table, placed_channels, read_bonded
 
     settings, gauges, keep = config.estimate, config.gauges, config.place.keep
     assert settings is not None
@@ -98,16 +91,7 @@ def _check_gauges(config: PlacementConfig, base: Path) -> None:
         if settings.gauges_file is not None and (base / settings.gauges_file).is_file():
             with blame(KEY):
                 places = read_bonded(base / settings.gauges_file)
-    for i, entry in enumerate(settings.channels):
-        name, key = str(entry.gauge), f"estimate.channels.{i}.gauge"
-        if name in named:
-            continue
-        if name not in labels:
-            raise absent(key, name, [*named, *labels], places)
-        if settings.gauges_file is None and not settings.as_placed:
-            raise place_unknown(name)
-        if places is not None and name not in places:
-            raise not_bonded(key, name, places)
+    list(placed_channels(settings, named, labels, places))
 
 
 def _check_records(config: PlacementConfig, base: Path) -> None:

@@ -28,8 +28,6 @@ from strainsight.records.estimated import BANK, EXTENDED, SIGMA_POINT, Compared
 
 IDENTIFIED = 0.5
 """Share of its initial σ that the samples may leave of a parameter that they identify."""
-NO_OFFSETS = np.zeros(0, dtype=int)
-"""Channels with an unknown offset, where there are none."""
 
 
 def by_moments(
@@ -134,25 +132,19 @@ def posterior_doubts(posterior: Mapping[str, Posterior], units: Mapping[str, str
     return words
 
 
-def compared(
-    problem: Problem,
-    model: FilterModel,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measured: np.ndarray,
-    biased: np.ndarray = NO_OFFSETS,
-) -> Compared | None:
+def compared(problem: Problem, record: BankRecord) -> Compared | None:
     """Every parameter at the end by a bank and by the approximate filters, with the ratio of `expected_ratio`: all of them
     without tolerances, of which the approximate ones know nothing, and with the process noise that these have.
 
-    Arguments as of `filter_bank`, from a start at zero. A filter that diverges is NaN, and so is a bank where readings that are
-    taken for exact have no posterior. None without a parameter.
+    A filter that diverges is NaN, and so is a bank where readings that are taken for exact have no posterior. None without a
+    parameter.
     """
-    if not model.unknowns.parameters:
+    names, at = record.model.unknowns.parameters, record.model.parameter_states
+    if not names:
         return None
-    model, names, at = exactly_damped(problem, model), model.unknowns.parameters, model.parameter_states
-    data = model, np.zeros(len(covariance)), covariance, known, measured
-    record = BankRecord(*data, no_nuisances(model), biased)
+    model = exactly_damped(problem, record.model)
+    record = replace(record, model=model, nuisances=no_nuisances(model), settled=None)
+    data, biased = (model, record.mean, record.covariance, record.known, record.samples), record.biased
     filters: dict[str, Callable[[], FilterRun]] = {
         BANK: lambda: filter_bank(record, "parameters").run,
         SIGMA_POINT: lambda: by_moments(problem, *data, biased=biased, method="sigma-point"),

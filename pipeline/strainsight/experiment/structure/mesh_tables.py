@@ -8,6 +8,7 @@ from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from strainsight.decks.faults import plural
 from strainsight.errors import StrainsightError
 from strainsight.experiment.structure.mesh import free_motions
 from strainsight.fem.checks import POOR, Quality
@@ -64,12 +65,7 @@ def faces_table(faces: Faces) -> Table:
 
 
 def _times(count: int, effect: str | None) -> str:
-    return _number(count, "time") + ", of no effect here" * (effect == "none")
-
-
-def _number(count: int, what: str) -> str:
-    """ "1 node", "2 nodes"."""
-    return f"{count} {what}{'s' * (count != 1)}"
+    return plural(count, "time") + ", of no effect here" * (effect == "none")
 
 
 def _geometry(mesh: Mesh) -> list[Row]:
@@ -128,12 +124,12 @@ def _layers(mesh: Mesh, region: int, composite: CompositeSolid) -> str:
 
 def _constraints(mesh: Mesh) -> list[Row]:
     held = len(np.unique(mesh.fixed[:, 0]))
-    rows = [("fixed", _number(len(mesh.fixed), "component"), _number(held, "node"))]
+    rows = [("fixed", plural(len(mesh.fixed), "component"), plural(held, "node"))]
     if mesh.axes:
-        rows.append(("own displacement systems", _number(len(mesh.axes), "node"), ""))
+        rows.append(("own displacement systems", plural(len(mesh.axes), "node"), ""))
     ties = {
         kind: [
-            (str(tie), _number(len(tie.nodes), "node"), f"reference node {mesh.node_ids[tie.reference]}")
+            (str(tie), plural(len(tie.nodes), "node"), f"reference node {mesh.node_ids[tie.reference]}")
             for tie in elements
         ]
         for kind, elements in (("rigid elements", mesh.rigid), ("averaging elements", mesh.averaging))
@@ -143,7 +139,7 @@ def _constraints(mesh: Mesh) -> list[Row]:
         "relations": [
             (
                 str(relation),
-                _number(len(relation.node), "motion"),
+                plural(len(relation.node), "motion"),
                 f"node {mesh.node_ids[relation.follower[0]]} component {relation.follower[1] + 1} follows",
             )
             for relation in mesh.relations
@@ -155,13 +151,13 @@ def _constraints(mesh: Mesh) -> list[Row]:
         "springs": [
             (
                 str(group),
-                _number(len(group.stiffness), "spring"),
-                f"{_number(len(np.unique(group.node)), 'node')}{_total(group)}",
+                plural(len(group.stiffness), "spring"),
+                f"{plural(len(np.unique(group.node)), 'node')}{_total(group)}",
             )
             for group in mesh.springs
         ],
         "loads": [
-            (f"load {name}", _number(len(load.nodes), "node"), _resultant(load)) for name, load in mesh.loads.items()
+            (f"load {name}", plural(len(load.nodes), "node"), _resultant(load)) for name, load in mesh.loads.items()
         ],
     }
     return [*rows, *(row for what, listed in kinds.items() for row in _shortened(listed, what))]
@@ -195,10 +191,10 @@ def _lever(point: PointMass) -> str:
 
 
 def _sets(mesh: Mesh) -> list[Row]:
-    faces = [(f"face {name}", _number(len(facets), "facet"), "") for name, facets in mesh.faces.items()]
+    faces = [(f"face {name}", plural(len(facets), "facet"), "") for name, facets in mesh.faces.items()]
     sets = {name: ids for name, ids in mesh.node_sets.items() if name not in mesh.faces}
-    nodes = [(f"node set {name}", _number(len(ids), "node"), "") for name, ids in sets.items()]
-    elements = [(f"element set {name}", _number(len(ids), "element"), "") for name, ids in mesh.element_sets.items()]
+    nodes = [(f"node set {name}", plural(len(ids), "node"), "") for name, ids in sets.items()]
+    elements = [(f"element set {name}", plural(len(ids), "element"), "") for name, ids in mesh.element_sets.items()]
     return faces + _shortened(nodes, "node sets") + _shortened(elements, "element sets")
 
 

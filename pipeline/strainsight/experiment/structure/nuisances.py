@@ -14,11 +14,11 @@ from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.estimation.claim import ClaimedStd, bank_claim, covariance_recursion
 from strainsight.estimation.conditional import Nuisances, acceleration_rows, linear_models, no_nuisances, theta_at
 from strainsight.estimation.model import FilterModel, inputs_of, theta_of
-from strainsight.estimation.record import Settled, periodic_start
+from strainsight.estimation.record import BankRecord, Settled, periodic_start
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
-from strainsight.experiment.structure.candidates import thickness_of_guess
 from strainsight.experiment.structure.problem import SILENT, Problem
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.tolerated_loads import (
     ToleratedLoads,
     acting,
@@ -28,15 +28,10 @@ from strainsight.experiment.structure.tolerated_loads import (
     tolerated_loads,
 )
 from strainsight.experiment.structure.truth import BY_MODE, modulus_estimated
-from strainsight.experiment.system import installation_std
-from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import Training, with_missed
 from strainsight.rom.modal_step import modal_step, simulate
 from strainsight.rom.model import modal_basis
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, Candidates
-from strainsight.sensors.installation import COMMON, InstallationStd, Sensitivity, given_sensitivity, sensitivity_rows
+from strainsight.sensors.installation import COMMON, InstallationStd
 
 SOURCE = {
     "along": "position",
@@ -102,16 +97,14 @@ class Tolerated:
     discrepancy: float
 
 
-def tolerated(
-    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, channels: np.ndarray
-) -> Tolerated:
+def tolerated(structure: Structure, channels: np.ndarray) -> Tolerated:
     """Of channels (any,) of train.h5, −1 for none, by the tolerances of the config."""
-    tolerances, pool = tolerances_of(config.tolerances), training.candidates
-    std = installation_std(tolerances)
+    tolerances, pool, std = structure.tolerances, structure.pool, structure.installation
+    reduced, training = structure.reduced, structure.training
     # whole gauges: a sensitivity needs all channels that move as one
     wanted = pool.channels(np.unique(pool.gauge[np.unique(channels[channels >= 0])]))
     part = pool.take(wanted)
-    sensitivity, grids, n = _sensitivity(config, mesh, reduced, training, part, wanted), part.grids, reduced.model.size
+    sensitivity, grids, n = structure.sensitivity(wanted), part.grids, reduced.model.size
     free = ~grids.bonded[:, None]
     sigma = {name: value for name, value in std.by_name.items() if value > 0}
     scaled = {
@@ -120,6 +113,11 @@ def tolerated(
     mean, missed = std.mean(sensitivity) * free, training.missed[wanted]
     loads = tolerated_loads(tolerances, reduced, missed + part.read(mean[:, n:]).reshape(missed.shape), part.quantity)
     felt = {name: rows for name, rows in scaled.items() if rows.any()}
+    # of a gain, whose std here is 0, nothing: it displaces nothing else
+    beyond = {
+        name: loads.std * rows[:, n:].reshape(len(rows), *missed.shape[1:])[:, loads.load, loads.way]
+        for name, rows in felt.items()
+    }
     return Tolerated(
         wanted,
         part.quantity,
@@ -127,28 +125,29 @@ def tolerated(
         part.sign_of_grid,
         grids.gauge,
         {name: rows[:, :n] for name, rows in felt.items()},
-        {name: loads.of_missed(rows[:, n:].reshape(len(rows), *missed.shape[1:])) for name, rows in felt.items()},
+        beyond,
         mean[:, :n],
         _zeros(std, part),
         loads,
         float(np.log(tolerances.damping)),
-        _frequency(tolerances.frequency * (config.train.model == "dynamic"), reduced, training, training.rows[wanted]),
-        0.0 if modulus_estimated(config) else tolerances.model,
+        _frequency(structure, training.rows[wanted]),
+        0.0 if modulus_estimated(structure.config) else tolerances.model,
         tolerances.treat == "estimate",
         tolerances.discrepancy,
     )
 
 
-def _frequency(std: float, reduced: Reduced, training: Training, rows: np.ndarray) -> np.ndarray:
+def _frequency(structure: Structure, rows: np.ndarray) -> np.ndarray:
     """σ (k, n) of ln ω of n modes, one of all alike and one of every mode by itself that channels with these rows (m, n) read.
 
     Inertia of mode j adds −q̈ⱼ/λⱼ to its static response.
     """
-    n = reduced.model.size
-    if std == 0:
+    model, std = structure.reduced.model, structure.tolerances.frequency
+    n = model.size
+    if std == 0 or structure.config.train.model == "static":
         return np.zeros((0, n))
-    lam, _ = modal_basis(reduced.model, reduced.model.reference)
-    square = (rows * np.sqrt(np.mean(training.acceleration**2, axis=0)) / lam) ** 2
+    lam, _ = modal_basis(model, model.reference)
+    square = (rows * np.sqrt(np.mean(structure.training.acceleration**2, axis=0)) / lam) ** 2
     whole = square.sum(axis=1, keepdims=True)
     share = np.divide(square, whole, out=np.zeros_like(square), where=whole > 0).mean(axis=0)
     order = np.argsort(-share, kind="stable")[:MOST]
@@ -169,15 +168,15 @@ def _zeros(std: InstallationStd, part: Candidates) -> tuple[Zero, ...]:
     return tuple(zero for zero in zeros if zero.std.any())
 
 
-def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Training) -> tuple[str, ...]:
+def not_held_in_words(structure: Structure) -> tuple[str, ...]:
     """Which tolerances σ does not hold, a sentence each."""
-    sentences, tolerances = [], tolerances_of(config.tolerances)
-    if training.given is not None and (tolerances.position or tolerances.angle or tolerances.transverse):
+    sentences, tolerances, loads = [], structure.tolerances, structure.config.loads
+    if structure.training.given is not None and (tolerances.position or tolerances.angle or tolerances.transverse):
         sentences.append(
             "σ holds no errors of place, direction and transverse sensitivity of the given gauges: their rows do not say how the "
             "strain is beside them (tolerances.position, angle, transverse)"
         )
-    change = reduced.misaligned.shape
+    change = structure.reduced.misaligned.shape
     for key, std, of in (
         ("load_angle", tolerances.load_angle, change[..., :2]),
         ("load_position", tolerances.load_position, change[..., 2:]),
@@ -185,11 +184,11 @@ def not_held_in_words(config: PlacementConfig, reduced: Reduced, training: Train
         # a moment and what pulls at all mass have no point, a pressure and a rotation no direction either
         rigid = [
             name
-            for i, name in enumerate(reduced.model.inputs)
+            for i, name in enumerate(structure.reduced.model.inputs)
             if std > 0
             and not of[:, i].any()
-            and not (config.loads[name].pressure or config.loads[name].rotation)
-            and (key == "load_angle" or not (config.loads[name].moment or config.loads[name].gravity))
+            and not (loads[name].pressure or loads[name].rotation)
+            and (key == "load_angle" or not (loads[name].moment or loads[name].gravity))
         ]
         if rigid:
             sentences.append(
@@ -207,18 +206,6 @@ def exact_frequencies_in_words(config: PlacementConfig) -> str:
         "σ takes masses and natural frequencies of the model for exact: a mass that is 1 % off makes a modulus 1 % wrong; set "
         "tolerances.frequency: 0.01 where they are not as exact as that"
     )
-
-
-def _sensitivity(
-    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, part: Candidates, channels: np.ndarray
-) -> Sensitivity:
-    """Of the coordinates, and behind them of what these miss of misaligned loads."""
-    if training.given is not None:
-        return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
-    field = with_missed(reduced.basis, reduced.misaligned.missed)
-    std, facets = installation_std(tolerances_of(config.tolerances)).position, exterior_facets(mesh)
-    thickness = thickness_of_guess(config, mesh, reduced.model.reference)
-    return sensitivity_rows(mesh.position, part, field, std, facets=facets, thickness=thickness)
 
 
 def on_average(tolerated: Tolerated, model: FilterModel, channels: np.ndarray) -> FilterModel:
@@ -331,38 +318,36 @@ def variances(problem: Problem, claim: ClaimedStd) -> tuple[np.ndarray, Shares]:
 def budget_of(
     problem: Problem,
     tolerances: Tolerated,
-    model: FilterModel,
+    record: BankRecord,
     channels: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measured: np.ndarray,
     run: FilterRun,
     smoothed: Smoothed,
-    settled: Settled | None,
 ) -> tuple[Shares, tuple[str, ...]]:
     """Of the filtered unknowns by the filter of the config, linearised along the motion under the loads, and at the parameters,
     that the smoother has found; and a sentence for each unknown whose σ this does not give within HOLDS, which has none.
 
-    channels (m,) rows of train.h5; covariance (n*, n*) at t = 0; known (T, HOLD, n_known) [N]; measured (T/every, m), NaN where
-    missing. The extended and the sigma-point filter have no tolerances in their σ, and none here.
+    channels (m,) of the record: rows of train.h5. The extended and the sigma-point filter have no tolerances in their σ, and none
+    here.
     """
+    model = record.model
     x = smoothed.mean[:, 0, : model.size]
     if not np.isfinite(x).all():
         return {}, ("no budget of the variance: the motion that was found is not finite",)
-    u = inputs_of(model, x[:-1], known)
+    u = inputs_of(model, x[:-1], record.known)
     theta = {name: float(value) for name, value in theta_of(model, x[-1]).items()}
     smoothed_values = {name: theta[name] for name in problem.unknowns.parameters}
     at = replace(model, unknowns=replace(model.unknowns, guess={**model.unknowns.guess, **smoothed_values}))
     missing = np.zeros((len(u), 1, len(channels)))
-    missing[model.every - 1 :: model.every, 0] = np.isnan(measured)
+    missing[model.every - 1 :: model.every, 0] = np.isnan(record.samples)
     at = replace(at, r=at.r * np.where(missing > 0, SILENT, 1.0) if missing.any() else at.r)
     by_bank = problem.method == "bank"
-    start = np.diag(covariance)[model.motion]
-    motion = _motion(at, theta, u, x[:, model.motion], start, settled if by_bank else None)
+    start = np.diag(record.covariance)[model.motion]
+    motion = _motion(at, theta, u, x[:, model.motion], start, record.settled if by_bank else None)
     if by_bank:
-        claim = bank_claim(at, motion, u, covariance, nuisances_of(tolerances, at, channels), settled)
+        nuisances = nuisances_of(tolerances, at, channels)
+        claim = bank_claim(at, motion, u, record.covariance, nuisances, record.settled)
     else:
-        claim = covariance_recursion(at, motion, u, covariance)
+        claim = covariance_recursion(at, motion, u, record.covariance)
     whole, shares = variances(problem, claim)
     claimed = _late(problem, run.std[:, 0, problem.unknowns.position(problem.model)] ** 2)
     ratio = dict(zip(problem.unknowns.names, np.sqrt(whole[0] / claimed).tolist(), strict=True))

@@ -4,7 +4,6 @@ cannot tell."""
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from math import ceil
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -35,15 +34,6 @@ HEADER = 116
 """[bytes] of text at the head of a MAT file, where the writer puts a date."""
 
 
-@dataclass(frozen=True)
-class Excitation:
-    """A motion: label; x (s, 2n) = [q, q̇]; u (s, n_u) [N]."""
-
-    label: str
-    x: np.ndarray
-    u: np.ndarray
-
-
 def observed_of(
     config: PlacementConfig, reduced: Reduced, training: Training, screened: Screened, using: Resources
 ) -> Observed:
@@ -57,14 +47,14 @@ def observed_of(
     kinds = {name: config.parameters[name].property for name in model.parameters}
     sensed = every.sensed(pool)
     excitations, table = _excitations(config, model, training, amplitude), []
-    for motion in excitations:
-        _, peak = reading_sizes(model, sensed.rows, sensed.quantity, motion.x, motion.u)
+    for _, x, u in excitations:
+        _, peak = reading_sizes(model, sensed.rows, sensed.quantity, x, u)
         with blame("observe"):
             case_table = cases(
                 model,
                 model.reference,
-                motion.x,
-                motion.u,
+                x,
+                u,
                 inputs=tuple(name for name in model.inputs if not config.loads[name].known) or model.inputs,
                 moduli=[name for name, kind in kinds.items() if of_stiffness(kind)],
                 densities=[name for name, kind in kinds.items() if kind == "density"],
@@ -78,7 +68,7 @@ def observed_of(
             )
         table.append(case_table)
     return Observed(
-        excitation=tuple(motion.label for motion in excitations),
+        excitation=tuple(label for label, _, _ in excitations),
         case=tuple(case.label for case in table[0]),
         unknowns=tuple(", ".join(case.unknowns) for case in table[0]),
         condition=np.array([[case.found.condition for case in row] for row in table]),
@@ -90,9 +80,10 @@ def observed_of(
 
 def _excitations(
     config: PlacementConfig, model: ReducedModel, training: Training, amplitude: dict[str, float]
-) -> list[Excitation]:
+) -> list[tuple[str, np.ndarray, np.ndarray]]:
+    """Label, motion x (s, 2n) = [q, q̇] and loads u (s, n_u) [N] of every excitation."""
     excitations = [
-        Excitation(label, np.hstack([motion_of_case.coordinate, motion_of_case.velocity]), motion_of_case.load)
+        (label, np.hstack([motion_of_case.coordinate, motion_of_case.velocity]), motion_of_case.load)
         for label, motion_of_case in zip(sorted(training.cases) or ["training run"], training.motions, strict=True)
     ]
     for frequency in config.observe.frequencies:
@@ -101,7 +92,7 @@ def _excitations(
         signals = [Sine(frequency, amplitude[name], 0.0) for name in model.inputs]
         loading = loading_of(config.train.settle, signals, duration / steps, steps)
         motion = motion_of(model, model.reference, loading)
-        excitations.append(Excitation(f"{frequency:g} Hz", motion, instant_values(loading.held)))
+        excitations.append((f"{frequency:g} Hz", motion, instant_values(loading.held)))
     return excitations
 
 

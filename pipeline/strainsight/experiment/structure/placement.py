@@ -5,7 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from functools import cached_property
+from functools import cached_property, partial
 from itertools import chain
 
 import numpy as np
@@ -46,7 +46,6 @@ from strainsight.experiment.structure.nuisances import not_held_in_words, tolera
 from strainsight.experiment.structure.problem import (
     Problem,
     placed_instants,
-    problem_in,
     problem_of,
     rests_on_loads_in_words,
     scenarios_of,
@@ -54,7 +53,7 @@ from strainsight.experiment.structure.problem import (
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
 from strainsight.experiment.structure.start import ringing_in_words
-from strainsight.experiment.structure.training import runs_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.loads.histories import instant_values
 from strainsight.loads.linearisation import linearise, measurement_rows
 from strainsight.loads.observability import Observability, observability
@@ -94,20 +93,21 @@ def placement_of(
 
     Raises InfeasibleError where no layout within the limits detects every unknown.
     """
-    subject = _Structure(config, mesh, reduced, training, screened, using)
+    structure = Structure(config, using.files, mesh, reduced, training)
+    subject = _OnStructure(structure, screened, using)
     model, unknowns = reduced.model, subject.problem.unknowns
     if costs := of_pool_in_words(config, len(subject.pool.gauges), 2 * model.size + len(unknowns.state_names)):
         using.notice(costs)
     placement = place(subject, using.progress)
     using.progress("hot spots", 0.9)
     gauges, listed = placement.gauges, placement.listed
-    hot = tested_hot_spots(config, mesh, reduced, training, gauges)
-    sites = at_gauges(config, mesh, reduced, training, gauges)
+    hot = tested_hot_spots(structure, gauges)
+    sites = at_gauges(structure, gauges)
     by_case = None if placement.task.cases is None else cases_of(placement, subject.expectations(gauges))
     bonded = listed.bonded.tolist()
     advice = (
         *filter(None, (_ringing(problem, config) for problem in subject.problems)),
-        *filter(None, not_held_in_words(config, reduced, training)),
+        *filter(None, not_held_in_words(structure)),
         *unresolved_gauges(listed),
         *hot_spot_advice(hot, listed.labels, bonded),
         *advice_at_gauges(sites, listed.labels, bonded),
@@ -126,44 +126,44 @@ def placement_of(
 
 
 @dataclass(frozen=True)
-class _Structure(Subject):
+class _OnStructure(Subject):
     """Gauges on a structure."""
 
-    config: PlacementConfig
-    mesh: Mesh
-    reduced: Reduced
-    training: Training
+    structure: Structure
     screened: Screened
     using: Resources
+
+    @property
+    def config(self) -> PlacementConfig:
+        return self.structure.config
 
     @cached_property
     def problem(self) -> Problem:
         """Under the loads as stated."""
-        return problem_of(self.config, self.using.files, self.reduced, self.training, self.screened)
+        return problem_of(self.structure, self.screened)
 
     @cached_property
     def problems(self) -> tuple[Problem, ...]:
         """One a load case, or that under the loads as stated."""
-        files, parts = self.using.files, (self.reduced, self.training, self.screened)
-        runs = runs_of(self.config, self.reduced.model.inputs, files)
-        return tuple(problem_in(run, self.config, files, *parts) if run.name else self.problem for run in runs)
+        structure = self.structure
+        return tuple(problem_of(structure, self.screened, run) if run.name else self.problem for run in structure.runs)
 
     @cached_property
     def pool(self) -> PoolRows:
         """The candidates that were kept."""
         kept, symmetry = self.screened.kept, self.config.place.symmetry
-        return pool_of(kept, self.problem.channels, self.training.candidates, symmetry)
+        return pool_of(kept, self.problem.channels, self.structure.pool, symmetry)
 
     @cached_property
     def price(self) -> np.ndarray:
         """Of every pool row (p,)."""
-        return prices(self.config, self.pool, self.training.candidates)
+        return prices(self.config, self.pool, self.structure.pool)
 
     @cached_property
     @blame("place.keep")
     def limits(self) -> Limits:
         """Of a layout."""
-        return layout_limits(self.config.place, self.pool, self.mesh, self.training.candidates, self.price)
+        return layout_limits(self.config.place, self.pool, self.structure.mesh, self.structure.pool, self.price)
 
     @cached_property
     def covariance(self) -> np.ndarray:
@@ -195,30 +195,28 @@ class _Structure(Subject):
     def expectations(self, gauges: np.ndarray) -> list[Expectation]:
         """One a load case."""
         channels = self.problem.channels.of(gauges)
-        tolerances = tolerated(self.config, self.mesh, self.reduced, self.training, channels)
+        tolerances = tolerated(self.structure, channels)
         return [expectation(problem, gauges, tolerances) for problem in self.problems]
 
     def listed(self, gauges: np.ndarray) -> GaugeList:
-        return listed_gauges(gauges, self.training, self.screened)
+        return listed_gauges(gauges, self.structure.training, self.screened)
 
     def alike(self, gauges: np.ndarray) -> list[tuple[int, ...]]:
         return alike_gauges(self.problem, gauges, self.covariance)
 
-    def alone(self, gauges: np.ndarray, coherence: float) -> list[Pool]:
-        channels = self.problem.channels.of(gauges)
-        scenarios = self._scenarios(channels, COHERENCE if coherence else 0.0)
+    def _single(self, gauges: np.ndarray, share: float) -> list[Pool]:
+        """Pools with every gauge (k,) as a row, with errors of installation as in `_scenarios`."""
+        scenarios = self._scenarios(self.problem.channels.of(gauges), share)
         return [solve_pool(scenario) for scenario in chain(*scenarios)]
 
     def _scenarios(self, channels: np.ndarray, share: float) -> list[tuple[Scenario, ...]]:
         """Of every load case; share of its duration over which errors of installation are coherent."""
-        config = self.config
-        ranges = {name: entry.range for name, entry in config.parameters.items()}
         added = [
             share * problem.run.duration * v if share else None
             for problem, v in zip(self.problems, self.installation, strict=True)
         ]
         return [
-            scenarios_of(problem, channels, config.place, ranges, config.seed, more)
+            scenarios_of(problem, channels, self.config, more)
             for problem, more in zip(self.problems, added, strict=True)
         ]
 
@@ -237,7 +235,7 @@ class _Structure(Subject):
                 np.ones(len(unknowns.names)),
             ),
             tuple(pools),
-            self.training.candidates,
+            self.structure.pool,
             self.pool,
             self.price,
             self.limits,
@@ -248,6 +246,7 @@ class _Structure(Subject):
             config.place.weights,
             coherence=share * config.train.duration,
             cases=cases,
+            single=partial(self._single, share=share),
         )
 
     def _cases(self, count: Sequence[int]) -> LoadCases | None:
@@ -276,12 +275,12 @@ def _ringing(problem: Problem, config: PlacementConfig) -> str:
     p, case = problem, problem.run.name
     if not p.unknowns.parameters:
         return ""
-    instants = placed_instants(p, p.model.reference, p.x, config.place, config.seed)
+    instants = placed_instants(p, p.model.reference, p.x, config)
     words = ringing_in_words(p.run.settle, p.loading, p.model, instants)
     return f"Load case {case}: {words}" if case and words else words
 
 
-def _worst_observability(placement: Placement, subject: _Structure) -> Observability:
+def _worst_observability(placement: Placement, subject: _OnStructure) -> Observability:
     """Of the first instant of every load case, that of the largest condition."""
     task = placement.task
     of = np.zeros(1, dtype=int) if task.cases is None else task.cases.of
@@ -293,14 +292,14 @@ def _worst_observability(placement: Placement, subject: _Structure) -> Observabi
     return max(every, key=lambda case: case.condition)
 
 
-def _observability(problem: Problem, scenario: Scenario, subject: _Structure) -> Observability:
+def _observability(problem: Problem, scenario: Scenario, subject: _OnStructure) -> Observability:
     """Of x* as it is, not in the coordinates of a solved pool."""
     p, n = problem, problem.model.size
     frequency = np.sqrt(modal_basis(p.model, p.model.reference)[0])
     amplitude = float(np.sqrt(np.sum((p.x[:, :n] * frequency) ** 2 + p.x[:, n:] ** 2, axis=1)).max())
     exists = subject.pool.channels >= 0
     used = subject.pool.channels[exists]
-    peak = subject.training.motion_in(p.run.name).peak[used]
+    peak = subject.structure.training.motion_in(p.run.name).peak[used]
     H = scenario.H[exists] if scenario.H.ndim == 3 else scenario.H
     return observability(
         scenario.F,
@@ -326,16 +325,12 @@ def pool_of(
         return PoolRows(kept[:, None], channels.of(kept), 0)
     with blame("place.symmetry"):
         partner = mirror_partners(candidates, symmetry.point, symmetry.normal)
-    bonded = np.zeros(channels.gauges, dtype=bool)
-    bonded[candidates.gauge[candidates.bonded]] = True
-    kept_gauges = np.zeros(channels.gauges, dtype=bool)
-    kept_gauges[kept] = True
-    pairs = []
+    bonded, in_pool, pairs = candidates.bonded[candidates.first], np.isin(np.arange(channels.gauges), kept), []
     for gauge in kept:
         other = int(partner[gauge])
         if bonded[gauge] or other == gauge:
             pairs.append((int(gauge), -1))
-        elif other > gauge and kept_gauges[other] and not bonded[other]:
+        elif other > gauge and in_pool[other] and not bonded[other]:
             pairs.append((int(gauge), other))
     if not pairs:
         raise InfeasibleError(

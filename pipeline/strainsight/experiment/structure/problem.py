@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Literal
 
 import numpy as np
 
-from strainsight.config.placement import PlacementConfig, PlaceSection
+from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.estimation.model import FilterModel
@@ -18,6 +17,7 @@ from strainsight.estimation.update import Form
 from strainsight.experiment.structure.candidates import CandidateChannels, channels_of, of_channels
 from strainsight.experiment.structure.references import unknowns_of
 from strainsight.experiment.structure.start import Loading, motion_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.training import TrainingRun, run_as_stated, typical_of
 from strainsight.loads.histories import instant_values
 from strainsight.loads.input_models import WALK, Unknowns
@@ -29,8 +29,7 @@ from strainsight.loads.linearisation import (
     process_intensity,
 )
 from strainsight.placement.scenario import Scenario
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import Screened, Training
+from strainsight.records.training import Screened
 from strainsight.rom.modal_step import Scheme, hold_of_tones, scheme_bias
 from strainsight.rom.model import ReducedModel, accelerations, modal_basis
 from strainsight.sensors.candidates import STRAIN
@@ -94,29 +93,15 @@ class Problem:
         return [self.model.inputs.index(name) for name in names]
 
 
-def problem_of(
-    config: PlacementConfig, files: Mapping[str, Path], reduced: Reduced, training: Training, screened: Screened
-) -> Problem:
-    """The estimation problem under the loads as stated."""
-    run = run_as_stated(config, reduced.model.inputs, files)
-    return problem_in(run, config, files, reduced, training, screened)
-
-
-def problem_in(
-    run: TrainingRun,
-    config: PlacementConfig,
-    files: Mapping[str, Path],
-    reduced: Reduced,
-    training: Training,
-    screened: Screened,
-) -> Problem:
+def problem_of(structure: Structure, screened: Screened, run: TrainingRun | None = None) -> Problem:
     """Gather the estimation problem from the reduced model, a training run, the noise of the channels and the config.
 
-    Noise is that of a sample every train.time_step: in a run of another step it is that of the same intensity.
+    run: None: that under the loads as stated. Noise is that of a sample every train.time_step: in a run of another step it is
+    that of the same intensity.
     """
-    model, h, motion = reduced.model, run.time_step, training.motion_in(run.name)
-    with blame(run.key):
-        loading = run.loading()
+    config, files, model = structure.config, structure.files, structure.reduced.model
+    run = run or run_as_stated(config, model.inputs, files)
+    h, motion, loading = run.time_step, structure.training.motion_in(run.name), run.loading()
     x = np.hstack([motion.coordinate, motion.velocity])
     inputs = tuple(name for name in config.place.estimate if name in config.loads)
     typical = typical_of(config, run, inputs, files)
@@ -141,7 +126,7 @@ def problem_in(
             )
             for one, share in zip(rules, _model_error(config, unknowns), strict=True)
         )
-    channels = channels_of(training, screened)
+    channels = channels_of(structure.training, screened)
     if h != config.train.time_step:
         channels = replace(channels, noise_std=channels.noise_std * np.sqrt(config.train.time_step / h))
     settings = config.filter
@@ -324,39 +309,32 @@ def initial_covariance(problem: Problem, relative_std: Mapping[str, float], movi
 
 
 def scenarios_of(
-    problem: Problem,
-    channels: np.ndarray,
-    settings: PlaceSection,
-    ranges: Mapping[str, Sequence[float]],
-    seed: int,
-    installation: np.ndarray | None = None,
+    problem: Problem, channels: np.ndarray, config: PlacementConfig, installation: np.ndarray | None = None
 ) -> tuple[Scenario, ...]:
     """One fixed linearisation an instant and parameter sample, without a metric yet.
 
-    channels (pool, c): rows of train.h5 of every pool row, −1 for none; settings: `place` of a config; ranges: parameter →
-    (lowest, highest) [SI]; installation (m,) [unit² s]: intensity that is added to the noise of every channel of train.h5
-    (`installation_variances`).
+    channels (pool, c): rows of train.h5 of every pool row, −1 for none; installation (m,) [unit² s]: intensity that is added to
+    the noise of every channel of train.h5 (`installation_variances`).
     """
-    p = problem
+    p, settings = problem, config.place
+    ranges = {name: entry.range for name, entry in config.parameters.items()}
     u = instant_values(p.u)
     plain: list[Scenario] = []
-    for theta in parameter_samples(p.model.reference, ranges, settings.parameter_samples, seed):
+    for theta in parameter_samples(p.model.reference, ranges, settings.parameter_samples, config.seed):
         x = p.x if theta == p.model.reference else motion_of(p.model, theta, p.loading)
-        chosen = placed_instants(p, theta, x, settings, seed)
+        chosen = placed_instants(p, theta, x, config)
         F = linearise(p.model, p.unknowns, theta, x[chosen], u[chosen], settings.damping_slope)
         for F_at, H, r in zip(F, *_measured(p, channels, theta, x[chosen], u[chosen], F, installation), strict=True):
             plain.append(Scenario(F_at, p.frozen_Q, H, r, np.zeros(len(F_at))))
     return tuple(plain)
 
 
-def placed_instants(
-    problem: Problem, theta: Mapping[str, float], x: np.ndarray, settings: PlaceSection, seed: int
-) -> np.ndarray:
+def placed_instants(problem: Problem, theta: Mapping[str, float], x: np.ndarray, config: PlacementConfig) -> np.ndarray:
     """Indices of the instants to place for, in the motion x (steps + 1, 2n) at θ [SI]."""
     # One instant is the thesis's case: any of them, also where a parameter hardly acts.
-    share = 0.0 if settings.instants == 1 else 0.5
-    u = instant_values(problem.u)
-    return linearisation_instants(problem.model, problem.unknowns, theta, x, u, settings.instants, seed, share)
+    count = config.place.instants
+    share, u = 0.0 if count == 1 else 0.5, instant_values(problem.u)
+    return linearisation_instants(problem.model, problem.unknowns, theta, x, u, count, config.seed, share)
 
 
 def parameter_samples(

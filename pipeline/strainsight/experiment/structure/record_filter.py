@@ -78,11 +78,6 @@ class RecordFilter:
         return BankRecord(*states, test.known, test.values, self.nuisances, self.biased, self.settled)
 
     @property
-    def smoothed_states(self) -> int:
-        """How many states the smoother has: x*, offsets, and z where it is a bank's."""
-        return len(self.covariance) + (len(self.nuisances.load) if self.problem.method == "bank" else 0)
-
-    @property
     def long(self) -> bool:
         """Whether what takes several times as long as the estimate is left out unless it is asked for."""
         return len(self.test.known) > LONGEST_COMPARED
@@ -228,11 +223,8 @@ def budget_in(record: RecordFilter, result: FilteredRecord) -> tuple[Shares, tup
         return {}, (f"more than {LONGEST_COMPARED} steps: no budget of the variance",)
     if len(record.biased):
         return {}, ("no budget of the variance where offsets of channels are unknown",)
-    test = record.test
-    samples = test.channels, record.start, test.known, test.values
-    return budget_of(
-        record.problem, record.tolerances, record.model, *samples, result.run, result.smoothed, record.settled
-    )
+    known = record.bank_record, record.test.channels
+    return budget_of(record.problem, record.tolerances, *known, result.run, result.smoothed)
 
 
 def forecast_of(filters: Sequence[RecordFilter], wanted: Wants) -> float | None:

@@ -99,17 +99,17 @@ def parameters_of(
                 of_deck[f"region {region}"] = value_of(mesh, region, entry.property, entry.material)
         for place, deck in {**of_deck, **dict.fromkeys(springs, 1.0)}.items():
             if not 0.1 <= value / deck <= 10:
-                in_mpa = PARAMETER_UNITS[entry.property] == "Pa" and 0.1 <= 1e6 * value / deck <= 10
-                in_mm = PARAMETER_UNITS[entry.property] == "m" and 0.1 <= 1e-3 * value / deck <= 10
-                meant = f"{value:g} MPa are {1e6 * value:.4g} Pa: give that, if it is meant"
-                if in_mm:
-                    meant = f"{value:g} mm are {1e-3 * value:.4g} m: give that, if it is meant"
-                units = "check mesh.length_unit and mesh.mass_unit, or the guess"
-                factor = "it multiplies what the deck has: 1.0 is that of the deck"
+                unit = PARAMETER_UNITS[entry.property]
+                factor, usual = {"Pa": (1e6, "MPa"), "m": (1e-3, "mm")}.get(unit, (1.0, unit))
+                remedy = "check mesh.length_unit and mesh.mass_unit, or the guess"
+                if unit == "1":
+                    remedy = "it multiplies what the deck has: 1.0 is that of the deck"
+                elif 0.1 <= factor * value / deck <= 10:
+                    remedy = f"{value:g} {usual} are {factor * value:.4g} {unit}: give that, if it is meant"
                 raise ConfigError(
                     f"the guess of {name} is {value:.4g}, the deck has {deck:.4g} in {place} (SI units)",
                     key=f"parameters.{name}.guess",
-                    remedy=meant if in_mpa or in_mm else factor if PARAMETER_UNITS[entry.property] == "1" else units,
+                    remedy=remedy,
                 )
         if entry.property == THICKNESS:
             _require_alike(name, of_deck)
@@ -249,19 +249,16 @@ def _require_affine(parameter: Parameter, parameters: Sequence[Parameter]) -> No
 
 def point_loads(config: Mapping[str, LoadSection]) -> dict[str, PointLoad]:
     """The loads of the config, in its order."""
+    alike = ("direction", "deck_load", "moment", "bearing", "gravity")
     return {
         name: PointLoad(
             name,
-            entry.direction,
-            entry.node,
-            entry.set,
-            entry.deck_load,
-            entry.moment,
-            entry.bearing,
-            bool(entry.pressure),
-            bool(entry.factor),
-            entry.gravity,
-            None if entry.rotation is None else (entry.rotation.axis, entry.rotation.point),
+            node_id=entry.node,
+            node_set=entry.set,
+            pressure=bool(entry.pressure),
+            factor=bool(entry.factor),
+            rotation=None if entry.rotation is None else (entry.rotation.axis, entry.rotation.point),
+            **{key: getattr(entry, key) for key in alike},
         )
         for name, entry in config.items()
     }
@@ -317,10 +314,7 @@ def _input_model(noise: InputNoise, frequency: float) -> InputModel:
     return input_model(noise.model, frequency, noise.kappa, noise.smoothness, noise.damping)
 
 
-READS = (
-    *WHAT_IS_FREE,
-    "parameters.*.guess",
-    *WHERE_LOADS_ACT,
+WHERE_SENSORS_ARE = (
     "gauges.surface",
     "gauges.include",
     "gauges.exclude",
@@ -329,6 +323,7 @@ READS = (
     "motion_sensors.*.include",
     "motion_sensors.*.exclude",
 )
+READS = (*WHAT_IS_FREE, "parameters.*.guess", *WHERE_LOADS_ACT, *WHERE_SENSORS_ARE)
 
 
 def check_references(config: PlacementConfig, mesh: Mesh) -> None:

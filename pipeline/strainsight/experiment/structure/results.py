@@ -55,35 +55,27 @@ def model_of_results(
     assert stated is not None
     names = tuple(loads or ())
 
-    def set_of(key: str, modes: ModesOfResults, responses: Mapping[str, ResponseOfLoad]) -> Gathered:
+    def set_of(
+        key: str, modes: ModesOfResults, responses: Mapping[str, ResponseOfLoad]
+    ) -> tuple[GivenMotion, Results, list[str]]:
         return _set_of(config, key, modes, {} if loads is None else responses, mesh, files, names)
 
-    first = set_of("mesh.results", stated.modes, stated.loads)
-    notes = first.notes
+    motion, results, notes = set_of("mesh.results", stated.modes, stated.loads)
     forces = None if loads is None else lambda model: load_shapes(model, loads)
     change = _change(stated, mesh, parameters)
     whole = [parameter for parameter in parameters if change is None or parameter != change.parameter]
     scaled = _proportional(stated, mesh, whole)
     with blame("mesh.results"), mesh.located():
         if change is None:
-            built = results_model(mesh, first.motion, first.results, forces, names, scaled)
+            built = results_model(mesh, motion, results, forces, names, scaled)
         else:
             assert stated.second is not None
             of_loads = stated.loads if stated.second.loads is None else stated.second.loads
-            second = set_of(SECOND, stated.second.modes, of_loads)
-            notes += second.notes
-            sets = (first.motion, second.motion), (first.results, second.results)
+            other_motion, other_results, more = set_of(SECOND, stated.second.modes, of_loads)
+            notes += more
+            sets = (motion, other_motion), (results, other_results)
             built = model_of_two(mesh, *sets, forces, names, scaled, change)
     return replace(built, notes=tuple(dict.fromkeys((*notes, *built.notes))))
-
-
-@dataclass(frozen=True)
-class Gathered:
-    """motion on the rows of the mesh, of the modes and then of the responses; sentences on the files."""
-
-    motion: GivenMotion
-    results: Results
-    notes: list[str]
 
 
 def _set_of(
@@ -94,9 +86,10 @@ def _set_of(
     mesh: Mesh,
     files: Mapping[str, Path],
     names: tuple[str, ...],
-) -> Gathered:
-    """Modes in the order of their frequencies, responses in that of the config; SI units. key of the section that asks for both;
-    names of all loads."""
+) -> tuple[GivenMotion, Results, list[str]]:
+    """Motion on the rows of the mesh, of the modes in the order of their frequencies, then of the responses in that of the
+    config, in SI units; what the files say of them; sentences on the files. key of the section that asks for both; names of all
+    loads."""
     stated = config.results
     assert stated is not None
     modes = WantedResult(f"{key}.modes", "mode", asked.step)
@@ -117,7 +110,7 @@ def _set_of(
         where=tuple(response.where for response in responses),
     )
     with blame(key), mesh.located():
-        return Gathered(given_motion(mesh, _stacked(motion, size, L)), results, notes)
+        return given_motion(mesh, _stacked(motion, size, L)), results, notes
 
 
 def _change(stated: ResultsSection, mesh: Mesh, parameters: Sequence[Parameter]) -> Change | None:

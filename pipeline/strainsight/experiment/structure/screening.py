@@ -3,29 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from pathlib import Path
 
 import numpy as np
 
 from strainsight.config.gauges import AbsoluteNoise, RelativeNoise
 from strainsight.config.placement import PlacementConfig, Screen
-from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import ConfigError, InfeasibleError, blame
-from strainsight.experiment.structure.candidates import thickness_of_guess
 from strainsight.experiment.structure.clearance import bent_gauges, clearance_of
 from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.start import Loading, motion_of
-from strainsight.experiment.structure.training import TrainingRun, refuse_noise, runs_of
-from strainsight.experiment.system import installation_std
+from strainsight.experiment.structure.structure import Structure
+from strainsight.experiment.structure.training import TrainingRun, refuse_noise
 from strainsight.loads.histories import instant_values
-from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
-from strainsight.records.reduced import Reduced
-from strainsight.records.training import CaseMotion, Screened, Training, with_missed
+from strainsight.records.training import Screened
 from strainsight.rom.model import ReducedModel, accelerations
 from strainsight.sensors.candidates import ACCELERATION, Candidates
-from strainsight.sensors.installation import Sensitivity, given_sensitivity, installation_variance, sensitivity_rows
-from strainsight.sensors.rows import surface_of
+from strainsight.sensors.installation import installation_variance
 from strainsight.sensors.screening import BEND, CLEARANCE, Screening, screen
 
 COHERENCE = 0.01
@@ -41,14 +34,7 @@ def avoids_errors(config: PlacementConfig) -> bool:
     return config.place.installation == "avoid" and config.process_noise.rule != "as_printed"
 
 
-def installation_variances(
-    config: PlacementConfig,
-    files: Mapping[str, Path],
-    mesh: Mesh,
-    reduced: Reduced,
-    training: Training,
-    gauges: np.ndarray,
-) -> np.ndarray:
+def installation_variances(structure: Structure, gauges: np.ndarray) -> np.ndarray:
     """Mean square of what errors of installation add to the readings of the training motions at the guess:
 
         v_j of `installation_variance`,     C = mean_t q qᵀ + Σₖ mean_t qₖ qₖᵀ
@@ -60,60 +46,34 @@ def installation_variances(
     gauges: those that are wanted, ascending. Returns (cases, m) [unit²] for all channels of the training run in every load case
     by name, (1, m) where there are none; zero for those that are not wanted.
     """
-    pool, std, inputs = training.candidates, installation_std(tolerances_of(config.tolerances)), reduced.model.inputs
-    runs = runs_of(config, inputs, files)
-    moments = [_moments(config, reduced, training.motion_in(run.name), run) for run in runs]
-    v = np.zeros((len(runs), len(pool)))
-    for index, slopes in _sensitivities(config, mesh, reduced, training, gauges):
-        part = pool.take(index)
+    pool, std = structure.pool, structure.installation
+    moments = [_moments(structure, run) for run in structure.runs]
+    v = np.zeros((len(moments), len(pool)))
+    for few in np.array_split(gauges, len(gauges) // AT_A_TIME + 1):
+        index = pool.channels(few)
+        slopes, part = structure.sensitivity(index), pool.take(index)
         v[:, index] = [installation_variance(slopes, std, part, still, moving) for still, moving in moments]
     return v
 
 
-def _sensitivities(
-    config: PlacementConfig, mesh: Mesh, reduced: Reduced, training: Training, gauges: np.ndarray
-) -> Iterator[tuple[np.ndarray, Sensitivity]]:
-    """Channels and their derivatives, of so many gauges at a time."""
-    pool = training.candidates
-    if training.given is not None:
-        channels = pool.channels(gauges)
-        yield channels, given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
-        return
-    field = with_missed(reduced.basis, reduced.misaligned.missed)
-    std = installation_std(tolerances_of(config.tolerances)).position
-    skin = surface_of(mesh.position, pool, exterior_facets(mesh))
-    thickness = thickness_of_guess(config, mesh, reduced.model.reference)
-    for few in np.array_split(gauges, len(gauges) // AT_A_TIME + 1):
-        channels = pool.channels(few)
-        yield (
-            channels,
-            sensitivity_rows(mesh.position, pool.take(channels), field, std, facets=skin, thickness=thickness),
-        )
-
-
-def _moments(
-    config: PlacementConfig, reduced: Reduced, motion: Training | CaseMotion, run: TrainingRun
-) -> tuple[np.ndarray, np.ndarray]:
+def _moments(structure: Structure, run: TrainingRun) -> tuple[np.ndarray, np.ndarray]:
     """C of [q, what is beyond], and of the second rates, which nothing beyond has."""
-    n = reduced.model.size
-    motions = list(_motions(config, reduced, motion, run))
-    load = motion.load[: len(motions[0][1])]
+    n, motions = structure.reduced.model.size, list(_motions(structure, run))
+    load = structure.training.motion_in(run.name).load[: len(motions[0][1])]
     z = np.vstack([np.hstack([x[:, :n], missed.reshape(len(x), -1)]) for _, x, missed in motions])
     a = np.vstack([accelerations(model, model.reference, x, load) for model, x, _ in motions])
     return z.T @ z / len(load), np.pad(a.T @ a / len(load), (0, z.shape[1] - n))
 
 
-def _motions(
-    config: PlacementConfig, reduced: Reduced, motion: Training | CaseMotion, run: TrainingRun
-) -> Iterator[tuple[ReducedModel, np.ndarray, np.ndarray]]:
+def _motions(structure: Structure, run: TrainingRun) -> Iterator[tuple[ReducedModel, np.ndarray, np.ndarray]]:
     """The training run, and what one σ of every misalignment adds to it: model, x (T + 1, 2n), and what it is beyond
     (T + 1, n_u, misalignments) [N rad or N m]."""
-    own_std, off = tolerances_of(config.tolerances), reduced.misaligned
-    std = np.repeat([np.deg2rad(own_std.load_angle), own_std.load_position], 2)
+    reduced, motion = structure.reduced, structure.training.motion_in(run.name)
+    tolerances, off = structure.tolerances, reduced.misaligned
+    std = np.repeat([np.deg2rad(tolerances.load_angle), tolerances.load_position], 2)
     nothing = np.zeros((len(motion.load), *off.missed.shape[1:]))
     yield reduced.model, np.hstack([motion.coordinate, motion.velocity]), nothing
-    with blame(run.key):
-        loading = run.loading()
+    loading = run.loading()
     for i, way in np.argwhere((off.shape.any(axis=0) | off.missed.any(axis=0)) & (std > 0)):
         shape, missed = np.zeros_like(reduced.model.input_shape), nothing.copy()
         shape[:, i], missed[:, i, way] = std[way] * off.shape[:, i, way], std[way] * motion.load[:, i]
@@ -125,15 +85,14 @@ STEP = 1e-4
 """In ln θ, of the central difference in a parameter."""
 
 
-def screened_of(
-    config: PlacementConfig, files: Mapping[str, Path], mesh: Mesh, reduced: Reduced, training: Training
-) -> Screened:
+def screened_of(structure: Structure) -> Screened:
     """Leave out what is too near to edges, supports and loads, settle the noise of every channel, drop the overloaded, take the
     best for each unknown in every load case in turn, and thin the clusters."""
-    pool, rms, strained = training.candidates, training.rms, training.strained
+    config, training, pool = structure.config, structure.training, structure.pool
+    rms = training.rms
     noise_std, limit = np.empty(len(rms)), np.full(len(rms), np.inf)
-    bent = bent_gauges(config, mesh, training) & ~pool.bonded[pool.first]
-    clearance, near = clearance_of(config, mesh, training)
+    bent = bent_gauges(structure) & ~pool.bonded[pool.first]
+    clearance, near = clearance_of(structure)
     near |= bent
     clear = ~near[pool.gauge]
     best = {}
@@ -149,13 +108,13 @@ def screened_of(
     refuse_noise(best)
     v = None
     if avoids_errors(config):
-        v = installation_variances(config, files, mesh, reduced, training, np.flatnonzero(~near))
+        v = installation_variances(structure, np.flatnonzero(~near))
     if config.screen.by == "strength":
         ratio = training.rms_in_cases / noise_std
     else:
-        ratio = _by_unknowns(config, files, reduced, training, noise_std, v)
+        ratio = _by_unknowns(structure, noise_std, v)
     with blame("screen.keep"):
-        result = _screened(config.screen, pool, near, ratio, strained, limit)
+        result = _screened(config.screen, pool, near, ratio, training.strained, limit)
     return Screened(
         kept=result.kept,
         snr=result.snr,
@@ -200,21 +159,14 @@ def _screened(
     return Screening(np.sort(np.concatenate(kept)), snr, reason)
 
 
-def _by_unknowns(
-    config: PlacementConfig,
-    files: Mapping[str, Path],
-    reduced: Reduced,
-    training: Training,
-    noise_std: np.ndarray,
-    v: np.ndarray | None,
-) -> np.ndarray:
+def _by_unknowns(structure: Structure, noise_std: np.ndarray, v: np.ndarray | None) -> np.ndarray:
     """Signal to noise (k, m) of each unknown in every load case, over σ, and where errors of installation are avoided also over
 
         √(σ² + τ v/h)
 
     σ of a sample of the white noise that has the intensity of both; v (cases, m) of `installation_variances`. A placement has
     layouts for either, of which it takes the better. Raises InfeasibleError where no unknown makes any channel read anything."""
-    alone = list(_alone(config, files, reduced, training))
+    alone, config = list(_alone(structure)), structure.config
     if not alone:
         raise InfeasibleError(
             f"of {' and '.join(config.place.estimate)} alone every candidate reads 0 in the training run",
@@ -223,26 +175,23 @@ def _by_unknowns(
         )
     ratio = [rms / noise_std for _, rms in alone]
     if v is not None:
-        tau = np.array([COHERENCE * motion.time[-1] for motion in training.motions])
+        tau = np.array([COHERENCE * motion.time[-1] for motion in structure.training.motions])
         std = np.sqrt(noise_std**2 + tau[:, None] * v / config.train.time_step)
         ratio += [rms / std[case] for case, rms in alone]
     return np.array(ratio).reshape(-1, len(noise_std))
 
 
-def _alone(
-    config: PlacementConfig, files: Mapping[str, Path], reduced: Reduced, training: Training
-) -> Iterator[tuple[int, np.ndarray]]:
+def _alone(structure: Structure) -> Iterator[tuple[int, np.ndarray]]:
     """What each unknown by itself does to the readings in training: the number of the load case, and RMS over time (m,)
 
         of the reading under a load alone,     of θ ∂y/∂θ of a parameter, by a central difference
 
     of the unknowns that act in that case."""
-    model, inputs = reduced.model, reduced.model.inputs
-    sensing = training.candidates.quantity == ACCELERATION
-    for case, run in enumerate(runs_of(config, inputs, files)):
-        with blame(run.key):
-            loading = run.loading()
-        for name in config.place.estimate:
+    model, training = structure.reduced.model, structure.training
+    sensing, inputs = structure.pool.quantity == ACCELERATION, model.inputs
+    for case, run in enumerate(structure.runs):
+        loading = run.loading()
+        for name in structure.config.place.estimate:
             if name in inputs:
                 alone = model.acted_on(model.input_shape * (np.array(inputs) == name))
                 rms = _rms(training.rows, sensing, _motion(alone, model.reference, loading))

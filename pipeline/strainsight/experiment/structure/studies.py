@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -36,28 +37,6 @@ class Runs:
     start: np.ndarray
     drawn: np.ndarray
 
-    def some(self, which: np.ndarray) -> Runs:
-        """Some of them, by number."""
-        return Runs(self.channels[which], self.noise_factor[which], self.start[which], self.drawn[which])
-
-
-@dataclass(frozen=True)
-class Studies:
-    """All studies of a validation.
-
-    noise      other noise levels
-    repeats    other noise and other starting values, and the layout installed anew where the truth is drawn
-    screened   random sets of the screened pool, on the layout's own noise
-    all        random sets of all candidates
-    lost       of all of them, how many diverged
-    """
-
-    noise: NoiseStudy
-    repeats: Starts
-    screened: RandomSetErrors
-    all: RandomSetErrors
-    lost: int
-
 
 CHOICES = 1 << 31
 """Stream of the random numbers that choose starts and sets, apart from those of the noise."""
@@ -65,8 +44,15 @@ CHOICES = 1 << 31
 
 def studies_of(
     trial: Trial, settings: Validate, kept: np.ndarray, allowed: np.ndarray, seed: int, sweep: Sweep = serial
-) -> Studies:
-    """Filtered in batches of at most BATCH runs; settings: the config's validate section, kept: the screened pool, allowed: every
+) -> tuple[dict[str, Any], int]:
+    """The studies of `Validated` by their fields, and how many of their runs diverged:
+
+    noise      other noise levels
+    repeats    other noise and other starting values, and the layout installed anew where the truth is drawn
+    screened   random sets of the screened pool, on the layout's own noise
+    all        random sets of all candidates
+
+    Filtered in batches of at most BATCH runs; settings: the config's validate section, kept: the screened pool, allowed: every
     gauge that keeps the clearance.
 
     Repeats begin at the truth plus a draw of the initial σ, so that the two differ as much as the filter takes them to: σ
@@ -94,12 +80,9 @@ def studies_of(
         for key in ("screened", "all")
     }
     start = {name: starts[:, i] for i, name in enumerate(trial.names)}
-    return Studies(
-        noise=NoiseStudy(**errors["noise"], factor=factors),
-        repeats=Starts(**errors["repeats"], start=start),
-        **random,
-        lost=sum(int(np.isnan(study.error[trial.names[-1]]).sum()) for study in each.values()),
-    )
+    noise, started = NoiseStudy(**errors["noise"], factor=factors), Starts(**errors["repeats"], start=start)
+    lost = sum(int(np.isnan(study.error[trial.names[-1]]).sum()) for study in each.values())
+    return {"noise": noise, "repeats": started, **random}, lost
 
 
 FEWEST_SETS = 10
@@ -148,13 +131,8 @@ BATCH = 8
 """Runs that are one task of a sweep. Never the number of processes: the size of a batch may change the last bit of results."""
 
 
-@dataclass(frozen=True)
-class _Batch:
-    """Runs and what their channels read without noise, true (T, B, k); seed of the config."""
-
-    runs: Runs
-    true: np.ndarray
-    seed: int
+Batch = tuple[Runs, np.ndarray, int]
+"""Runs, what their channels read without noise (T, B, k), and the seed of the config."""
 
 
 @dataclass(frozen=True)
@@ -178,8 +156,8 @@ def _studied(trial: Trial, parts: Mapping[str, Runs], seed: int, sweep: Sweep) -
     )
     batches = []
     for at in np.array_split(np.arange(len(runs.drawn)), -(-len(runs.drawn) // BATCH)):
-        some = runs.some(at)
-        batches.append(_Batch(some, _true(trial, some), seed))
+        some = Runs(runs.channels[at], runs.noise_factor[at], runs.start[at], runs.drawn[at])
+        batches.append((some, _true(trial, some), seed))
     answers: list[_Study] = sweep(_batch, batches, without_truth(trial))
     lost = np.concatenate([batch.lost for batch in answers])
     if np.all(lost >= 0):
@@ -207,13 +185,13 @@ def _true(trial: Trial, runs: Runs) -> np.ndarray:
     return true
 
 
-def _batch(trial: Trial, batch: _Batch) -> _Study:
+def _batch(trial: Trial, batch: Batch) -> _Study:
     """Measure with noise and filter: a task of a sweep."""
-    runs = batch.runs
+    runs, true, seed = batch
     model = filter_model(trial.problem, runs.channels, trial.h, runs.noise_factor)
-    shape = (len(batch.true), runs.channels.shape[1])
-    noise = np.stack([sample_noise(batch.seed, int(number), *shape) for number in runs.drawn], axis=1)
-    measured = batch.true + noise * sample_std(trial.problem, runs.channels, trial.h, runs.noise_factor)
+    shape = (len(true), runs.channels.shape[1])
+    noise = np.stack([sample_noise(seed, int(number), *shape) for number in runs.drawn], axis=1)
+    measured = true + noise * sample_std(trial.problem, runs.channels, trial.h, runs.noise_factor)
     mean = np.zeros((len(runs.drawn), model.size))
     mean[:, model.position] = runs.start
     run = trial.filtered(model, runs.channels, measured, mean, refuse=False).run

@@ -4,21 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 
 import numpy as np
 
 from strainsight.config.estimate import Field3D
-from strainsight.config.gauges import Gauges, NamedGauge
+from strainsight.config.gauges import NamedGauge
 from strainsight.config.loads import LoadSection
 from strainsight.config.placement import PlacementConfig
-from strainsight.errors import ConfigError, DeckError
+from strainsight.errors import ConfigError, DeckError, blame
 from strainsight.estimation.model import FilterModel, surface_reading, theta_of
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed, WantedCovariances
 from strainsight.experiment.structure.candidates import rows_along
 from strainsight.experiment.structure.record_filter import RecordFilter
 from strainsight.experiment.structure.references import parameters_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.tolerated_loads import field_beyond
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.recovery import (
@@ -105,24 +105,24 @@ class Virtual:
         )
 
 
-def virtual_of(
-    mesh: Mesh, field: Displaced, entries: Sequence[NamedGauge], gauges: Gauges, free: Sequence[Parameter] = ()
-) -> Virtual | None:
-    """The gauges of `estimate.virtual`, each at the nearest point of the whole surface; None without one.
-
-    gauges of the config: grid length and snapping tolerance; free: thicknesses of shells. Raises UserError for one off the
-    surface.
-    """
+@blame("estimate.virtual")
+def virtual_of(structure: Structure, field: Displaced) -> Virtual | None:
+    """The gauges of `estimate.virtual`, each at the nearest point of the whole surface; None without one. Raises UserError for
+    one off the surface."""
+    config, mesh, gauges = structure.config, structure.mesh, structure.config.gauges
+    entries = () if config.estimate is None else config.estimate.virtual
     if not entries:
         return None
-    facets = exterior_facets(mesh)
+    facets = structure.skin.facets
     stated = [
         BondedEntry(e.position, e.direction, gauges.grid_length if e.length is None else e.length, e.angles)
         for e in entries
     ]
     pool = bonded(mesh, facets, stated, gauges.snap_tolerance, key="estimate.virtual")[0]
     rows, change = rows_along(
-        mesh, free, lambda at: channel_rows(mesh.position, pool, field.basis, facets=facets, thickness=at)
+        mesh,
+        structure.free_thicknesses,
+        lambda at: channel_rows(mesh.position, pool, field.basis, facets=facets, thickness=at),
     )
     return Virtual(pool, rows, change, field.coordinates)
 
@@ -308,15 +308,13 @@ def displaced(reduced: Reduced, record: RecordFilter) -> Displaced:
     return Displaced(basis, n)
 
 
-def skin_in_test(
-    config: PlacementConfig, mesh: Mesh, field: Displaced, files: Mapping[str, Path]
-) -> tuple[Skin | None, tuple[str, ...]]:
+def skin_in_test(structure: Structure, field: Displaced) -> tuple[Skin | None, tuple[str, ...]]:
     """The surface, or None where nothing is solid or no stress known, with the reason.
 
     Raises ConfigError where something of the surface is asked for and the mesh has no solids, DeckError
     where they have no material.
     """
-    settings = config.estimate
+    config, mesh, settings = structure.config, structure.mesh, structure.config.estimate
     assert settings is not None
     asked = [f"estimate.{name}" for name in ("field", "damage") if getattr(settings, name) is not None]
     if not mesh.has_surface:
@@ -328,7 +326,7 @@ def skin_in_test(
             )
         return None, ()
     try:
-        return skin_of(mesh, field, parameters_of(config.parameters, mesh, files, config.mesh)), ()
+        return skin_of(mesh, field, parameters_of(config.parameters, mesh, structure.files, config.mesh)), ()
     except DeckError as error:
         # A model that came as matrices needs no materials, but for this.
         if asked:
@@ -342,7 +340,8 @@ def wanted_of(
     """Covariances that the results of a test need of the smoother: of virtual gauges, of loads at one place, of the surface in
     its pictures; run: of the filter."""
     assert config.estimate is not None
-    states, field = record.smoothed_states, config.estimate.field
+    beyond = len(record.nuisances.load) if record.problem.method == "bank" else 0  # z of a bank's smoother
+    states, field = len(record.covariance) + beyond, config.estimate.field
     frames = np.zeros(0) if field is None else frames_of(field, run.time)
     most = (largest(record, run.mean[-1, 0])[0] + 1) * record.test.every
     together = [index for _, index in places_of(config.loads, record.problem.unknowns.inputs)]

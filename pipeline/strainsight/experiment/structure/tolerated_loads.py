@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -33,10 +33,6 @@ class ToleratedLoads:
     shape: np.ndarray
     missed: np.ndarray
 
-    def of_missed(self, rows: np.ndarray) -> np.ndarray:
-        """σ times rows (g, n_u, misalignments), per N (g, f): nothing of a gain, which displaces nothing else."""
-        return np.asarray(self.std * rows[:, self.load, self.way])
-
 
 def tolerated_loads(
     tolerances: Tolerances, reduced: Reduced, missed: np.ndarray, quantity: np.ndarray
@@ -55,13 +51,14 @@ def tolerated_loads(
         if tolerances.load_gain > 0:
             errors.append((LOAD_GAIN, i, 0.0, 0, tolerances.load_gain * model.input_shape[:, i], nothing))
         errors.append((BETWEEN, i, 0.0, 0, model.input_shape[:, i], nothing))
+    source, load, sigma_of, way_of, shapes, readings = zip(*errors, strict=True) if errors else ((),) * 6
     return ToleratedLoads(
-        tuple(error[0] for error in errors),
-        np.array([error[1] for error in errors], dtype=int),
-        np.array([error[2] for error in errors], dtype=float),
-        np.array([error[3] for error in errors], dtype=int),
-        stacked([error[4] for error in errors], (model.size,)),
-        stacked([error[5] for error in errors], (len(missed),)),
+        source,
+        np.array(load, dtype=int),
+        np.array(sigma_of, dtype=float),
+        np.array(way_of, dtype=int),
+        stacked(shapes, (model.size,)),
+        stacked(readings, (len(missed),)),
     )
 
 
@@ -128,6 +125,6 @@ def of_loads(
         yield loads.source[each], *on_loads(model, direct), change
 
 
-def stacked(parts: list[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
+def stacked(parts: Sequence[np.ndarray], shape: tuple[int, ...]) -> np.ndarray:
     """(k, *shape) of k parts, also of none."""
     return np.stack(parts) if parts else np.zeros((0, *shape))

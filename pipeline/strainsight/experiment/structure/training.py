@@ -22,7 +22,7 @@ from strainsight.experiment.structure.candidates import (
     free_thicknesses,
     reading_sizes,
     rows_along,
-    thickness_of_guess,
+    thickness_at,
 )
 from strainsight.experiment.structure.references import characteristic
 from strainsight.experiment.structure.start import Loading, loading_of, motion_of
@@ -62,15 +62,13 @@ class TrainingRun:
     def loading(self) -> Loading:
         """The loads from t = 0 on, and before."""
         steps = round(self.duration / self.time_step)
-        return loading_of(self.settle, list(self.signals.values()), self.time_step, steps)
+        with blame(self.key):
+            return loading_of(self.settle, list(self.signals.values()), self.time_step, steps)
 
 
 def run_as_stated(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> TrainingRun:
     """The run under the loads as stated; inputs: of the model, in its order, which may not be that of the config."""
-    train = config.train
-    with blame("train"):
-        signals = {name: signal_of(name, config.loads[name].signal, files) for name in inputs}
-    return TrainingRun("", "train", 1.0, train.duration, train.time_step, train.settle, signals, frozenset())
+    return _run(config, "", TrainingCase.model_validate({}), inputs, files)
 
 
 def runs_of(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, Path]) -> tuple[TrainingRun, ...]:
@@ -84,7 +82,8 @@ def runs_of(config: PlacementConfig, inputs: Sequence[str], files: Mapping[str, 
 def _run(
     config: PlacementConfig, name: str, case: TrainingCase, inputs: Sequence[str], files: Mapping[str, Path]
 ) -> TrainingRun:
-    train, key, silent = config.train, f"place.load_cases.{name}", silent_in(case)
+    train, silent = config.train, silent_in(case)
+    key = f"place.load_cases.{name}" if name else "train"
     signals: dict[str, Signal] = {}
     with blame(key):
         for load in inputs:
@@ -156,11 +155,11 @@ def trained(
     """Simulate the reduced model at the guess, under the loads as stated and in every load case, and read every candidate; the
     candidates on the surface, None where their strain rows are given."""
     model = reduced.model
-    runs = run_as_stated(config, model.inputs, using.files), *runs_of(config, model.inputs, using.files)
-    stated, *cases = (_Moved(run, *_motion(run, reduced)) for run in runs if run.name or run is runs[0])
-    x, u, n, steps = stated.x, stated.u, model.size, len(stated.x) - 1
+    of_cases = [run for run in runs_of(config, model.inputs, using.files) if run.name]
+    stated, *cases = (_moved(run, reduced) for run in (run_as_stated(config, model.inputs, using.files), *of_cases))
+    n = model.size
     using.progress("candidates", 0.3)
-    surface, given_rows, change = None, None, NO_CHANGE
+    surface, given_rows, change, free = None, None, NO_CHANGE, free_thicknesses(config, mesh, model.reference)
     names: tuple[str, ...] = ()
     if config.gauges.given is None:
         with np.errstate(over="ignore", invalid="ignore"):  # readings beyond all bounds are refused below
@@ -172,9 +171,7 @@ def trained(
             skin_of(mesh.position, exterior_facets(mesh)),
         )
         both, change = rows_along(
-            mesh,
-            free_thicknesses(config, mesh, model.reference),
-            lambda thickness: channel_rows(mesh.position, pool, field, facets=skin, thickness=thickness),
+            mesh, free, lambda thickness: channel_rows(mesh.position, pool, field, facets=skin, thickness=thickness)
         )
     else:
         pool, given_rows = _given(config, mesh, using)
@@ -182,19 +179,12 @@ def trained(
         assert reduced.matrices is not None  # the config asks for matrices beside given gauges
         both = given_rows @ with_missed(reduced.matrices.basis, reduced.matrices.missed)
     rows, missed = both[:, :n], both[:, n:].reshape(-1, *reduced.misaligned.missed.shape[1:])
-    rms, peak = _sizes(stated, reduced, rows, pool)
     motions = {}
-    for case in cases:
-        using.progress(f"readings of {case.run.name}", 0.5)
-        case_rms, case_peak = _sizes(case, reduced, rows, pool)
-        motions[case.run.name] = CaseMotion(
-            time=case.run.time_step * np.arange(len(case.x)),
-            load=case.u,
-            coordinate=case.x[:, :n],
-            velocity=case.x[:, n:],
-            rms=case_rms,
-            peak=case_peak,
-        )
+    for moved in (stated, *cases):
+        if moved.run.name:
+            using.progress(f"readings of {moved.run.name}", 0.5)
+        motions[moved.run.name] = _read(moved, reduced, rows, pool)
+    as_stated = motions.pop("")
     training = Training(
         candidates=pool,
         name=names + ("",) * (pool.gauges - len(names)),
@@ -203,17 +193,17 @@ def trained(
         missed=missed,
         given=given_rows,
         moved=surface.moved if surface is not None and len(surface.moved) else None,
-        time=stated.run.time_step * np.arange(steps + 1),
-        load=u,
-        coordinate=x[:, :n],
-        velocity=x[:, n:],
-        acceleration=accelerations(model, model.reference, x, u),
-        rms_as_stated=rms,
-        peak_as_stated=peak,
+        time=as_stated.time,
+        load=as_stated.load,
+        coordinate=as_stated.coordinate,
+        velocity=as_stated.velocity,
+        acceleration=accelerations(model, model.reference, stated.x, stated.u),
+        rms_as_stated=as_stated.rms,
+        peak_as_stated=as_stated.peak,
         cases=motions,
     )
     if pool.arms is not None:
-        thickness = thickness_of_guess(config, mesh, model.reference)
+        thickness = thickness_at(mesh, free, model.reference)
         most = _arm_peak(mesh, training, cases or [stated], reduced.basis, thickness)
         training = replace(training, arm_peak=most)
     return training, surface
@@ -228,20 +218,20 @@ class _Moved:
     u: np.ndarray
 
 
-def _motion(run: TrainingRun, reduced: Reduced) -> tuple[np.ndarray, np.ndarray]:
+def _moved(run: TrainingRun, reduced: Reduced) -> _Moved:
     refuse_times(reduced.frequency, run.duration, run.time_step, run.key)
-    with blame(run.key):
-        loading = run.loading()
-    return motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held)
+    loading = run.loading()
+    return _Moved(run, motion_of(reduced.model, reduced.model.reference, loading), instant_values(loading.held))
 
 
-def _sizes(moved: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> tuple[np.ndarray, np.ndarray]:
-    """RMS and largest reading of all channels (m,) in a run."""
+def _read(moved: _Moved, reduced: Reduced, rows: np.ndarray, pool: Candidates) -> CaseMotion:
+    n = reduced.model.size
     with np.errstate(over="ignore", invalid="ignore"):  # refused below
         rms, peak = reading_sizes(reduced.model, rows, pool.quantity, moved.x, moved.u)
     with blame(moved.run.key):
         refuse_readings(peak)
-    return rms, peak
+    time = moved.run.time_step * np.arange(len(moved.x))
+    return CaseMotion(time=time, load=moved.u, coordinate=moved.x[:, :n], velocity=moved.x[:, n:], rms=rms, peak=peak)
 
 
 def _arm_peak(
@@ -345,15 +335,13 @@ def refuse_noise(best: Mapping[str, tuple[float, float]]) -> None:
     low, high = SIGNAL_TO_NOISE
     key, (signal, noise) = max(best.items(), key=lambda item: item[1][0] / item[1][1] if item[1][1] else np.inf)
     if signal > high * noise:
-        raise InfeasibleError(
-            f"a noise of {noise:.3g} is {noise / signal:.1g} of the largest RMS reading, {signal:.3g}: the model itself is "
-            "rounded to more",
-            key=f"{key}.noise_std",
-            remedy=f"take at least {at_least(signal / high)}; it is a strain (1 µm/m is 1e-6), m/s² or m",
-        )
-    if 0 < signal < low * noise:
-        raise InfeasibleError(
-            f"a noise of {noise:.3g} is {noise / signal:.1g} times the largest RMS reading, {signal:.3g}: nothing can be learnt",
-            key=f"{key}.noise_std",
-            remedy=f"take at most {at_most(signal / low)}; it is a strain (1 µm/m is 1e-6), m/s² or m",
-        )
+        of, why, limit = "of", "the model itself is rounded to more", f"at least {at_least(signal / high)}"
+    elif 0 < signal < low * noise:
+        of, why, limit = "times", "nothing can be learnt", f"at most {at_most(signal / low)}"
+    else:
+        return
+    raise InfeasibleError(
+        f"a noise of {noise:.3g} is {noise / signal:.1g} {of} the largest RMS reading, {signal:.3g}: {why}",
+        key=f"{key}.noise_std",
+        remedy=f"take {limit}; it is a strain (1 µm/m is 1e-6), m/s² or m",
+    )

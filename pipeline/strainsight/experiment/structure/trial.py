@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -23,7 +23,7 @@ from strainsight.experiment.structure.nuisances import Tolerated, nuisances_of, 
 from strainsight.experiment.structure.problem import Problem, initial_covariance, sample_std, settled_under
 from strainsight.experiment.structure.references import unknown_units
 from strainsight.experiment.structure.start import Loading, loading_of
-from strainsight.experiment.structure.truth import ReadMotion, SimulatedMotion, SimulatedTruth
+from strainsight.experiment.structure.truth import SimulatedMotion, SimulatedTruth
 from strainsight.loads.histories import instant_values
 
 
@@ -80,7 +80,7 @@ class Trial:
     def reading(self, channels: np.ndarray) -> np.ndarray:
         """What channels (...) read without noise (T + 1, ...) [unit of the channel], NaN where there is none (−1)."""
         needed, place = np.unique(channels, return_inverse=True)
-        read = self.motion.reading(needed)[:, place.reshape(channels.shape)]
+        read = self.motion(needed)[:, place.reshape(channels.shape)]
         return np.where(channels >= 0, read, np.nan)
 
     def measured(self, seed: int) -> tuple[np.ndarray, np.ndarray]:
@@ -155,11 +155,10 @@ def _of_run(model: FilterModel, b: int) -> FilterModel:
 
 def without_truth(trial: Trial) -> Trial:
     """What a filter needs, and its errors: a truth may hold the whole model, which is not sent to other processes."""
-    gone = ReadMotion(np.zeros((0, 0)))
-    return replace(trial, truth=replace(trial.truth, motion=_gone, again=None, field=None), motion=gone, again=None)
+    return replace(trial, truth=replace(trial.truth, motion=_gone, again=None, field=None), motion=_gone, again=None)
 
 
-def _gone(_loading: Loading) -> SimulatedMotion:
+def _gone(_of: object) -> NoReturn:
     raise AssertionError("the truth stays in the process that simulated it")
 
 
@@ -217,7 +216,7 @@ def _again(
     drawn = truth.again
 
     def reading(realisation: int) -> np.ndarray:
-        return drawn(realisation, gauges).motion(loading).reading(np.arange(count))
+        return drawn(realisation, gauges).motion(loading)(np.arange(count))
 
     return reading
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Protocol
 from zlib import crc32
 
 import numpy as np
@@ -23,22 +22,19 @@ from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.reduction import full_model, solver_of
 from strainsight.experiment.structure.references import load_shapes, parameters_of, point_loads
 from strainsight.experiment.structure.start import Loading, motion_of
+from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.system import installation_std
 from strainsight.fem.affine import Parameter, at_their_references, of_stiffness
 from strainsight.fem.loads import PointLoad, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, FullModel, nodal
 from strainsight.loads.histories import instant_values
-from strainsight.mesh.facets import exterior_facets
-from strainsight.mesh.model import Mesh
 from strainsight.mesh.properties import SECTION_FACTORS, THICKNESS, Thickness
-from strainsight.records.reduced import Modes, Reduced
-from strainsight.records.training import Training
+from strainsight.records.reduced import Modes
 from strainsight.rom.model import Damping, ReducedModel, accelerations, first_of_equal, modal_basis
 from strainsight.rom.reduction import Snapshots, modal_model
 from strainsight.sensors.candidates import ACCELERATION, Candidates
 from strainsight.sensors.installation import Installation, drawn_installation, installed_rows
 from strainsight.sensors.rows import channel_matrix, channel_rows
-from strainsight.sensors.walk import skin_of
 
 INSTALLATION, MODEL, LOADS = 1, 2, 3
 """Streams of the random numbers of gauges, of the model and of loads, apart from those of the noise."""
@@ -87,11 +83,6 @@ def load_error_of(config: PlacementConfig, name: str, known: bool, realisation: 
         tolerances.load_position * shift,
         1.0 + (tolerances.load_gain * gain if known else 0.0),
     )
-
-
-def loads_vary(config: PlacementConfig) -> bool:
-    """Whether some load acts otherwise than it should."""
-    return misaligned_loads(config) or (_some_known(config) and tolerances_of(config.tolerances).load_gain > 0)
 
 
 def _some_known(config: PlacementConfig) -> bool:
@@ -187,12 +178,8 @@ def modulus_estimated(config: PlacementConfig) -> bool:
     return any(parameter.springs is None for parameter in of_whole)
 
 
-class SimulatedMotion(Protocol):
-    """A simulated motion that channels can be read from."""
-
-    def reading(self, channels: np.ndarray) -> np.ndarray:
-        """Channels (k,) without noise (T + 1, k) [strain, m/s² or m]."""
-        ...
+SimulatedMotion = Callable[[np.ndarray], np.ndarray]
+"""Channels (k,) → what they read of a simulated motion without noise (T + 1, k) [strain, m/s² or m]."""
 
 
 @dataclass(frozen=True)
@@ -207,20 +194,10 @@ class ModalMotion:
     offset: np.ndarray
     drift: np.ndarray
 
-    def reading(self, channels: np.ndarray) -> np.ndarray:
+    def __call__(self, channels: np.ndarray) -> np.ndarray:
         rows = self.rows[channels].T
         zero = self.offset[channels] + np.outer(np.linspace(0, 1, len(self.q)), self.drift[channels])
         return np.where(self.moving[channels], self.acceleration @ rows, self.q @ rows) + zero
-
-
-@dataclass(frozen=True)
-class ReadMotion:
-    """readings (T + 1, m) of all channels."""
-
-    readings: np.ndarray
-
-    def reading(self, channels: np.ndarray) -> np.ndarray:
-        return self.readings[:, channels]
 
 
 @dataclass(frozen=True)
@@ -238,15 +215,7 @@ class SimulatedTruth:
     field: Callable[[], np.ndarray] | None = None
 
 
-def truth_of(
-    config: PlacementConfig,
-    mesh: Mesh,
-    spectrum: Modes | None,
-    reduced: Reduced,
-    training: Training,
-    problem: Problem,
-    using: Resources,
-) -> SimulatedTruth:
+def truth_of(structure: Structure, spectrum: Modes | None, problem: Problem, using: Resources) -> SimulatedTruth:
     """The truth that the config asks for:
 
     rom    the filter's own model at the true parameters: an inverse crime, and reported as one (the thesis's case)
@@ -256,6 +225,7 @@ def truth_of(
 
     spectrum: modes that hold at any value of the parameters, in place of those found here.
     """
+    config, mesh, training, reduced = structure.config, structure.mesh, structure.training, structure.reduced
     stated = config.validation.truth
     theta = {**problem.model.reference, **stated.parameters}
     values = ", ".join(f"{name} = {value:.6g}" for name, value in stated.parameters.items()) or "the same parameters"
@@ -274,7 +244,7 @@ def truth_of(
         S = load_shapes(built.model, {name: config.loads[name] for name in problem.model.inputs})
     if stated.model == "full":
         words = f"the whole finite-element model in time, {values}"
-        return _full(damping, mesh, training, built, S, theta, words, modes, using, thickness)
+        return _full(structure, damping, built, S, theta, words, modes, using, thickness)
     loads = point_loads({name: config.loads[name] for name in problem.model.inputs})
     misaligned, static, aside = stated.model == "rich" and misaligned_loads(config), reduced.static, None
     if misaligned:
@@ -285,7 +255,7 @@ def truth_of(
         model, basis = modal_model(built.model, S, problem.model.inputs, theta, modes, damping, shapes, aside)
     whole = "full model" if built.modes is None else f"results ({stated.modes} asked for, {built.modes} there)"
     words = f"{modes} modes of the {whole} with static terms, {values}"
-    installed = _installed(mesh, built, basis, training, thickness)
+    installed = _installed(structure, built, basis, thickness)
     if stated.model == "modes":
         rows, held = installed(np.arange(pool.gauges), None)
         return replace(_modal(theta, words, held, model, rows, pool), field=partial(nodal, built.model, basis))
@@ -296,7 +266,7 @@ def truth_of(
         with blame("tolerances"):
             rows, held = installed(gauges, installation)
         sampled, part = model_of(config, model, realisation), pool.take(pool.channels(gauges))
-        if loads_vary(config):
+        if misaligned_loads(config) or (_some_known(config) and structure.tolerances.load_gain > 0):
             sampled = sampled.acted_on(basis.T @ _loaded(config, built.model, loads, problem.known, realisation))
         truth = _modal(theta, words, held, sampled, rows, part, installation)
         return replace(truth, field=partial(nodal, built.model, basis))
@@ -322,14 +292,12 @@ def _loaded(
 Installed = Callable[[np.ndarray, Installation | None], tuple[np.ndarray, np.ndarray]]
 
 
-def _installed(
-    mesh: Mesh, built: FullModel, basis: np.ndarray, training: Training, thickness: Thickness | None
-) -> Installed:
+def _installed(structure: Structure, built: FullModel, basis: np.ndarray, thickness: Thickness | None) -> Installed:
     """Gauges (k,) and how they are installed, None: as meant → rows of their channels (m, r), and which (k,) an edge holds.
 
     Of given strain rows only the gain can be off.
     """
-    pool = training.candidates
+    training, pool, position = structure.training, structure.pool, structure.mesh.position
     if training.given is not None:
         stated = training.given @ (built.motion @ basis)
 
@@ -338,14 +306,14 @@ def _installed(
             return (1 + gain) * stated[pool.channels(gauges)], np.zeros(len(gauges), dtype=bool)
 
         return scaled
-    field, skin = nodal(built.model, basis), skin_of(mesh.position, exterior_facets(mesh))
+    field, skin = nodal(built.model, basis), structure.skin
 
     def bonded(gauges: np.ndarray, installation: Installation | None) -> tuple[np.ndarray, np.ndarray]:
         part = pool.take(pool.channels(gauges))
         if installation is None:
-            rows = channel_rows(mesh.position, part, field, facets=skin, thickness=thickness)
+            rows = channel_rows(position, part, field, facets=skin, thickness=thickness)
             return rows, np.zeros(len(gauges), dtype=bool)
-        return installed_rows(mesh.position, part, field, installation, facets=skin, thickness=thickness)
+        return installed_rows(position, part, field, installation, facets=skin, thickness=thickness)
 
     return bonded
 
@@ -373,9 +341,8 @@ def _modal(
 
 
 def _full(
+    structure: Structure,
     stated: Damping,
-    mesh: Mesh,
-    training: Training,
     built: FullModel,
     S: np.ndarray,
     theta: Mapping[str, float],
@@ -396,12 +363,12 @@ def _full(
         viscous = modal_damping(K, M, stated.ratio, modes, rigid=built.model.rigid)
     else:
         viscous = ViscousDamping(stated.alpha, stated.beta)
-    pool = training.candidates
+    training, pool = structure.training, structure.pool
     if training.given is not None:
         assert built.motion is not None
         rows = sparse.csr_array(training.given @ built.motion)
     else:
-        rows = free_rows(built.model, channel_matrix(mesh.position, pool, exterior_facets(mesh), thickness))
+        rows = free_rows(built.model, channel_matrix(structure.mesh.position, pool, structure.skin.facets, thickness))
     moving = pool.quantity == ACCELERATION
 
     def motion(loading: Loading) -> SimulatedMotion:
@@ -422,7 +389,7 @@ def _full(
             )
         readings = np.empty((len(loading.held) + 1, len(moving)))
         readings[:, ~moving], readings[:, moving] = run.reading[lead:], run.acceleration[lead:]
-        return ReadMotion(readings)
+        return lambda channels: readings[:, channels]
 
     return SimulatedTruth(theta, words, np.zeros(pool.gauges, dtype=bool), motion)
 

@@ -10,13 +10,27 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
 from strainsight.csv_cells import csv_bytes
+from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.consistency import after_start, nees, nis, settling_time, verdict, whiteness
-from strainsight.estimation.decision import Benefit, Claim, Decision, band_of, benefit_of, samples_alike, without_sigma
+from strainsight.estimation.decision import (
+    WITHHELD,
+    Benefit,
+    Claim,
+    Decision,
+    band_of,
+    benefit_of,
+    claims_of,
+    samples_alike,
+    without_sigma,
+)
 from strainsight.estimation.model import FilterModel, physical, surface_reading
+from strainsight.estimation.record import BankRecord
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Smoothed
 from strainsight.estimation.update import output_std
-from strainsight.experiment.filters_compared import disagreements_in_words, ratios
+from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
+from strainsight.experiment.layout.advice import budget_tables
+from strainsight.experiment.layout.gauge_list import layout_labels
 from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.filtering import (
     beyond_ranges,
@@ -38,23 +52,20 @@ from strainsight.experiment.structure.problem import (
     rests_on_loads_in_words,
     scheme_in_words,
 )
-from strainsight.experiment.structure.studies import (
-    Rank,
-    Studies,
-    rank_of,
-    studies_of,
-    sweeps_of,
-)
+from strainsight.experiment.structure.structure import Structure
+from strainsight.experiment.structure.studies import Rank, rank_of, studies_of, sweep_table, sweeps_of
 from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.experiment.structure.truth import truth_of
-from strainsight.mesh.model import Mesh
 from strainsight.ordering import first_of_largest
 from strainsight.parallel import Sweep, side_by_side, watched
+from strainsight.records.mesh import STRAIN as STRAIN_UNIT
+from strainsight.records.mesh import gauge_grid
 from strainsight.records.placed import budget_of_shares
-from strainsight.records.reduced import Modes, Reduced
-from strainsight.records.training import Screened, Training
-from strainsight.records.validated import Consistency, Field, SimulatedChannels, SweepTable, Validated
-from strainsight.runner.output import Scalar, Table
+from strainsight.records.record import written
+from strainsight.records.reduced import Modes
+from strainsight.records.training import Screened
+from strainsight.records.validated import Consistency, Field, RandomSetErrors, SimulatedChannels, Validated
+from strainsight.runner.output import Output, Scalar, Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
 from strainsight.sensors.screening import CLEARANCE
 from strainsight.text import number
@@ -95,26 +106,20 @@ class Validation:
 
 
 def validation_of(
-    config: PlacementConfig,
-    mesh: Mesh,
-    spectrum: Modes | None,
-    reduced: Reduced,
-    training: Training,
-    screened: Screened,
-    gauges: np.ndarray,
-    using: Resources,
+    structure: Structure, spectrum: Modes | None, screened: Screened, gauges: np.ndarray, using: Resources
 ) -> Validation:
     """Simulate the truth, measure it with noise, filter and smooth; then noise levels, repeats, random sets and sweeps.
 
     spectrum: that of `spectrum_of` where the truth is made of modes; gauges (k,): numbers of the layout's gauges.
     """
+    config = structure.config
     seed, settings = config.seed, config.validation
     using.progress("truth", 0.0)
-    problem = problem_of(config, using.files, reduced, training, screened)
+    problem = problem_of(structure, screened)
     # modes of the whole model are compiled code, which has all cores in the main thread alone; what misplaced gauges read is not
     tolerances, truth = side_by_side(
-        lambda: tolerated(config, mesh, reduced, training, np.arange(len(training.candidates))),
-        lambda: truth_of(config, mesh, spectrum, reduced, training, problem, using),
+        lambda: tolerated(structure, np.arange(len(structure.pool))),
+        lambda: truth_of(structure, spectrum, problem, using),
     )
     trial = trial_of(config, problem, truth, tolerances, gauges)
     using.progress("filter", 0.2)
@@ -123,30 +128,88 @@ def validation_of(
     filtered = trial.filtered(model, trial.chosen, measured, keep="all")
     run, smoothed = filtered.run, trial.smoothed(model, measured, filtered)
     compare = problem.method == "bank" and config.filter.compare is not False
-    beside = compared(problem, model, trial.covariance, trial.known, measured) if compare else None
+    samples = trial.covariance, trial.known, measured
+    record = BankRecord(model, np.zeros(model.size), *samples, no_nuisances(model), settled=trial.settled)
     watch = _watched(using, "noise levels, repeats, random sets", 0.4, 0.8)
-    studies = studies_of(trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch)
+    studies, lost = studies_of(
+        trial, settings, screened.kept, np.flatnonzero(screened.reason != CLEARANCE), seed, watch
+    )
     swept = sweeps_of(trial, settings, seed, _watched(using, "sweeps", 0.8, 1.0))
-    P, known, start = trial.covariance, trial.known, trial.settled
-    budget, without = budget_of(problem, tolerances, model, trial.chosen, P, known, measured, run, smoothed, start)
-    bank = filtered.banks[0] if filtered.banks else None
+    budget, without = budget_of(problem, tolerances, record, trial.chosen, run, smoothed)
+    innovations = nis(run.whitened[:, 0])
+    validated = Validated(
+        time=trial.time,
+        truth={name: trial.history[name] for name in trial.names},
+        **(studies | histories(model, run, smoothed)),
+        gauge=SimulatedChannels(
+            time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
+        ),
+        consistency=Consistency(
+            nees=nees(scaled_error(trial, run.mean)[1:, 0], run.unknown_covariance[1:, 0]),
+            nis=innovations,
+            band=np.square([band_of(len(trial.names)), band_of(len(trial.chosen) * len(innovations))]),
+        ),
+        field=_field(trial, model, run),
+        sweep=swept,
+        posterior=posteriors_of(problem, trial.covariance, filtered.banks[0] if filtered.banks else None),
+        compared=compared(problem, record) if compare else None,
+        budget=budget_of_shares(budget),
+    )
     return Validation(
         trial,
-        replace(
-            _validated(trial, model, run, smoothed, measured, true, studies, swept),
-            posterior=posteriors_of(problem, P, bank),
-            compared=beside,
-            budget=budget_of_shares(budget),
-        ),
-        accuracies(trial, model, run, smoothed, studies),
+        validated,
+        accuracies(trial, model, run, smoothed, validated.all),
         float(whiteness(run.whitened[:, 0])),
         verdict(run.whitened[:, 0]).text,
-        studies.lost,
+        lost,
         without,
     )
 
 
-def validation_decision(config: PlacementConfig, validation: Validation) -> Decision:
+OF_SIGMA = ("std", "smoothed_std", "ratio", "rank_claimed", "rank_correlation")
+"""Numbers of the summary that σ is in."""
+
+
+def validation_output(structure: Structure, validation: Validation) -> Output:
+    """Datasets, with the strain of every candidate as points of a grid, numbers, tables and the measurements as a file; without σ
+    where it is withheld."""
+    config = structure.config
+    labels = layout_labels(structure.training.name, validation.trial.gauges)
+    shown, repeats = validation.validated, validation.validated.repeats
+    numbers, decision = _numbers(validation, config.validation.truth.model), _decision(config, validation)
+    claims = {}
+    if decision.withheld:
+        numbers = {key: value for key, value in numbers.items() if key.split(".")[0] not in OF_SIGMA}
+        numbers |= {"out_of_range": decision.withheld, "verdict": WITHHELD}
+        # random sets and repeats, each an estimate of its own, keep their σ
+        rest = {name: getattr(shown, name) for name in ("repeats", "screened", "all", "sweep")}
+        shown = replace(without_sigma(shown), compared=None, budget=None, **rest)
+    else:
+        claims = {
+            name: claims_of(name, numbers, (repeats.error[name], repeats.std[name])) for name in validation.accuracy
+        }
+        numbers |= {f"claim.{name}": every[0].verdict for name, every in claims.items() if every}
+    units = {name: load.unit for name, load in config.loads.items()}
+    field = {"true": shown.field.true, "strain": shown.field.strain, "std": shown.field.std}
+    # Where not all read strain, an array has several units.
+    strains = np.all(structure.pool.quantity == STRAIN)
+    grid, attributes = gauge_grid(structure.pool.position, field, dict.fromkeys(field, STRAIN_UNIT) if strains else {})
+    return Output(
+        datasets=grid | written(shown, validation.units),
+        attributes=attributes,
+        summary=numbers,
+        message=_message(validation, claims, decision.withheld),
+        tables=(
+            _table(validation, bool(decision.withheld)),
+            *budget_tables(shown.budget, validation.without),
+            *([] if shown.compared is None else [comparison_table(shown.compared, validation.units)]),
+            *([] if shown.sweep is None else [sweep_table(shown.sweep)]),
+        ),
+        files={"measured.csv": _measured_csv(validation.trial, labels, shown.gauge.measured, units)},
+    )
+
+
+def _decision(config: PlacementConfig, validation: Validation) -> Decision:
     """Whether σ is given: not of parameters beyond their ranges, nor where another filter excludes the estimate."""
     accuracy, trial = validation.validated, validation.trial
     ends = {name: (accuracy.smoothed[name][-1], accuracy.smoothed_std[name][-1]) for name in accuracy.smoothed}
@@ -158,58 +221,18 @@ def validation_decision(config: PlacementConfig, validation: Validation) -> Deci
     return Decision(reasons=reasons, beyond=beyond, remedy=widen(beyond))
 
 
-def validated_without_sigma(validated: Validated) -> Validated:
-    """NaN for σ of its run; random sets and repeats, each an estimate of its own, keep theirs."""
-    rest = {name: getattr(validated, name) for name in ("repeats", "screened", "all", "sweep")}
-    return replace(without_sigma(validated), compared=None, budget=None, **rest)
-
-
 def _watched(using: Resources, doing: str, start: float, end: float) -> Sweep:
     using.progress(doing, start)
     return watched(using.sweep, lambda share: using.progress(doing, start + (end - start) * share))
-
-
-def _validated(
-    trial: Trial,
-    model: FilterModel,
-    run: FilterRun,
-    smoothed: Smoothed,
-    measured: np.ndarray,
-    true: np.ndarray,
-    studies: Studies,
-    swept: SweepTable | None,
-) -> Validated:
-    innovations = nis(run.whitened[:, 0])
-    bands = np.square([band_of(len(trial.names)), band_of(len(trial.chosen) * len(innovations))])
-    return Validated(
-        time=trial.time,
-        truth={name: trial.history[name] for name in trial.names},
-        **histories(model, run, smoothed),
-        gauge=SimulatedChannels(
-            time=trial.time[1:], measured=measured, true=true, estimated=run.gauge_mean[:, 0], std=run.gauge_std[:, 0]
-        ),
-        consistency=Consistency(
-            nees=nees(scaled_error(trial, run.mean)[1:, 0], run.unknown_covariance[1:, 0]),
-            nis=innovations,
-            band=bands,
-        ),
-        field=_field(trial, model, run),
-        noise=studies.noise,
-        repeats=studies.repeats,
-        screened=studies.screened,
-        all=studies.all,
-        sweep=swept,
-        posterior={},
-        compared=None,
-        budget=None,
-    )
 
 
 def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
     """Every candidate, bonded or not, at the instant of the largest true strain."""
     channels = trial.problem.channels
     straining = np.flatnonzero(channels.quantity == STRAIN)
-    instant = _instant_of_largest(trial, straining if len(straining) else np.arange(len(channels.quantity)))
+    looked_at = straining if len(straining) else np.arange(len(channels.quantity))
+    largest = np.max([np.abs(trial.reading(part)[1:]).max(axis=1) for part in _parts(looked_at)], axis=0)
+    instant = first_of_largest(largest) + 1  # after the start
     moving = channels.quantity == ACCELERATION
     assert run.covariance is not None
     true = np.concatenate([trial.reading(part)[instant] for part in _parts(np.arange(len(moving)))])
@@ -220,12 +243,6 @@ def _field(trial: Trial, model: FilterModel, run: FilterRun) -> Field:
         strain=np.where(moving, np.nan, strain[0]),
         std=np.where(moving, np.nan, output_std(J[0], run.covariance[instant, 0])),
     )
-
-
-def _instant_of_largest(trial: Trial, channels: np.ndarray) -> int:
-    """Index of the instant at which any of the channels reads most, after the start."""
-    largest = np.max([np.abs(trial.reading(part)[1:]).max(axis=1) for part in _parts(channels)], axis=0)
-    return first_of_largest(largest) + 1
 
 
 PART = 1000
@@ -262,13 +279,9 @@ class Accuracy:
 
 
 def accuracies(
-    trial: Trial,
-    model: FilterModel,
-    run: FilterRun,
-    smoothed: Smoothed,
-    studies: Studies,
+    trial: Trial, model: FilterModel, run: FilterRun, smoothed: Smoothed, random: RandomSetErrors
 ) -> dict[str, Accuracy]:
-    """Unknown → how well it is known by the layout, whose filter and smoother have run; studies: with the random sets."""
+    """Unknown → how well it is known by the layout, whose filter and smoother have run; random: sets of all candidates."""
     error, std = real_and_claimed(trial, model, run.mean, run.std)
     later_error, later_std = real_and_claimed(trial, model, smoothed.mean, smoothed.std)
     accuracy, later = {}, physical(model, smoothed.mean[:, 0], smoothed.std[:, 0])
@@ -288,8 +301,8 @@ def accuracies(
             draws=1 if constant else _draws(value - trial.history[name], sigma),
             smoothed_draws=1 if constant else _draws(later[name][0] - trial.history[name], later[name][1]),
             settling_time=settling_time(trial.time, value, trial.truth.theta[name], SETTLED) if constant else None,
-            rank=rank_of(studies.all, name, float(error[name][0]), float(std[name][0])),
-            benefit=benefit_of(float(error[name][0]), studies.all.error[name]),
+            rank=rank_of(random, name, float(error[name][0]), float(std[name][0])),
+            benefit=benefit_of(float(error[name][0]), random.error[name]),
         )
     return accuracy
 
@@ -300,7 +313,7 @@ def _draws(error: np.ndarray, std: np.ndarray) -> int:
     return max(1, int(np.count_nonzero(np.isfinite(scaled)) / samples_alike(scaled)))
 
 
-def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
+def _measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, units: Mapping[str, str]) -> bytes:
     """Time, a column a channel ("G2.3 [m/m]" is the third grid of G2) and the known loads; the first row has loads only.
 
     labels (k,) of the gauges of the layout; measured (T, m) by their channels; units of the loads.
@@ -317,7 +330,7 @@ def measured_csv(trial: Trial, labels: Sequence[str], measured: np.ndarray, unit
     return csv_bytes([["time [s]", *names, *loads], *numbers])
 
 
-def validation_numbers(validation: Validation, model: str) -> dict[str, Scalar]:
+def _numbers(validation: Validation, model: str) -> dict[str, Scalar]:
     """Every number by its name, model: that of the truth in the config."""
     trial, scheme = validation.trial, scheme_in_words(validation.trial.problem, validation.trial.h)
     stopped = f"{trial.stopped} of the layout stopped at an edge" if trial.stopped else ""
@@ -351,7 +364,7 @@ def validation_numbers(validation: Validation, model: str) -> dict[str, Scalar]:
     )
 
 
-def validation_message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
+def _message(validation: Validation, claims: Mapping[str, tuple[Claim, ...]], withheld: str) -> str:
     """One line, first what does not hold; claims: on every unknown, the one that decides first; withheld: that there is no σ, and
     why."""
     trial, problem = validation.trial, validation.trial.problem
@@ -383,7 +396,7 @@ def validation_message(validation: Validation, claims: Mapping[str, tuple[Claim,
 MEDIANS = ("random sets, screened: median", "all: median")
 
 
-def validation_table(validation: Validation, withheld: bool) -> Table:
+def _table(validation: Validation, withheld: bool) -> Table:
     """Every unknown by the layout, and the median error of random sets; withheld: whether σ is."""
     trial, validated = validation.trial, validation.validated
     columns = ("unknown", "estimate", "truth", "error", "claimed σ", "smoothed", *MEDIANS)

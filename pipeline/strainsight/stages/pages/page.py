@@ -227,7 +227,7 @@ def random_sets_of(names: list[str], validate: Artefact) -> tuple[RandomSetError
 
 def signals_of(up: Mapping[str, Artefact]) -> tuple[Reading, ...]:
     channels, layout = read(Validated, up["validate"]).gauge, listed_gauges(up)
-    gauges = [gauge for gauge, angles in enumerate(layout.angles) for _ in angles]
+    gauges = layout.channels.gauge.tolist()
     columns = (channels.measured.T, channels.estimated.T, channels.std.T, gauges, channels.true.T)
     return tuple(
         Reading(label, layout.unit[signal[3]], channels.time, *signal)

@@ -61,7 +61,7 @@ def measured(layout: PictureLayout, shop: Workshop, gauges: Typed) -> PictureLay
     pairs = np.stack([shop.edges.distance, shop.edges.angle], axis=2)
     marks = []
     for i, gauge in enumerate(layout.gauges):
-        lines = shop.lines_of(i)
+        lines = shop.listed.lines_of(i)
         edges = pairs[lines][: max(len(gauge.arms), 1)]
         if gauge.unit == "strain" and gauge.facet:
             foil = foil_at(gauges, shop, lines[0])
@@ -117,26 +117,34 @@ def _known_to_matrices(mesh: Mesh, up: Mapping[str, Artefact]) -> np.ndarray:
 
 def _marked(layout: GaugeList) -> Iterator[Gauge]:
     """Where the gauges of a list sit, and what they are."""
-    for i, arms in enumerate(layout.arms):
-        grids = () if arms is None else zip(arms.sign, *(getattr(arms.grid, name) for name in GRID), strict=True)
+    grids = layout.grids
+    for i, label in enumerate(layout.labels):
+        lines, bridge = layout.lines_of(i), layout.kind[i] == "bridge"
+        first = lines[0]
         yield Gauge(
-            label=layout.labels[i],
-            element=int(layout.element[i]),
-            facet=int(layout.facet[i]),
-            position=layout.position[i],
-            direction=layout.directions[i][0],
-            normal=layout.normal[i],
-            angle=float(layout.angles[i][0]),
+            label=label,
+            element=int(grids.element[first]),
+            facet=int(grids.facet[first]),
+            position=grids.position[first],
+            direction=grids.direction[first],
+            normal=grids.normal[first],
+            angle=float(grids.angle[first]),
             kind=layout.kind[i],
-            directions=layout.directions[i],
+            directions=grids.direction[lines[: 1 if bridge else None]],
             bonded=bool(layout.bonded[i]),
             unit=layout.unit[i],
-            arms=tuple(Arm(x, d, n, int(sign), int(e), int(f)) for sign, x, d, n, e, f in grids),
+            arms=tuple(
+                Arm(
+                    grids.position[k],
+                    grids.direction[k],
+                    grids.normal[k],
+                    int(layout.signs[k]),
+                    int(grids.element[k]),
+                    int(grids.facet[k]),
+                )
+                for k in lines[: None if bridge else 0]
+            ),
         )
-
-
-GRID = ("position", "direction", "normal", "element", "facet")
-"""Of the arms of a bridge."""
 
 
 def _hot_spot(spots: HotSpots | None, i: int) -> dict[str, Any]:

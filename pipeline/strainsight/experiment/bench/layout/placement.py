@@ -146,7 +146,7 @@ class _Body(Subject):
         moved = linear.B / linear.stiffness[:, None] * linear.increment
         whole = None
         if self.every is not None and len(gauges) < len(candidates):
-            whole = Whole(*self.every, gauges)
+            whole = Whole(*self.every, gauges, self.task_of)
         at = np.arange(2 * modes, 2 * modes + len(inputs))
         return Task(
             UnknownStates(inputs, inputs, at, self.scale, linear.increment),

@@ -1,0 +1,84 @@
+"""A structure whose training run is known: what the config says of it, its mesh, its reduced model, its candidates."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+
+import numpy as np
+
+from strainsight.config.placement import PlacementConfig
+from strainsight.config.tolerances import Tolerances, tolerances_of
+from strainsight.experiment.structure.candidates import free_thicknesses, thickness_at
+from strainsight.experiment.structure.training import TrainingRun, runs_of
+from strainsight.experiment.system import installation_std
+from strainsight.fem.affine import Parameter
+from strainsight.mesh.facets import exterior_facets
+from strainsight.mesh.model import Mesh
+from strainsight.mesh.properties import Thickness
+from strainsight.records.reduced import Reduced
+from strainsight.records.training import Training, with_missed
+from strainsight.sensors.candidates import Candidates
+from strainsight.sensors.installation import InstallationStd, Sensitivity, given_sensitivity, sensitivity_rows
+from strainsight.sensors.walk import Skin, skin_of
+
+
+@dataclass(frozen=True)
+class Structure:
+    """config; files that it names, by key; mesh; reduced model; training run."""
+
+    config: PlacementConfig
+    files: Mapping[str, Path]
+    mesh: Mesh
+    reduced: Reduced
+    training: Training
+
+    @property
+    def pool(self) -> Candidates:
+        """All candidates."""
+        return self.training.candidates
+
+    @property
+    def tolerances(self) -> Tolerances:
+        """Of the config."""
+        return tolerances_of(self.config.tolerances)
+
+    @property
+    def installation(self) -> InstallationStd:
+        """σ of how gauges are installed."""
+        return installation_std(self.tolerances)
+
+    @cached_property
+    def runs(self) -> tuple[TrainingRun, ...]:
+        """The runs that a layout is placed for."""
+        return runs_of(self.config, self.reduced.model.inputs, self.files)
+
+    @cached_property
+    def skin(self) -> Skin:
+        """The surface of the mesh."""
+        return skin_of(self.mesh.position, exterior_facets(self.mesh))
+
+    @cached_property
+    def field(self) -> np.ndarray:
+        """Displacement (3 nodes, r) per coordinate, and behind these of what they miss of misaligned loads."""
+        return with_missed(self.reduced.basis, self.reduced.misaligned.missed)
+
+    @cached_property
+    def free_thicknesses(self) -> tuple[Parameter, ...]:
+        """The parameters that are a thickness of shells."""
+        return free_thicknesses(self.config, self.mesh, self.reduced.model.reference)
+
+    @cached_property
+    def thickness(self) -> Thickness | None:
+        """Of the shells at the guess, which may differ from the deck; None where no thickness is free."""
+        return thickness_at(self.mesh, self.free_thicknesses, self.reduced.model.reference)
+
+    def sensitivity(self, channels: np.ndarray) -> Sensitivity:
+        """Of some channels, to how their gauges are installed: per coordinate, and behind these as `field` has it."""
+        training = self.training
+        if training.given is not None:
+            return given_sensitivity(with_missed(training.rows[channels], training.missed[channels]))
+        std, part = self.installation.position, self.pool.take(channels)
+        return sensitivity_rows(self.mesh.position, part, self.field, std, facets=self.skin, thickness=self.thickness)
