@@ -22,7 +22,7 @@ from strainsight.parallel import Sweep, serial
 from strainsight.runner.artefact import Artefact, ArtefactHeader, digest_or_none, file_digest, header_of
 from strainsight.runner.output import warnings_table
 from strainsight.runner.plan import UP_TO_DATE, Inputs, Job, code_of, inputs_of, judge, other_code
-from strainsight.runner.slices import Slice, declared
+from strainsight.runner.slices import attributes_of, declared
 from strainsight.runner.stage import Context, Stage
 from strainsight.runner.store import former, named_together, remove_unfinished, write_artefact
 from strainsight.writing import NO_LINK, TEMPORARY, make_folder, open_file, temporary, umask
@@ -308,7 +308,7 @@ def _execute(
 ) -> Artefact:
     upstream = {name: finished[name] for name in stage.upstream}
     context = Context(
-        config=Slice(inputs.config, stage.name) if job.model is None else declared(job.model, inputs.config),
+        config=attributes_of(inputs.config) if job.model is None else declared(job.model, inputs.config),
         upstream=upstream,
         files=inputs.files,
         progress=lambda doing, share: progress(stage.name, doing, share),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import io
 import re
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from itertools import zip_longest
@@ -16,7 +15,7 @@ import numpy as np
 
 from strainsight.csv_cells import csv_bytes
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.chart.drawing import MUTED, Drawing, styled
+from strainsight.pages.chart.drawing import MUTED, Drawing, saved, styled
 from strainsight.pages.chart.panels import DOTS
 from strainsight.writing import make_folder, write_file
 
@@ -47,19 +46,14 @@ def write_figures(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write them; figures of an earlier time that there are no more are removed, other files are left alone."""
     make_folder(folder.parent)
     make_folder(folder)
-    for name in _listed(folder / INDEX) - {Path(file).stem for file in files}:
+    index = folder / INDEX
+    text = index.read_text(encoding="utf-8", errors="replace") if index.is_file() else ""
+    names = {row[0] for row in list(csv.reader(io.StringIO(text)))[1:] if row and re.fullmatch(r"\w[\w.-]*", row[0])}
+    for name in names - {Path(file).stem for file in files}:
         for suffix in (".svg", ".png", ".csv"):
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
     for name, content in files.items():
         write_file(folder / name, content)
-
-
-def _listed(index: Path) -> set[str]:
-    """The names that an index lists, as far as they are plain names."""
-    if not index.is_file():
-        return set()
-    rows = list(csv.reader(io.StringIO(index.read_text(encoding="utf-8", errors="replace"))))
-    return {row[0] for row in rows[1:] if row and re.fullmatch(r"\w[\w.-]*", row[0])}
 
 
 def file_name(key: str, taken: set[str]) -> str:
@@ -73,16 +67,13 @@ def file_name(key: str, taken: set[str]) -> str:
 
 def _png(drawn: Figure) -> bytes:
     """On white: the page's figures have no ground of their own, and a picture that is pasted somewhere needs one."""
-    buffer = io.BytesIO()
-    with styled(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+    with styled():
         for axes in drawn.axes:
             axes.autoscale(False)
             for _, places in dots_of(axes):  # lines of no length, which this renderer leaves out
                 axes.plot(*places.T, ".", color=MUTED, ms=4, alpha=0.8, zorder=1)
         drawn.patch.set_visible(True)
-        drawn.savefig(buffer, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
+        return saved(drawn, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
 
 
 @dataclass(frozen=True)
@@ -118,9 +109,8 @@ def figure_csv(drawn: Figure) -> bytes:
                 shown.append(series.x)
                 add(across or "x", [_number(value) for value in series.x])
             for what, values in series.columns.items():
-                words = f"{series.name}{' ' * bool(series.name and what)}{what}"
-                title = ": ".join(part for part in (words, up or "row") if part)
-                add(title, _cells(axes, values, named=not up))
+                words = " ".join(filter(None, (series.name, what)))
+                add(": ".join(filter(None, (words, up or "row"))), _cells(axes, values, named=not up))
     return csv_bytes([head, *zip_longest(*columns, fillvalue="")])
 
 

@@ -7,14 +7,12 @@ stdout, both pickled: no file is left behind where either process is interrupted
 
 from __future__ import annotations
 
-import io
 import itertools
 import os
 import pickle
 import re
 import subprocess
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -25,7 +23,7 @@ import numpy as np
 from strainsight.errors import StrainsightError
 from strainsight.imports import FOLDER
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.chart.drawing import VERMILION, gauge_colour, ink_on, styled
+from strainsight.pages.chart.drawing import VERMILION, gauge_colour, ink_on, saved, styled
 from strainsight.pages.picture.geometry import (
     EMPTY,
     arrow_mesh,
@@ -187,7 +185,7 @@ def draw(layout: PictureLayout, width: int, height: int) -> bytes:
     for corner, named in zip(corners, facing.astype(bool), strict=True):
         seen = seen_from(layout.points, triangle, position, normal, corner).astype(bool)
         panels.append((*_geometry(layout, triangle, corner, size), seen, named, corner))
-    return labelled(layout, panels, rows, columns, size, FINER)
+    return labelled(layout, panels, rows, columns, size)
 
 
 def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[int, int]) -> tuple[Any, Any]:  # type: ignore[no-untyped-def]
@@ -280,9 +278,7 @@ def aim(plotter: Any, middle: FloatArray, corner: FloatArray, reach: float, scal
 
 
 @styled({})
-def labelled(
-    layout: PictureLayout, panels: list[Any], rows: int, columns: int, size: tuple[int, int], finer: int
-) -> bytes:
+def labelled(layout: PictureLayout, panels: list[Any], rows: int, columns: int, size: tuple[int, int]) -> bytes:
     """The views side by side or one above the other, with names, axes and a word on where one looks from."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -327,11 +323,7 @@ def labelled(
         _triad(axes, pixels, middle, diagonal, size)
         side = "above" if corner[2] > 0 else "below"
         axes.text(8, 13, f"seen from {side}", color=CAPTION, fontsize=FONT, va="center")
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        figure.savefig(buffer, format="png", dpi=100 * finer, transparent=True, metadata={"Software": None})
-    return buffer.getvalue()
+    return saved(figure, format="png", dpi=100 * FINER, transparent=True, metadata={"Software": None})
 
 
 def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size: tuple[int, int]) -> FloatArray:

@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
+from typing import Any
 
 import numpy as np
 
@@ -28,6 +29,7 @@ from strainsight.pages.page.markup import (
     share,
     table,
     tile,
+    titled,
 )
 from strainsight.pages.page.sections import (
     budget_section,
@@ -42,8 +44,7 @@ from strainsight.pages.page.sections import (
     section,
     warnings_section,
 )
-from strainsight.pages.picture.geometry import Scale, areas, scale_bar, scale_of
-from strainsight.pages.picture.layout import PictureLayout
+from strainsight.pages.picture.geometry import areas, scale_bar, scale_of
 from strainsight.pages.space.model import ShownState, contour_of
 from strainsight.pages.space.section import space_section
 from strainsight.pages.tested.data import Findings, Map, TestedUnknown, peak_of
@@ -134,11 +135,13 @@ def _channels(report: Findings) -> str:
 
 
 def _cautions(report: Findings) -> Iterator[str]:
-    if many := len(report.warnings):
-        more = f'<p><a href="#warnings">All {count(many)} warnings</a></p>' if many > SHOWN else ""
-        yield caution("Warnings", bullets(map(_sentence, report.warnings[:SHOWN])) + more, "warnings")
-    if not report.hold_out:
-        yield caution("Not tested", bullets([NOT_TESTED]))
+    more = f'<p><a href="#warnings">All {count(len(report.warnings))} warnings</a></p>'
+    yield caution(
+        "Warnings",
+        bullets(map(_sentence, report.warnings[:SHOWN])) + more * (len(report.warnings) > SHOWN),
+        "warnings",
+    )
+    yield caution("Not tested", bullets([NOT_TESTED] * (not report.hold_out)))
 
 
 def _sentence(text: str) -> str:
@@ -206,10 +209,11 @@ def page_of_test(
 
     drawings from `figures_of_test`; pictures: PNG of `views_of`, or none with the sentence on why.
     """
+    links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.beside)
     sections = (
-        _other_records(report),
+        f'<p class="lead">Record {escape(report.record)}. The others: {links}.</p>' * bool(links),
         findings_screen(report),
-        _readings(drawings),
+        folded(chosen(drawings, "reading-"), "multiples", titled("Measured and reconstructed", READINGS)),
         listing_section("Every channel beside the others", report.checked, range(1, 5), CHECKED),
         hold_out_section(report.hold_out, chosen(drawings, "hold-out-")),
         _residuals(report, drawings),
@@ -228,25 +232,12 @@ def page_of_test(
     return document("test", report.name, report.title, answer(report), sections, FOOTER, turned=True)
 
 
-def _other_records(report: Findings) -> str:
-    """Which record of a test this is, and where the others are."""
-    if not report.beside:
-        return ""
-    links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.beside)
-    return f'<p class="lead">Record {escape(report.record)}. The others: {links}.</p>'
-
-
-def _readings(drawings: tuple[Drawing, ...]) -> str:
-    shown = folded(chosen(drawings, "reading-"), "multiples")
-    return f'<h2>Measured and reconstructed</h2><p class="lead">{READINGS}</p>{shown}' if shown else ""
-
-
 def _residuals(report: Findings, drawings: tuple[Drawing, ...]) -> str:
     shown = folded(chosen(drawings, "residual-"), "multiples")
     known = {spectrum.name for spectrum in report.residuals}
     if missing := ", ".join(channel.label for channel in report.readings if channel.label not in known):
         shown += f'<p class="note">None of {escape(missing)}: too few samples follow one another.</p>'
-    return f'<h2>Spectra of what is left over</h2><p class="lead">{SPECTRA}</p>{shown}' if shown else ""
+    return titled("Spectra of what is left over", SPECTRA) + shown if shown else ""
 
 
 def _file(report: Findings) -> str:
@@ -276,31 +267,25 @@ def broken_digest(sha256: str) -> str:
 
 def _size_in_words(size: int) -> str:
     """Bytes as people read them."""
-    for factor, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
-        if size >= factor:
-            return f"{number(size / factor, 3)} {unit} ({number(size, 12)} bytes)"
-    return f"{number(size, 12)} bytes"
+    units = ((1e9, "GB"), (1e6, "MB"), (1e3, "kB"))
+    rounded = next((f"{number(size / factor, 3)} {unit}" for factor, unit in units if size >= factor), "")
+    return f"{rounded} ({number(size, 12)} bytes)" if rounded else f"{number(size, 12)} bytes"
 
 
 def _calibration_in_words(source: TestSource, i: int) -> str:
     """What was done to channel i of the file, in the order in which it was done."""
-    unit, parts = source.unit[i], []
-    if source.offset[i]:
-        parts.append(f"less {source.offset[i]:g} {unit}")
-    if source.drift[i]:
-        parts.append(f"less {source.drift[i]:g} {unit} a second")
-    if np.isfinite(source.zero[i]).all():
-        parts.append("less its mean from {:g} to {:g} s".format(*source.zero[i]))
-    if source.sign[i] < 0:
-        parts.append("sign turned")
-    if source.bridge[i]:
-        ratio = "" if np.isnan(source.poisson_ratio[i]) else f", ν {source.poisson_ratio[i]:g}"
-        parts.append(f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}")
-    if source.scale[i] != 1:
-        parts.append(f"times {source.scale[i]:g}")
-    if source.delay[i]:
-        parts.append(f"moved by {abs(source.delay[i]):g} s, {'late' if source.delay[i] > 0 else 'early'} in the file")
-    return "; ".join(parts) or "nothing was done"
+    unit, delay, zero = source.unit[i], source.delay[i], source.zero[i]
+    ratio = "" if np.isnan(source.poisson_ratio[i]) else f", ν {source.poisson_ratio[i]:g}"
+    steps = {
+        f"less {source.offset[i]:g} {unit}": source.offset[i],
+        f"less {source.drift[i]:g} {unit} a second": source.drift[i],
+        f"less its mean from {zero[0]:g} to {zero[1]:g} s": np.isfinite(zero).all(),
+        "sign turned": source.sign[i] < 0,
+        f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}": source.bridge[i],
+        f"times {source.scale[i]:g}": source.scale[i] != 1,
+        f"moved by {abs(delay):g} s, {'late' if delay > 0 else 'early'} in the file": delay,
+    }
+    return "; ".join(step for step, done in steps.items() if done) or "nothing was done"
 
 
 SIZE = (1000, 600)
@@ -315,17 +300,9 @@ def views_of(report: Findings) -> tuple[View, ...]:
     panel = f"t = {moment.time:.5g} s, displacement × {moment.factor:g}"
     # Names of loads at one node would stand on one another; the view in space has the arrows.
     bare = replace(report.layout, loads=())
+    style: dict[str, Any] = {"on": FACETS, "size": SIZE, "bar": False}
     return tuple(
-        View(
-            "",
-            bare,
-            (Panel(panel, shown.values, moment.shift),),
-            shown.quantity,
-            shown.unit,
-            FACETS,
-            size=SIZE,
-            bar=False,
-        )
+        View("", bare, (Panel(panel, shown.values, moment.shift),), shown.quantity, shown.unit, **style)
         for shown in moment.maps
     )
 
@@ -336,7 +313,9 @@ def field_section(report: Findings, pictures: Sequence[bytes], problem: str) -> 
     if moment is None:
         return ""
     for shown, png in zip(moment.maps, pictures, strict=False):
-        name, scale = shown.quantity, scale_in(report.layout, shown)
+        # about zero where both signs occur, a peak beyond its ends
+        area = areas(report.layout.points, report.layout.faces)
+        name, scale = shown.quantity, scale_of(shown.quantity, shown.unit, shown.values, area)
         alt = (
             f"{name} of the surface at {number(moment.time)} s, in colours from {number(scale.low, 3)} to "
             f"{number(scale.high, 3)} {shown.unit}."
@@ -364,11 +343,6 @@ def space_of(report: Findings) -> str:
         shapes.append(ShownState(f"{shown.quantity} {when}", contour=contour, group=group))
     moved = ShownState(f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Moved")
     return space_section([("", layout)], [*shapes, moved], first=0)
-
-
-def scale_in(layout: PictureLayout, shown: Map) -> Scale:
-    """That of the picture of a map: about zero where both signs occur, a peak beyond its ends."""
-    return scale_of(shown.quantity, shown.unit, shown.values, areas(layout.points, layout.faces))
 
 
 def _extremes(shown: Map) -> str:
