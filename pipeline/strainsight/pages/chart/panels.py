@@ -258,8 +258,7 @@ def posterior_figure(name: str, unit: str, posterior: Posterior, truth: float | 
     axes.plot(value, posterior.prior, color=ORANGE, lw=1.4, label="before them")
     if truth is not None:
         axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
-    axes.set_xlabel(f"{name} [{shown}]")
-    axes.set_ylabel(f"density of ln {name} [–]")
+    axes.set(xlabel=f"{name} [{shown}]", ylabel=f"density of ln {name} [–]")
     axes.set_ylim(bottom=0)
     legend_above(axes, columns=3)
     top = quantity(float(posterior.value[np.argmax(posterior.density)]), unit)

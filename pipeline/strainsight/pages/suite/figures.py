@@ -216,8 +216,7 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     end = 10 ** (np.log10(known.max(initial=10.0)) * 1.22 + 0.3)
     low = min(1.0, float(known.min(initial=1.0)))
     drawn, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
-    axes.set_xscale("log")
-    axes.set_xlim(low, end)
+    axes.set(xscale="log", xlim=(low, end))
     step = 0.84 / len(series)
     for j, entry in enumerate(series):
         at = np.arange(len(groups)) + (j - (len(series) - 1) / 2) * step
@@ -253,9 +252,14 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
 def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     """The error of every unknown of every run on a bar up to where that of a σ that holds ends, the repeats as small dots."""
     drawn, axes = figure(1.0 + 0.3 * len(rows))
-    smallest = min(max(result.error or 0.0, 1e-6) for _, result in rows)
-    smallest = min([smallest, *[result.std for _, result in rows if _reach(result) and result.std]])
-    low = 100 * smallest / 3
+    low = (
+        100
+        / 3
+        * min(
+            *(max(result.error or 0.0, 1e-6) for _, result in rows),
+            *(result.std for _, result in rows if _reach(result) and result.std),
+        )
+    )
     axes.set_xscale("log")
     for y, (_, result) in enumerate(rows):
         assert result.error is not None
@@ -276,8 +280,7 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     axes.set_xlim(left=low)
     axes.grid(visible=False, axis="y")
     plain_ticks(axes, "x")
-    axes.set_xlabel("relative error [%]")
-    axes.set_ylabel("run and unknown")
+    axes.set(xlabel="relative error [%]", ylabel="run and unknown")
     legend_above(axes, columns=2)
     caption = (
         "The bar ends where the error may if the claimed σ holds: one beyond it is no bad luck. Loads are smoothed; strokes "
@@ -310,14 +313,12 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         axes.plot(trend.count, curve, color=colour, ls=stroke, lw=1.7, label=label)
         axes.plot([trend.count[-1]], [trend.final / trend.value[0]], "o", color=colour, ms=6)
         top = max(top, float(np.nanmax(curve)))
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     if top < 1.05:
         axes.set_ylim(0.97, 1.1)
     plain_ticks(axes, "x")
     plain_ticks(axes, "y")
-    axes.set_xlabel("gauges left [–]")
-    axes.set_ylabel(f"{metric_name(metrics)} over all gauges' [–]")
+    axes.set(xlabel="gauges left [–]", ylabel=f"{metric_name(metrics)} over all gauges' [–]")
     legend_above(axes, columns=1)
     caption = (
         f"{metric_words(metrics)}, while gauges are taken away, read from right to left, over its value with the whole "

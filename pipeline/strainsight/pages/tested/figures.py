@@ -162,8 +162,7 @@ def _cross(reading: Reading) -> Drawing:
     dots(axes, predicted[index], measured[index], "samples")
     axes.plot([-limit, limit], [-limit, limit], color=INK, lw=1, ls=(0, (5, 3)), label="the same")
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
-    axes.set_xlabel(f"predicted {what} [{short(curves.unit)}]")
-    axes.set_ylabel(f"measured {what} [{short(curves.unit)}]")
+    axes.set(xlabel=f"predicted {what} [{short(curves.unit)}]", ylabel=f"measured {what} [{short(curves.unit)}]")
     legend_above(axes)
     caption = f"{label}, measured over predicted; on the dashed line both are the same."
     alt = f"Scatter plot of measured over predicted {what} of {label}, error {_error(reading)} of its RMS."
@@ -293,8 +292,7 @@ def spectrum_figure(spectrum: Spectrum, colour: str = BLUE) -> Drawing:
             low, high = min(low, 0.1 * noise), max(high, 10 * noise)
         axes.set_ylim(max(low, 1e-5 * max(float(root.max()), noise)), high)
     log_ticks(axes)
-    axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel(f"√density\n[{short(unit)}/√Hz]")
+    axes.set(xlabel="frequency [Hz]", ylabel=f"√density\n[{short(unit)}/√Hz]")
     axes.margins(x=0.01)
     legend_above(axes)
     return Drawing(key, title, caption, alt, svg(drawn))
