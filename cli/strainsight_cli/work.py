@@ -82,7 +82,7 @@ def elsewhere(work: Work) -> str:
 
 
 def look_at_folder(work: Work, note: Say) -> None:
-    """What is said of the results folder before anything else: `refuse_taken`, `elsewhere`."""
+    """Report what is wrong with the results folder before anything else: `refuse_taken`, `elsewhere`."""
     refuse_taken(work)
     if text := elsewhere(work):
         note(text)
