@@ -80,7 +80,7 @@ def view(
         if screenshot is None:
             viewing.window(shown)
         else:
-            write_file(screenshot, viewing.screenshot(shown))
+            write_file(screenshot, *viewing.screenshots([shown]))
             say(f"wrote {screenshot}: {shown.title}")
 
 

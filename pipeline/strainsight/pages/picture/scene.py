@@ -51,8 +51,12 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
 
     Raises StrainsightError that names the Debian packages where nothing can render.
     """
-    output = "no output"
-    for environment in _environments():
+    output, environments = "no output", [inherited()]
+    if sys.platform.startswith("linux"):
+        # off-screen first, whatever DISPLAY says; then as VTK itself would choose (an X display, OSMesa)
+        egl = {name: value for name, value in inherited().items() if name != "DISPLAY"}
+        environments.insert(0, {**egl, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"})
+    for environment in environments:
         command, asked = [*python(module), OFF_SCREEN], pickle.dumps(what)
         try:
             done = subprocess.run(
@@ -87,15 +91,6 @@ def answer(draw: Callable[[Any], Sequence[bytes]]) -> None:
     pictures = draw(pickle.load(sys.stdin.buffer))
     with os.fdopen(out, "wb") as stream:
         pickle.dump(list(pictures), stream)
-
-
-def _environments() -> list[dict[str, str]]:
-    """Off-screen first, whatever DISPLAY says; then as VTK itself would choose (an X display, OSMesa)."""
-    base = inherited()
-    if not sys.platform.startswith("linux"):
-        return [base]
-    egl = {name: value for name, value in base.items() if name != "DISPLAY"}
-    return [{**egl, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}, base]
 
 
 def last_words(stderr: str) -> str:
@@ -164,6 +159,7 @@ DRAWN_FACETS = 20_000
 CAPTION = "#7b8794"
 FONT = 10.0
 """Size of a name [pt], 100 pixels of the page an inch."""
+CENTRED: dict[str, Any] = {"fontsize": FONT, "ha": "center", "va": "center"}
 WIDE, HIGH, MARGIN = 4.6, 12.5, 7.5
 """Half the width of a name is MARGIN + WIDE a letter, half its height HIGH [px]."""
 
@@ -204,14 +200,13 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
         _add_surface(plotter, layout, triangle, lift)
     if len(layout.bars):
         plotter.add_mesh(line_mesh(layout.points, layout.bars), color=CREASES, line_width=4.0, lighting=False)
-    if len(layout.loose):
-        plotter.add_mesh(pv.PolyData(layout.loose + lift), color=LINES, point_size=13, lighting=False)
-    if len(layout.pool):
-        plotter.add_mesh(
-            pv.PolyData(layout.pool + 2 * lift), color=POOL, point_size=5, render_points_as_spheres=True, lighting=False
-        )
-    if len(layout.fixed):
-        plotter.add_mesh(pv.PolyData(layout.fixed + 2 * lift), color=CLAMP, point_size=9, lighting=False)
+    for points, rise, style in (
+        (layout.loose, lift, {"color": LINES, "point_size": 13}),
+        (layout.pool, 2 * lift, {"color": POOL, "point_size": 5, "render_points_as_spheres": True}),
+        (layout.fixed, 2 * lift, {"color": CLAMP, "point_size": 9}),
+    ):
+        if len(points):
+            plotter.add_mesh(pv.PolyData(points + rise), lighting=False, **style)
     for i, gauge in enumerate(layout.gauges):
         for mesh in marker(gauge, 0.034 * diagonal):
             plotter.add_mesh(mesh, color=EMPTY if gauge.bonded else gauge_colour(i), ambient=0.5)
@@ -220,7 +215,11 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
                 plotter.add_mesh(edges.translate(lift), color=gauge_colour(i), line_width=3.5, lighting=False)
     for load in layout.loads:
         plotter.add_mesh(arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
-    _aim(plotter, corner, size)
+    bounds = np.array(plotter.bounds).reshape(3, 2)  # everything inside, with room for labels
+    box = np.array([[x, y, z] for x in bounds[0] for y in bounds[1] for z in bounds[2]])
+    spread = np.ptp(box @ across(corner), axis=0)
+    scale = 0.5 * max(spread[1] * 1.28, spread[0] * 1.1 * size[1] / size[0])
+    aim(plotter, box.mean(axis=0), corner, float(np.linalg.norm(np.ptp(box, axis=0))), scale)
     plotter.enable_anti_aliasing("ssaa")
     image = np.asarray(plotter.screenshot(None, transparent_background=True, return_img=True))
     matrix = pv.array_from_vtkmatrix(plotter.camera.GetCompositeProjectionTransformMatrix(size[0] / size[1], -1, 1))
@@ -247,16 +246,6 @@ def _add_surface(plotter: Any, layout: PictureLayout, triangle, lift: FloatArray
     creases = surface.clean().extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
     if creases.n_points:
         plotter.add_mesh(creases.translate(lift), color=CREASES, line_width=1.6, lighting=False)
-
-
-def _aim(plotter: Any, corner: FloatArray, size: tuple[int, int]) -> None:
-    """Parallel view from a corner, z up, everything inside with room for labels."""
-    bounds = np.array(plotter.bounds).reshape(3, 2)
-    box = np.array([[x, y, z] for x in bounds[0] for y in bounds[1] for z in bounds[2]])
-    axes = across(corner)
-    spread = np.ptp(box @ axes, axis=0)
-    scale = 0.5 * max(spread[1] * 1.28, spread[0] * 1.1 * size[1] / size[0])
-    aim(plotter, box.mean(axis=0), corner, float(np.linalg.norm(np.ptp(box, axis=0))), scale)
 
 
 def across(corner: FloatArray) -> FloatArray:
@@ -308,18 +297,13 @@ def labelled(layout: PictureLayout, panels: list[Any], rows: int, columns: int, 
         places = spread_labels(anchors, away, [name for _, _, name, _, _ in labels], size)
         for place_of, (anchor, _, name, colour, hollow) in zip(places, labels, strict=True):
             ground, edge, thick = (EMPTY, colour, 2.2) if hollow else (colour, "white", 0.8)
-            box = {"boxstyle": "round,pad=0.32", "fc": ground, "ec": edge, "lw": thick}
-            line = {"arrowstyle": "-", "color": colour, "lw": 1.4, "shrinkA": 0, "shrinkB": 2}
             style: dict[str, Any] = {
-                "ha": "center",
-                "va": "center",
-                "fontsize": FONT,
+                "bbox": {"boxstyle": "round,pad=0.32", "fc": ground, "ec": edge, "lw": thick},
+                "arrowprops": {"arrowstyle": "-", "color": colour, "lw": 1.4, "shrinkA": 0, "shrinkB": 2},
                 "fontweight": "bold",
                 "parse_math": False,
             }
-            axes.annotate(
-                name, tuple(anchor), tuple(place_of), color=ink_on(ground), bbox=box, arrowprops=line, **style
-            )
+            axes.annotate(name, tuple(anchor), tuple(place_of), color=ink_on(ground), **CENTRED, **style)
         _triad(axes, pixels, middle, diagonal, size)
         side = "above" if corner[2] > 0 else "below"
         axes.text(8, 13, f"seen from {side}", color=CAPTION, fontsize=FONT, va="center")
@@ -334,6 +318,12 @@ def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size:
     """
     half = np.array([[MARGIN + WIDE * len(name), HIGH] for name in names]).reshape(-1, 2)
     places: list[FloatArray] = []
+
+    def is_free(option: FloatArray, i: int) -> bool:
+        others = [(place, half[k] + 4) for k, place in enumerate(places)]
+        others += [(anchor, np.full(2, 7.0)) for k, anchor in enumerate(anchors) if k != i]
+        return not any(np.all(np.abs(option - place) < half[i] + room) for place, room in others)
+
     for i, (anchor, ahead) in enumerate(zip(anchors, away, strict=True)):
         aside = np.array([-ahead[1], ahead[0]])
         options = [
@@ -345,19 +335,8 @@ def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size:
             for radius in (28, 38, 50, 64, 82, 104, 130)
             for turn in np.radians([0, 25, -25, 50, -50, 75, -75, 105, -105, 130, -130, 180])
         ]
-        free = (option for option in options if _is_free(option, half[i], places, half, anchors, i))
-        places.append(next(free, options[0]))
+        places.append(next((option for option in options if is_free(option, i)), options[0]))
     return np.array(places).reshape(-1, 2)
-
-
-def _is_free(
-    option: FloatArray, half: FloatArray, places: list[FloatArray], halves: FloatArray, anchors: FloatArray, index: int
-) -> bool:
-    for other, place in enumerate(places):
-        if np.all(np.abs(option - place) < half + halves[other] + 4):
-            return False
-    others = np.delete(anchors, index, axis=0)
-    return not np.any(np.all(np.abs(others - option) < half + 7, axis=1))
 
 
 def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tuple[int, int]) -> None:
@@ -366,17 +345,11 @@ def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tu
     step = 1e-3 * diagonal
     shift = pixels(middle + step * np.eye(3)) - pixels(middle[None])
     shift *= 26 / np.linalg.norm(shift, axis=1).max()
+    line = {"arrowstyle": "-|>", "color": CAPTION, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
     for name, arrow in zip("xyz", shift, strict=True):
-        axes.annotate(
-            "",
-            base + arrow,
-            base,
-            arrowprops={"arrowstyle": "-|>", "color": CAPTION, "lw": 1.3, "shrinkA": 0, "shrinkB": 0},
-        )
+        axes.annotate("", base + arrow, base, arrowprops=line)
         reach = float(np.linalg.norm(arrow))
-        axes.text(
-            *(base + arrow * (1 + 9 / max(reach, 6.0))), name, color=CAPTION, fontsize=FONT, ha="center", va="center"
-        )
+        axes.text(*(base + arrow * (1 + 9 / max(reach, 6.0))), name, color=CAPTION, **CENTRED)
 
 
 if __name__ == "__main__":

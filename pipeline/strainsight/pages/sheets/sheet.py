@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from strainsight.pages.arrays import FloatArray
+from strainsight.pages.arrays import FloatArray, round_factor
 from strainsight.pages.sheets.views import (
     HEIGHT,
     MINUS,
@@ -38,7 +37,6 @@ WINDOW = (42.0, 33.0)
 """Half width and height of the detail [mm]."""
 NEAR = 2.0
 """Lengths of the carrier within which the detail still shows the nearest edge."""
-STEPS = (5.0, 2.0, 1.0)
 
 
 def sheet_svg(sheet: Sheet) -> str:
@@ -49,7 +47,10 @@ def sheet_svg(sheet: Sheet) -> str:
     paper.path([(COLUMN, EDGE), (COLUMN, HEIGHT - EDGE)])
     ratio = _views(paper, sheet)
     enlarged = _detail(paper, sheet)
-    _facts(paper, sheet, 88.0)
+    for i, (name, value) in enumerate(_rows(sheet)):
+        y = 88.0 + 4.7 * i
+        paper.text((COLUMN + 3, y), name, size=2.9)
+        paper.text((COLUMN + 36, y), value, size=2.9, bold=True)
     _title(paper, sheet, 171.0, f"views {ratio}, detail {enlarged}")
     return paper.svg(f"Drawing sheet of {sheet.name}")
 
@@ -61,7 +62,7 @@ def _views(paper: Paper, sheet: Sheet) -> str:
     (low, high), (low2, high2) = boxes
     width, height = high[0] - low[0], (high - low)[1] + (high2 - low2)[1]
     room = COLUMN - EDGE - MARGIN - 8.0, HEIGHT - 2 * EDGE - ABOVE - BETWEEN - 8.0
-    ratio = _standard(min(room[0] / max(width, 1e-12), room[1] / max(height, 1e-12)) / _millimetres(sheet))
+    ratio = round_factor(min(room[0] / max(width, 1e-12), room[1] / max(height, 1e-12)) / _millimetres(sheet))
     scale = ratio * _millimetres(sheet)
     left = EDGE + MARGIN + 0.5 * (room[0] - scale * width)
     top = EDGE + ABOVE + 0.5 * (room[1] - scale * height)
@@ -91,18 +92,11 @@ def _detail(paper: Paper, sheet: Sheet) -> str:
     reach = 0.75 * sheet.carrier[0]
     if sheet.distance[0] <= NEAR * sheet.carrier[0]:
         reach = max(reach, 1.3 * float(sheet.distance[0]))
-    ratio = _standard(WINDOW[1] / reach / _millimetres(sheet))
+    ratio = round_factor(WINDOW[1] / reach / _millimetres(sheet))
     centre = ((COLUMN + WIDTH - EDGE) / 2, EDGE + 8 + WINDOW[1])
     paper.text((COLUMN + 3, EDGE + 4), f"The gauge from outside, {_words(ratio)}", size=3.0)
     detail(paper, sheet, centre, WINDOW, ratio * _millimetres(sheet))
     return _words(ratio)
-
-
-def _facts(paper: Paper, sheet: Sheet, top: float) -> None:
-    for i, (name, value) in enumerate(_rows(sheet)):
-        y = top + 4.7 * i
-        paper.text((COLUMN + 3, y), name, size=2.9)
-        paper.text((COLUMN + 36, y), value, size=2.9, bold=True)
 
 
 def _rows(sheet: Sheet) -> Iterator[tuple[str, str]]:
@@ -148,13 +142,13 @@ def _title(paper: Paper, sheet: Sheet, top: float, scales: str) -> None:
 def _extent(view: Projection, sheet: Sheet, with_datum: bool) -> tuple[FloatArray, FloatArray]:
     """Lower left and upper right corner (2,) [unit] of what a view shows."""
     points = [
-        view.flat(view.seen).reshape(-1, 2),
-        view.flat(view.hidden).reshape(-1, 2),
-        view.flat(sheet.position)[None],
+        view.seen.reshape(-1, 3),
+        view.hidden.reshape(-1, 3),
+        sheet.position[None],
+        *[np.zeros((1, 3))] * with_datum,
     ]
-    points += [np.zeros((1, 2))] * with_datum
-    every = np.concatenate(points)
-    return every.min(axis=0), every.max(axis=0)
+    flat = view.flat(np.concatenate(points))
+    return flat.min(axis=0), flat.max(axis=0)
 
 
 def _near_datum(sheet: Sheet) -> bool:
@@ -168,12 +162,6 @@ def _near_datum(sheet: Sheet) -> bool:
 def _millimetres(sheet: Sheet) -> float:
     """In one unit of the sheet."""
     return 1e3 * sheet.frame.metres
-
-
-def _standard(ratio: float) -> float:
-    """The largest of 1, 2, 5 · 10^k and of 1/(1, 2, 5 · 10^k) that is not above it."""
-    power = 10.0 ** math.floor(math.log10(ratio) + 1e-9)
-    return next(step * power for step in STEPS if step * power <= ratio * (1 + 1e-9))
 
 
 def _words(ratio: float) -> str:

@@ -216,23 +216,28 @@ def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Draw
     if len(triangle) > largest:
         faces = straight(faces)
         triangle, lines = triangles(faces), mesh_lines(faces)
-    body = _body(points, triangle)
+    used, local = np.unique(triangle, return_inverse=True)
+    body = surface_mesh(points[used], local.reshape(triangle.shape))
+    body.point_data["source"] = used  # the points remember where they come from
     thinned = len(triangle) > largest
     if thinned:
         body = body.decimate(1 - largest / len(triangle))
-        body.point_data["source"] = _nearest(points[np.unique(triangle)], np.unique(triangle), body.points)
+        body.point_data["source"] = _nearest(points[used], used, body.points)
     shaded = body.compute_normals(
         cell_normals=False, split_vertices=True, feature_angle=CREASE, consistent_normals=False,
         auto_orient_normals=False,
     )  # fmt: skip
     source = np.asarray(shaded.point_data["source"], dtype=np.int64)
     position = np.asarray(shaded.points, dtype=float)
+    if thinned or len(lines) > MOST_LINES:
+        lines = np.empty((0, 2), int)
+    known, first = np.unique(source, return_index=True)  # of several vertices at a point the first
     edges = body.extract_feature_edges(CREASE, manifold_edges=False, non_manifold_edges=False)
     return DrawnSurface(
         position,
         np.asarray(shaded.point_data["Normals"], dtype=float),
         shaded.faces.reshape(-1, 4)[:, 1:],
-        np.empty((0, 2), int) if thinned or len(lines) > MOST_LINES else _at(source, lines),
+        first[np.searchsorted(known, lines)],
         _nearest(position, np.arange(len(position)), edges.points)[edges.lines.reshape(-1, 3)[:, 1:]],
         source,
         thinned,
@@ -246,14 +251,6 @@ def straight(faces: IntArray) -> IntArray:
     return np.where(np.arange(faces.shape[1]) < corners[:, None], faces, -1)
 
 
-def _body(points: FloatArray, triangle: IntArray) -> Any:
-    """PyVista's surface of the points that triangles have, which remember where they come from."""
-    used, local = np.unique(triangle, return_inverse=True)
-    body = surface_mesh(points[used], local.reshape(triangle.shape))
-    body.point_data["source"] = used
-    return body
-
-
 def _nearest(points: FloatArray, numbers: IntArray, wanted: FloatArray) -> IntArray:
     """The number of the point that is nearest to each wanted one."""
     from scipy.spatial import cKDTree
@@ -261,9 +258,3 @@ def _nearest(points: FloatArray, numbers: IntArray, wanted: FloatArray) -> IntAr
     if not len(wanted):
         return np.empty(0, dtype=np.int64)
     return np.asarray(numbers[cKDTree(points).query(wanted)[1]], dtype=np.int64)
-
-
-def _at(source: IntArray, lines: IntArray) -> IntArray:
-    """Lines between points as lines between the vertices that stand for them (the first of several)."""
-    known, first = np.unique(source, return_index=True)
-    return np.asarray(first[np.searchsorted(known, lines)], dtype=np.int64)

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from strainsight.errors import StrainsightError, UserError
 from strainsight.imports import FOLDER
-from strainsight.pages.arrays import FloatArray, IntArray
+from strainsight.pages.arrays import FloatArray, IntArray, round_factor
 from strainsight.pages.chart.drawing import INK, VERMILION, gauge_colour, ink_on
 from strainsight.pages.picture.geometry import (
     areas,
@@ -92,17 +92,12 @@ def untitled(view: View) -> View:
     return replace(view, title="", panels=tuple(replace(panel, title="") for panel in view.panels))
 
 
-def exaggerated(points: FloatArray, shift: FloatArray, share: float = 0.06) -> float:
-    """By what a displacement (n, 3) [m] is to be multiplied to be seen: a round factor with which the largest is about this
-    share of the structure; 1 where it is larger by itself or nothing moves."""
+def exaggerated(points: FloatArray, shift: FloatArray) -> float:
+    """By what a displacement (n, 3) [m] is to be multiplied to be seen: a round factor with which the largest is about 6 % of the
+    structure; 1 where it is larger by itself or nothing moves."""
     largest = float(np.linalg.norm(shift, axis=1).max(initial=0.0))
-    if not largest > 0:
-        return 1.0
-    factor = share * float(np.linalg.norm(np.ptp(points, axis=0))) / largest
-    if factor <= 1:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(factor))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= factor * (1 + 1e-9)))
+    factor = 0.06 * float(np.linalg.norm(np.ptp(points, axis=0))) / largest if largest > 0 else 1.0
+    return round_factor(max(factor, 1.0))
 
 
 CHILD = "strainsight.pages.view.viewing"
@@ -110,14 +105,10 @@ TIME_LIMIT = 300.0
 """For a screenshot [s]."""
 
 
-def screenshot(view: View) -> bytes:
-    """PNG of the view on white. Raises StrainsightError that names the Debian packages where nothing can render."""
-    return screenshots([view])[0]
-
-
 def screenshots(views: Sequence[View]) -> list[bytes]:
-    """A picture of each, as `screenshot` makes it, by one child process."""
-    return draw_apart(CHILD, [_sent(view) for view in views], TIME_LIMIT)
+    """PNG of each view on white, by one child process. Raises StrainsightError that names the Debian packages where nothing can
+    render."""
+    return draw_apart(CHILD, [replace(view, layout=thinned(view.layout)) for view in views], TIME_LIMIT)
 
 
 def window(view: View) -> None:
@@ -125,7 +116,7 @@ def window(view: View) -> None:
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise _no_display("there is no display to open a window on")
     # By stdin and not by a file: nothing is left behind where this process is interrupted.
-    shown = pickle.dumps(_sent(view))
+    shown = pickle.dumps(replace(view, layout=thinned(view.layout)))
     done = subprocess.run(python(CHILD), env=inherited(), cwd=FOLDER, input=shown, stderr=subprocess.PIPE, check=False)
     if done.returncode == NO_DISPLAY:
         raise _no_display("the display does not answer")
@@ -137,14 +128,15 @@ def window(view: View) -> None:
         )
 
 
-def _sent(view: View) -> View:
-    return replace(view, layout=thinned(view.layout))
-
-
 def _no_display(what: str) -> UserError:
     return UserError(what, remedy="draw it into a file: --screenshot FILE.png")
 
 
+BAR = {
+    "color": INK, "vertical": False, "position_x": 0.28, "position_y": 0.02, "width": 0.6, "height": 0.1,
+    "title_font_size": 16, "label_font_size": 14, "n_labels": 4, "fmt": "%.3g",
+}  # fmt: skip
+"""Of a scalar bar."""
 LINES, POOL = "#5d6a79", "#7b8794"
 LENGTH = 0.07
 """Of a gauge's arrow, over the size of the structure."""
@@ -234,19 +226,7 @@ def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
         "ambient": 0.6,
         "diffuse": 0.4,
         "show_scalar_bar": bar is not None,
-        "scalar_bar_args": {
-            "title": plain(title),
-            "color": INK,
-            "vertical": False,
-            "position_x": 0.28,
-            "position_y": 0.02,
-            "width": 0.6,
-            "height": 0.1,
-            "title_font_size": 16,
-            "label_font_size": 14,
-            "n_labels": 4,
-            "fmt": "%.3g",
-        },
+        "scalar_bar_args": {"title": plain(title)} | BAR,
     }
 
 
@@ -416,14 +396,12 @@ def show(plotter: Any, title: str, parent: int) -> None:
 
 def drawn(views: Sequence[View]) -> list[bytes]:
     """A picture of every view."""
-    pictures = []
-    for view in views:
+    pictures = [BytesIO() for _ in views]
+    for view, picture in zip(views, pictures, strict=True):
         plotter = draw(view, off_screen=True)
-        content = BytesIO()
-        plotter.screenshot(content)
+        plotter.screenshot(picture)
         plotter.close()
-        pictures.append(content.getvalue())
-    return pictures
+    return [picture.getvalue() for picture in pictures]
 
 
 def main(asked: str = "") -> None:
