@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -197,6 +197,11 @@ class Artefact:
 def plain_name(name: str) -> bool:
     """Whether a file of that name can lie beside an artefact: no folder, nothing hidden, no other artefact."""
     return Path(name).name == name and not name.startswith(".") and not name.endswith(".h5")
+
+
+def missing_in(folder: Path, stages: Iterable[str]) -> list[str]:
+    """Those of the stages that have no artefact in the folder of a run."""
+    return [stage for stage in stages if not (folder / f"{stage}.h5").is_file()]
 
 
 def header_of(path: Path) -> ArtefactHeader:
