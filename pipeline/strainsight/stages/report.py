@@ -10,20 +10,8 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
+from strainsight.experiment.layout import workshop
 from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
-from strainsight.experiment.layout.workshop import (
-    Wiring,
-    Workshop,
-    abaqus_sets,
-    catman_table,
-    elements_of,
-    foil_at,
-    labview_table,
-    nastran_sets,
-    workshop_csv,
-    workshop_of,
-    workshop_unv,
-)
 from strainsight.experiment.structure.observation import mat_file
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -47,25 +35,25 @@ from strainsight.stages.view.surface import strain_shapes, strains_of
 from strainsight.stages.view.views import placement_view
 
 
-def workshop_of_run(context: Context[PlacementConfig], mesh: Mesh) -> Workshop:
+def workshop_of_run(context: Context[PlacementConfig], mesh: Mesh) -> workshop.Workshop:
     """The layout of place.h5 in the axes that the config states."""
     frame = frame_of(context.config.mesh.length_unit, context.config.report.datum)
-    return workshop_of(listed_gauges(context.upstream), mesh, frame)
+    return workshop.workshop_of(listed_gauges(context.upstream), mesh, frame)
 
 
-def workshop_files(shop: Workshop) -> dict[str, bytes]:
+def workshop_files(shop: workshop.Workshop) -> dict[str, bytes]:
     """File name → content."""
-    return {"workshop.csv": workshop_csv(shop), "workshop.unv": workshop_unv(shop)}
+    return {"workshop.csv": workshop.workshop_csv(shop), "workshop.unv": workshop.workshop_unv(shop)}
 
 
-def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, bytes]:
+def exported(context: Context[PlacementConfig], shop: workshop.Workshop) -> dict[str, bytes]:
     """File name → content of every export that the config asks for.
 
     Raises ConfigError where element sets are asked for and no gauge lies on an element.
     """
     config, wanted = context.config, context.config.report.exports
-    wiring = Wiring(config.report.gauge_factor, config.report.resistance)
-    elements = elements_of(shop)
+    wiring = workshop.Wiring(config.report.gauge_factor, config.report.resistance)
+    elements = workshop.elements_of(shop)
     if not elements and (sets := [name for name in wanted if name in ("nastran", "abaqus")]):
         raise ConfigError(
             "the gauges of this layout lie on no element: their strain rows were given",
@@ -73,16 +61,16 @@ def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, byt
             remedy=f"leave out {' and '.join(sets)}",
         )
     files = {
-        "nastran": ("gauges-nastran.inc", lambda: nastran_sets(elements, config.name)),
-        "abaqus": ("gauges-abaqus.inp", lambda: abaqus_sets(elements, config.name)),
-        "catman": ("channels-catman.txt", lambda: catman_table(shop.listed, wiring)),
-        "labview": ("channels-labview.txt", lambda: labview_table(shop.listed, wiring)),
+        "nastran": ("gauges-nastran.inc", lambda: workshop.nastran_sets(elements, config.name)),
+        "abaqus": ("gauges-abaqus.inp", lambda: workshop.abaqus_sets(elements, config.name)),
+        "catman": ("channels-catman.txt", lambda: workshop.catman_table(shop.listed, wiring)),
+        "labview": ("channels-labview.txt", lambda: workshop.labview_table(shop.listed, wiring)),
         "mat": ("model.mat", lambda: _mat_file(context, shop)),
     }
     return {name: content() for name, content in (files[export] for export in wanted)}
 
 
-def _mat_file(context: Context[PlacementConfig], shop: Workshop) -> bytes:
+def _mat_file(context: Context[PlacementConfig], shop: workshop.Workshop) -> bytes:
     placed, model = read(Placed, context.upstream["place"]), read(Reduced, context.upstream["rom"]).model
     listed = shop.listed
     units = [unit for unit, directions in zip(listed.unit, listed.directions, strict=True) for _ in directions]
@@ -90,7 +78,7 @@ def _mat_file(context: Context[PlacementConfig], shop: Workshop) -> bytes:
     return mat_file(placed, model, channel_labels(listed), units, of_loads)
 
 
-def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> list[Sheet]:
+def sheets_of(context: Context[PlacementConfig], shop: workshop.Workshop, mesh: Mesh) -> list[Sheet]:
     """A sheet for every gauge, of a bridge for every arm; none of what lies on no facet."""
     config, frame, edges = context.config, shop.frame, shop.edges
     if not any(line.facet for line in shop.lines):
@@ -111,7 +99,7 @@ def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> 
     for name, i, directions in _places(shop):
         line, normal = shop.lines[i], frame.turn(shop.lines[i].normal)
         strain, bonded = shop.listed.unit[line.gauge] == "strain", bool(shop.listed.bonded[line.gauge])
-        foil = foil_at(config.gauges, shop, i)
+        foil = workshop.foil_at(config.gauges, shop, i)
         front, side = views(tuple((np.round(normal, 9) + 0.0).tolist()))
         sheets.append(
             Sheet(
@@ -151,7 +139,7 @@ def sheet_files(sheets: list[Sheet]) -> dict[str, bytes]:
     return files
 
 
-def _places(shop: Workshop) -> Iterator[tuple[str, int, np.ndarray]]:
+def _places(shop: workshop.Workshop) -> Iterator[tuple[str, int, np.ndarray]]:
     """Name, first line and directions (c, 3) of every place on a facet."""
     for gauge, label in enumerate(shop.listed.labels):
         lines, arms = shop.lines_of(gauge), shop.listed.arms[gauge]

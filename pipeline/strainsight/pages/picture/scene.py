@@ -24,18 +24,7 @@ from strainsight.errors import StrainsightError
 from strainsight.imports import FOLDER
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart.drawing import VERMILION, gauge_colour, ink_on, saved, styled
-from strainsight.pages.picture.geometry import (
-    EMPTY,
-    arrow_mesh,
-    free_end,
-    line_mesh,
-    marker,
-    mesh_lines,
-    seen_from,
-    surface_mesh,
-    triangles,
-    views,
-)
+from strainsight.pages.picture import geometry
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.processes import end_with_parent, inherited, python
 from strainsight.text import short
@@ -166,20 +155,22 @@ WIDE, HIGH, MARGIN = 4.6, 12.5, 7.5
 
 def draw(layout: PictureLayout, width: int, height: int) -> bytes:
     """PNG bytes, for width × height pixels of the page: the layout from one corner or, where that hides a gauge, from two."""
-    triangle = triangles(layout.faces)
+    triangle = geometry.triangles(layout.faces)
     position, normal = layout.places
-    corners = views(layout.points, triangle, position, normal)
+    corners = geometry.views(layout.points, triangle, position, normal)
     extent = np.sort(np.ptp(layout.points, axis=0))
     slender = extent[2] > 1.6 * extent[1]
     rows, columns = (len(corners), 1) if slender else (1, len(corners))
     size = width // columns, height // rows
     # An arrow is named in the views that show its free end, and where none does, in the first.
-    ends = np.array([free_end(load, layout) for load in layout.loads]).reshape(-1, 3)
-    facing = np.array([seen_from(layout.points, triangle, ends, np.tile(eye, (len(ends), 1)), eye) for eye in corners])
+    ends = np.array([geometry.free_end(load, layout) for load in layout.loads]).reshape(-1, 3)
+    facing = np.array(
+        [geometry.seen_from(layout.points, triangle, ends, np.tile(eye, (len(ends), 1)), eye) for eye in corners]
+    )
     facing[0] |= facing.sum(axis=0) == 0
     panels = []
     for corner, named in zip(corners, facing.astype(bool), strict=True):
-        seen = seen_from(layout.points, triangle, position, normal, corner).astype(bool)
+        seen = geometry.seen_from(layout.points, triangle, position, normal, corner).astype(bool)
         panels.append((*_geometry(layout, triangle, corner, size), seen, named, corner))
     return labelled(layout, panels, rows, columns, size)
 
@@ -199,7 +190,7 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
     if len(triangle):
         _add_surface(plotter, layout, triangle, lift)
     if len(layout.bars):
-        plotter.add_mesh(line_mesh(layout.points, layout.bars), color=CREASES, line_width=4.0, lighting=False)
+        plotter.add_mesh(geometry.line_mesh(layout.points, layout.bars), color=CREASES, line_width=4.0, lighting=False)
     for points, rise, style in (
         (layout.loose, lift, {"color": LINES, "point_size": 13}),
         (layout.pool, 2 * lift, {"color": POOL, "point_size": 5, "render_points_as_spheres": True}),
@@ -208,13 +199,13 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
         if len(points):
             plotter.add_mesh(pv.PolyData(points + rise), lighting=False, **style)
     for i, gauge in enumerate(layout.gauges):
-        for mesh in marker(gauge, 0.034 * diagonal):
-            plotter.add_mesh(mesh, color=EMPTY if gauge.bonded else gauge_colour(i), ambient=0.5)
+        for mesh in geometry.marker(gauge, 0.034 * diagonal):
+            plotter.add_mesh(mesh, color=geometry.EMPTY if gauge.bonded else gauge_colour(i), ambient=0.5)
             edges = mesh.extract_feature_edges(30.0) if gauge.bonded else mesh
             if gauge.bonded and edges.n_points:
                 plotter.add_mesh(edges.translate(lift), color=gauge_colour(i), line_width=3.5, lighting=False)
     for load in layout.loads:
-        plotter.add_mesh(arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
+        plotter.add_mesh(geometry.arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
     bounds = np.array(plotter.bounds).reshape(3, 2)  # everything inside, with room for labels
     box = np.array([[x, y, z] for x in bounds[0] for y in bounds[1] for z in bounds[2]])
     spread = np.ptp(box @ across(corner), axis=0)
@@ -235,13 +226,13 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
 
 def _add_surface(plotter: Any, layout: PictureLayout, triangle, lift: FloatArray) -> None:  # type: ignore[no-untyped-def]
     """Shaded facets with their outlines and the sharp edges of the body."""
-    surface = surface_mesh(layout.points, triangle)
+    surface = geometry.surface_mesh(layout.points, triangle)
     shaded = surface.compute_normals(
         split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
     )
     plotter.add_mesh(shaded, color=STEEL, smooth_shading=True, ambient=0.32, diffuse=0.8, specular=0.05)
     if len(layout.faces) <= DRAWN_FACETS:
-        wires = line_mesh(layout.points + lift, mesh_lines(layout.faces))
+        wires = geometry.line_mesh(layout.points + lift, geometry.mesh_lines(layout.faces))
         plotter.add_mesh(wires, color=LINES, line_width=1.0, lighting=False)
     creases = surface.clean().extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
     if creases.n_points:
@@ -290,13 +281,13 @@ def labelled(layout: PictureLayout, panels: list[Any], rows: int, columns: int, 
             up = np.array([0.0, -1.0 if anchor[1] <= centre[1] else 1.0])
             labels.append((anchor, up, short(gauge.label), gauge_colour(i), gauge.bonded))
         for load in itertools.compress(layout.loads, named):
-            fixed, free = pixels(np.array([load.point, free_end(load, layout)]))
+            fixed, free = pixels(np.array([load.point, geometry.free_end(load, layout)]))
             ahead = (free - fixed) / max(float(np.linalg.norm(free - fixed)), 1.0)
             labels.append((free, ahead, short(load.name), VERMILION, False))
         anchors, away = (np.array([label[k] for label in labels]).reshape(-1, 2) for k in (0, 1))
         places = spread_labels(anchors, away, [name for _, _, name, _, _ in labels], size)
         for place_of, (anchor, _, name, colour, hollow) in zip(places, labels, strict=True):
-            ground, edge, thick = (EMPTY, colour, 2.2) if hollow else (colour, "white", 0.8)
+            ground, edge, thick = (geometry.EMPTY, colour, 2.2) if hollow else (colour, "white", 0.8)
             style: dict[str, Any] = {
                 "bbox": {"boxstyle": "round,pad=0.32", "fc": ground, "ec": edge, "lw": thick},
                 "arrowprops": {"arrowstyle": "-", "color": colour, "lw": 1.4, "shrinkA": 0, "shrinkB": 2},

@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.estimation.decision import LOST, WITHHELD
 from strainsight.pages.chart.drawing import VERMILION, Drawing
-from strainsight.pages.page import markup
+from strainsight.pages.page import markup, sections
 from strainsight.pages.page.markup import (
     axes,
     badge,
@@ -29,20 +29,6 @@ from strainsight.pages.page.markup import (
     share,
     table,
     tile,
-)
-from strainsight.pages.page.sections import (
-    advice_card,
-    budget_section,
-    caution,
-    document,
-    filters_section,
-    first_screen,
-    held_mark,
-    notes_card,
-    panel,
-    rests_on,
-    section,
-    warnings_section,
 )
 from strainsight.pages.page.verdicts import HARDLY, faults, headline, leading, not_shown
 from strainsight.pages.picture.geometry import shape
@@ -109,7 +95,7 @@ def placement_screen(report: PlacementReport, scene: bytes | None, problem: str)
     it is a `data` element."""
     order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
     tiles = "".join(map(_tile, order)) + _bound_tile(report)
-    return first_screen(tiles, _without(report) + pictured(report.layout, scene, problem), _cautions(report))
+    return sections.first_screen(tiles, _without(report) + pictured(report.layout, scene, problem), _cautions(report))
 
 
 def _sigma(unknown: Unknown) -> float | None:
@@ -196,12 +182,12 @@ def _without(report: PlacementReport) -> str:
 
 def _cautions(report: PlacementReport) -> Iterator[str]:
     """What can be known and what cannot, what was not tested, and how many warnings there are."""
-    yield caution("What can be known", items(_observable(report)))
-    yield caution("Not tested", bullets(report.not_tested))
+    yield sections.caution("What can be known", items(_observable(report)))
+    yield sections.caution("Not tested", bullets(report.not_tested))
     if many := len(report.warnings):
         link = f'<a href="#warnings">{count(many)} warning{"s" * (many > 1)}</a>'
         words = f"<p>{link}: read {'them' if many > 1 else 'it'} before you decide.</p>"
-        yield caution("Warnings", words, "warnings")
+        yield sections.caution("Warnings", words, "warnings")
 
 
 def _observable(report: PlacementReport) -> list[str]:
@@ -303,34 +289,34 @@ def placement_page(
     words = f"<p>{escape(report.test)}: {link}.</p><p>The rest of this page is of a simulated test.</p>"
     assumed = [[*map(escape, row)] for row in report.assumes]
     assumes = table("assumptions", ("what", "how many", "detail"), assumed, numeric=(1,)) if assumed else ""
-    sections = (
+    parts = (
         placement_screen(report, scene, scene_problem),
-        notes_card("The test", words * bool(report.test)),
+        sections.notes_card("The test", words * bool(report.test)),
         space_section([("", report.layout)], shapes),
-        advice_card(report.advice),
-        section("Load cases", load_cases_table(report), "load-cases"),
-        section("Gauge by gauge", gauge_table(report)),
+        sections.advice_card(report.advice),
+        sections.section("Load cases", load_cases_table(report), "load-cases"),
+        sections.section("Gauge by gauge", gauge_table(report)),
         sheets_section(sheets),
-        budget_section(report.budget),
+        sections.budget_section(report.budget),
         _trend(report, drawings),
         _estimates(report, drawings),
         figures(chosen(drawings, "random-"), RANDOM),
         figures([*chosen(drawings, "noise", "repeats-"), *_noise(report)], "<h2>How sure one can be</h2>"),
-        filters_section(report.filters, report.units),
+        sections.filters_section(report.filters, report.units),
         _observability(report),
-        rests_on(report.facts, report.provenance, panel("Where the time went", _time(report))),
-        section("What this model assumes", assumes, "assumes"),
-        warnings_section(report.warnings),
+        sections.rests_on(report.facts, report.provenance, sections.panel("Where the time went", _time(report))),
+        sections.section("What this model assumes", assumes, "assumes"),
+        sections.warnings_section(report.warnings),
     )
     title = headline((unknown.name, faults(unknown)) for unknown in report.unknowns) + report.title
-    return document("gauge placement", report.name, title, answer(report), sections, FOOTER, turned=True)
+    return sections.document("gauge placement", report.name, title, answer(report), parts, FOOTER, turned=True)
 
 
 def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
     meaning = f'<div class="card">{criteria_meaning(report.metrics)}</div>' * bool(report.criteria)
     cards = "".join(chosen(drawings, "trend")) + meaning
     rules = criteria_table(report.trend, report.metrics, report.criteria, report.units)
-    return section("How good the set is", cards, kind="figures", more=f'<div class="card below">{rules}</div>')
+    return sections.section("How good the set is", cards, kind="figures", more=f'<div class="card below">{rules}</div>')
 
 
 def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
@@ -371,7 +357,7 @@ def _observability(report: PlacementReport) -> str:
                 escape(check.name),
                 plain(check.value, 3),
                 f"{plain(check.band[0], 2)} to {plain(check.band[1], 3)}",
-                held_mark(check.verdict),
+                sections.held_mark(check.verdict),
             ]
             for check in report.consistency
         ]

@@ -15,6 +15,7 @@ import numpy as np
 
 from strainsight.pages.arrays import FloatArray, History, Reading, rms
 from strainsight.pages.chart.drawing import Drawing
+from strainsight.pages.page import sections
 from strainsight.pages.page.markup import (
     badge,
     bullets,
@@ -31,19 +32,7 @@ from strainsight.pages.page.markup import (
     tile,
     titled,
 )
-from strainsight.pages.page.sections import (
-    budget_section,
-    caution,
-    damage_section,
-    document,
-    filters_section,
-    first_screen,
-    listing_section,
-    panel,
-    rests_on,
-    section,
-    warnings_section,
-)
+from strainsight.pages.page.sections import panel
 from strainsight.pages.picture.geometry import areas, scale_bar, scale_of
 from strainsight.pages.space.model import ShownState, contour_of
 from strainsight.pages.space.section import space_section
@@ -85,7 +74,7 @@ def findings_screen(report: Findings) -> str:
     good = report.consistent
     words = mark(escape(_sentence(report.verdict)), good)
     verdict = tile("the record and what was stated", "fits" if good else "does not fit", after=words)
-    return first_screen("".join(map(_tile, report.unknowns)) + verdict, _channels(report), _cautions(report))
+    return sections.first_screen("".join(map(_tile, report.unknowns)) + verdict, _channels(report), _cautions(report))
 
 
 def _tile(unknown: TestedUnknown) -> str:
@@ -136,12 +125,12 @@ def _channels(report: Findings) -> str:
 
 def _cautions(report: Findings) -> Iterator[str]:
     more = f'<p><a href="#warnings">All {count(len(report.warnings))} warnings</a></p>'
-    yield caution(
+    yield sections.caution(
         "Warnings",
         bullets(map(_sentence, report.warnings[:SHOWN])) + more * (len(report.warnings) > SHOWN),
         "warnings",
     )
-    yield caution("Not tested", bullets([NOT_TESTED] * (not report.hold_out)))
+    yield sections.caution("Not tested", bullets([NOT_TESTED] * (not report.hold_out)))
 
 
 def _sentence(text: str) -> str:
@@ -161,7 +150,7 @@ def extremes_section(report: Findings) -> str:
         rows.append(_row(channel.label, "measured", channel, channel.measured))
         rows.append(_row(channel.label, "reconstructed", channel, channel.estimated, channel.std))
     head = ("signal", "what", "least", "at [s]", "largest", "at [s]", "± σ there")
-    return section("Extremes", table("extremes", head, rows, numeric=range(2, 7)) if rows else "")
+    return sections.section("Extremes", table("extremes", head, rows, numeric=range(2, 7)) if rows else "")
 
 
 def _row(
@@ -210,11 +199,11 @@ def page_of_test(
     drawings from `figures_of_test`; pictures: PNG of `views_of`, or none with the sentence on why.
     """
     links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.beside)
-    sections = (
+    parts = (
         f'<p class="lead">Record {escape(report.record)}. The others: {links}.</p>' * bool(links),
         findings_screen(report),
         folded(chosen(drawings, "reading-"), "multiples", titled("Measured and reconstructed", READINGS)),
-        listing_section("Every channel beside the others", report.checked, range(1, 5), CHECKED),
+        sections.listing_section("Every channel beside the others", report.checked, range(1, 5), CHECKED),
         hold_out_section(report.hold_out, chosen(drawings, "hold-out-")),
         _residuals(report, drawings),
         figures(chosen(drawings, "load-", "resultant-", "spectrum-", "known-"), "<h2>Loads</h2>"),
@@ -222,14 +211,14 @@ def page_of_test(
         extremes_section(report),
         field_section(report, pictures, problem),
         space_of(report),
-        damage_section(report.damage),
-        budget_section(report.budget),
-        filters_section(report.filters, report.units),
-        warnings_section(report.warnings),
+        sections.damage_section(report.damage),
+        sections.budget_section(report.budget),
+        sections.filters_section(report.filters, report.units),
+        sections.warnings_section(report.warnings),
         _file(report),
-        rests_on(report.facts, report.provenance),
+        sections.rests_on(report.facts, report.provenance),
     )
-    return document("test", report.name, report.title, answer(report), sections, FOOTER, turned=True)
+    return sections.document("test", report.name, report.title, answer(report), parts, FOOTER, turned=True)
 
 
 def _residuals(report: Findings, drawings: tuple[Drawing, ...]) -> str:
@@ -257,7 +246,7 @@ def _file(report: Findings) -> str:
     channels = table("calibration", ("channel", "measures", "unit in the file", "what was done to it"), rows)
     panels = panel("The file", table("file", (), facts)) + panel("Its channels", channels)
     panels += panel("What was done to the record", bullets(report.notes))
-    return section("The file of the test", panels, "file", "panels")
+    return sections.section("The file of the test", panels, "file", "panels")
 
 
 def broken_digest(sha256: str) -> str:
@@ -328,7 +317,7 @@ def field_section(report: Findings, pictures: Sequence[bytes], problem: str) -> 
         cards = f'<div class="card">{words}{"".join(f"<p>{_extremes(shown)}</p>" for shown in moment.maps)}</div>'
     lead = f"The whole surface at {measure(moment.time, 's')}, the moment of the largest reading "
     lead += f"({escape(moment.label)}), smoothed."
-    return section("Strain and stress of the surface", cards, kind="figures", lead=lead)
+    return sections.section("Strain and stress of the surface", cards, kind="figures", lead=lead)
 
 
 def space_of(report: Findings) -> str:
