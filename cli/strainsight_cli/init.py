@@ -188,7 +188,8 @@ def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
     def ask(field: str, question: str, read: Callable[[str], Any], needed: bool = True) -> None:
         nonlocal answers
         if needed and getattr(answers, field) is None:
-            answers = replace(answers, **{field: _ask(question, read)})
+            answer: dict[str, Any] = {field: _ask(question, read)}
+            answers = replace(answers, **answer)
 
     known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
     lacking = f"the deck lacks a material, or its density: {known}"

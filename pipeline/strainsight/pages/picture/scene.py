@@ -191,13 +191,14 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
         _add_surface(plotter, layout, triangle, lift)
     if len(layout.bars):
         plotter.add_mesh(geometry.line_mesh(layout.points, layout.bars), color=CREASES, line_width=4.0, lighting=False)
-    for points, rise, style in (
-        (layout.loose, lift, {"color": LINES, "point_size": 13}),
-        (layout.pool, 2 * lift, {"color": POOL, "point_size": 5, "render_points_as_spheres": True}),
-        (layout.fixed, 2 * lift, {"color": CLAMP, "point_size": 9}),
+    for points, rise, colour, width, spheres in (
+        (layout.loose, lift, LINES, 13, False),
+        (layout.pool, 2 * lift, POOL, 5, True),
+        (layout.fixed, 2 * lift, CLAMP, 9, False),
     ):
         if len(points):
-            plotter.add_mesh(pv.PolyData(points + rise), lighting=False, **style)
+            dots = pv.PolyData(points + rise)
+            plotter.add_mesh(dots, color=colour, point_size=width, render_points_as_spheres=spheres, lighting=False)
     for i, gauge in enumerate(layout.gauges):
         for mesh in geometry.marker(gauge, 0.034 * diagonal):
             plotter.add_mesh(mesh, color=geometry.EMPTY if gauge.bonded else gauge_colour(i), ambient=0.5)

@@ -152,8 +152,9 @@ def _ids(gauge: Gauge) -> list[str]:
         turn = [math.atan2(gauge.normal @ np.cross(first, other), first @ other) for other in gauge.channels]
         exact = [round(gauge.angle + math.degrees(angle), 6) for angle in turn]
         angles = "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in exact)
-    places = [(arm.element, arm.facet) for arm in gauge.arms] or [(gauge.element, gauge.facet or "–")]
-    return [*("<br>".join(map(str, ids)) for ids in zip(*places, strict=True)), angles]
+    elements = [str(arm.element) for arm in gauge.arms] or [str(gauge.element)]
+    facets = [str(arm.facet) for arm in gauge.arms] or [str(gauge.facet or "–")]
+    return ["<br>".join(elements), "<br>".join(facets), angles]
 
 
 def _edges(gauge: Gauge, frame: PositionAxes) -> list[str]:
