@@ -290,21 +290,20 @@ def _input_path(key: str, value: str, job: Job) -> Path:
 
 
 def _no_such_file(key: str, written: str, path: Path, job: Job) -> ConfigError:
+    what, remedy = f"no such file: {_shown(path)}", "paths start from the folder of the config file"
     if key.endswith(".from") and path.is_relative_to(job.results) and "/" not in written:
         what, remedy = f"no result of a run '{written}' ({_shown(path)})", f"run the config named '{written}' first"
     elif path.is_dir():
         what, remedy = f"{_shown(path)} is a folder, not a file", "name a file in it"
-    else:
-        what, remedy = f"no such file: {_shown(path)}", "paths start from the folder of the config file"
     return ConfigError(what, key=key, where=job.locate(key), remedy=remedy)
 
 
 def _change(job: Job, key: str, old: Any, new: Any) -> str:
-    place = job.locate(key)
-    at = f" ({place.rpartition(':')[0] if place.count(':') > 1 else place})" if place and new is not ... else ""
-    if old is ...:
-        return f"{key} added{at}"
-    return f"{key} removed" if new is ... else f"{key} {_short(old)} → {_short(new)}{at}"
+    if new is ...:
+        return f"{key} removed"
+    place = job.locate(key) or ""
+    at = f" ({place.rpartition(':')[0] if place.count(':') > 1 else place})" if place else ""
+    return f"{key} added{at}" if old is ... else f"{key} {_short(old)} → {_short(new)}{at}"
 
 
 def _short(value: Any) -> str:

@@ -9,14 +9,13 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -37,7 +36,7 @@ from strainsight.runner.artefact import (
     seal,
     sha256_of,
 )
-from strainsight.runner.output import Dataset, Output, content_digest, read_contents
+from strainsight.runner.output import Output, content_digest, read_contents
 from strainsight.runner.slices import canonical
 from strainsight.writing import make_folder, replace_file, temporary, write_bytes
 
@@ -172,18 +171,16 @@ def _grid_of(artefact: str, output: Output) -> bytes:
     content = io.BytesIO()
     with h5py.File(content, "w", track_order=False) as file:
         for path in sorted(filter(_raw, output.datasets)):
-            file[_with_unit(path, output.attributes)] = h5py.ExternalLink(artefact, path)
+            # "…/von_mises" → "…/von_mises [Pa]", of a grid's data and of where their steps begin
+            data = path.replace("/Steps/PointDataOffsets/", "/PointData/").replace(
+                "/Steps/CellDataOffsets/", "/CellData/"
+            )
+            unit = output.attributes.get(data, {}).get("units", "")
+            file[f"{path} [{unit}]" if unit else path] = h5py.ExternalLink(artefact, path)
         for path, attributes in output.attributes.items():
             if _raw(path) and path not in output.datasets:
                 file.require_group(path).attrs.update(attributes)
     return content.getvalue()
-
-
-def _with_unit(path: str, attributes: Mapping[str, Mapping[str, Any]]) -> str:
-    """ "…/von_mises" → "…/von_mises [Pa]", of a grid's data and of where their steps begin; as it is without a unit."""
-    data = path.replace("/Steps/PointDataOffsets/", "/PointData/").replace("/Steps/CellDataOffsets/", "/CellData/")
-    unit = attributes.get(data, {}).get("units", "")
-    return f"{path} [{unit}]" if unit else path
 
 
 @contextmanager
@@ -254,13 +251,21 @@ def _raw(path: str) -> bool:
 def _write_content(file: h5py.File, output: Output) -> None:
     for path, dataset in sorted(output.datasets.items()):
         array = np.asarray(dataset.array)
+        if array.dtype.kind == "O" and not all(isinstance(item, str) for item in array.ravel()):
+            raise ValueError(f"{path} is an array of objects; only numbers, booleans and text can be stored")
         if array.dtype.kind in "UO":
-            array = _as_utf8(path, array)
+            encoded = np.char.encode(_text(array), "utf-8")
+            array = encoded.astype(h5py.string_dtype("utf-8", max(1, encoded.dtype.itemsize)))
         item = file.create_dataset(path, data=array)
         if not _raw(path):
             item.attrs["units"] = dataset.unit
             item.attrs["description"] = dataset.description
-    _attach_scales(file, output.datasets)
+    for scale in sorted({scale for dataset in output.datasets.values() for scale in dataset.scales if scale}):
+        file[scale].make_scale(scale.rsplit("/", 1)[-1])
+    for path, dataset in output.datasets.items():
+        for axis, scale in enumerate(dataset.scales):
+            if scale:
+                file[path].dims[axis].attach_scale(file[scale])
     for path, attributes in output.attributes.items():
         target = file[path] if path in file else file.create_group(path)
         for name, value in attributes.items():
@@ -278,22 +283,6 @@ def _write_content(file: h5py.File, output: Output) -> None:
 def _text(array: np.ndarray) -> np.ndarray:
     """Objects as text, four bytes a letter; other arrays as they are."""
     return array.astype(str) if array.dtype.kind == "O" else array
-
-
-def _as_utf8(path: str, array: np.ndarray) -> np.ndarray:
-    if array.dtype.kind == "O" and not all(isinstance(item, str) for item in array.ravel()):
-        raise ValueError(f"{path} is an array of objects; only numbers, booleans and text can be stored")
-    encoded = np.char.encode(_text(array), "utf-8")
-    return encoded.astype(h5py.string_dtype("utf-8", max(1, encoded.dtype.itemsize)))
-
-
-def _attach_scales(file: h5py.File, datasets: Mapping[str, Dataset]) -> None:
-    for scale in sorted({scale for dataset in datasets.values() for scale in dataset.scales if scale}):
-        file[scale].make_scale(scale.rsplit("/", 1)[-1])
-    for path, dataset in datasets.items():
-        for axis, scale in enumerate(dataset.scales):
-            if scale:
-                file[path].dims[axis].attach_scale(file[scale])
 
 
 def _write_header(file: h5py.File, header: ArtefactHeader, message: str) -> None:

@@ -8,7 +8,6 @@ from html import escape
 
 import numpy as np
 
-from strainsight.pages.arrays import FloatArray
 from strainsight.pages.page.markup import axes, badge, data, decimals, items, measure, plain, share, table
 from strainsight.pages.picture.layout import Gauge
 from strainsight.pages.placement.data import Criteria, MetricWords, ObservabilityCase, PlacementReport, Trend
@@ -53,7 +52,10 @@ def _where(report: PlacementReport) -> str:
                 "<br>".join,
                 zip(*(axes(x, places, frame) for x, _, _ in gauge.grids[: len(gauge.arms) or 1]), strict=True),
             ),
-            "<br>".join(_whole(_direction(frame.turn(vector))) for _, vector, _ in gauge.grids),
+            "<br>".join(
+                _whole(" ".join(data(x, number(round(x, 4), 4)) for x in frame.turn(vector).tolist()))
+                for _, vector, _ in gauge.grids
+            ),
             *_edges(gauge, frame) * edged,
             *["<br>".join(map(escape, gauge.notes.split("; "))) or "–"] * noted,
         ]
@@ -206,10 +208,6 @@ def _signed(share: float) -> str:
 
 def _whole(text: str) -> str:
     return f'<span class="whole">{text}</span>'
-
-
-def _direction(vector: FloatArray) -> str:
-    return " ".join(data(float(value), number(round(float(value), 4), 4)) for value in vector)
 
 
 STEADY = (
