@@ -191,7 +191,7 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
 
     pending = []
     for work in works[:-1]:
-        statuses = plan(work.stages, work.job, [stage.name for stage in work.stages] if force else ())
+        statuses = plan(work.stages, work.job, work.forced(force))
         show_warnings(work, statuses)
         waits = any(status.status != UP_TO_DATE for status in statuses)
         if waits:
@@ -202,7 +202,7 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
         say(f"{work.beside}: {sum_of(statuses)}")
         if waits or verbose:
             print_statuses(statuses, verbose, indent=2, head=False)
-    (status_of_page,) = plan(works[-1].stages, works[-1].job, [works[-1].stages[0].name] if force else ())
+    (status_of_page,) = plan(works[-1].stages, works[-1].job, works[-1].forced(force))
     if pending:
         passed = (" is missing", OTHER_CODE, NO_CODE)
         besides = [reason for reason in status_of_page.reasons if not reason.endswith(passed)]
@@ -219,16 +219,10 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
     _look_for_inputs(works[:-1])
     with progress_bar(not as_json) as progress:
         computed = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
-        page = works[-1]
-        if not as_json:
-            say(_heading(page))
-        with _named(page):
-            (page_artefact,) = bring_up_to_date(
-                page, [page.stages[0].name] if force else [], as_json, verbose, say, progress
-            )
+        (page,) = _one_run(works[-1], force, as_json, verbose, progress)
     if not as_json:
-        show_results([page_artefact], [page.stages[0].name])
-        render.print_tables([timing_table([work.run for work in works[:-1]], computed, page_artefact)])
+        show_results([page], [page.header.stage])
+        render.print_tables([timing_table([work.run for work in works[:-1]], computed, page)])
         say(peak_memory(jobs))
     if code := exit_code([artefact for run in computed for artefact in run]):
         raise typer.Exit(code)
@@ -237,30 +231,27 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
 def _all_runs(
     works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool, progress: Progress
 ) -> list[Sequence[Artefact]]:
-    if jobs > 1 and len(works) > 1:
-        by_place: dict[int, Sequence[Artefact]] = {}
-        failed = []
-        with closing(side_by_side(works, jobs, force, as_json, verbose, progress)) as runs:
-            for ended in runs:
-                if not as_json:
-                    say(_heading(works[ended.place]))
-                for line in ended.lines:
-                    say(line)
-                by_place[ended.place] = ended.artefacts
-                if ended.failure is not None:
-                    _say_failed(works[ended.place])
-                    failed.append(tell(ended.failure, verbose))
-        if failed:
-            raise failed[0]
-        return [by_place[place] for place in range(len(works))]
-    computed: list[Sequence[Artefact]] = []
-    for work in works:
-        if not as_json:
-            say(_heading(work))
-        with _named(work):
-            forced = [stage.name for stage in work.stages] if force else []
-            computed.append(bring_up_to_date(work, forced, as_json, verbose, say, progress))
-    return computed
+    if jobs == 1 or len(works) == 1:
+        return [_one_run(work, force, as_json, verbose, progress) for work in works]
+    by_place: dict[int, Sequence[Artefact]] = {}
+    failed = []
+    with closing(side_by_side(works, jobs, force, as_json, verbose, progress)) as runs:
+        for ended in runs:
+            say(*[_heading(works[ended.place])] * (not as_json), *ended.lines)
+            by_place[ended.place] = ended.artefacts
+            if ended.failure is not None:
+                say(f"{_heading(works[ended.place])} failed:", error=True)
+                failed.append(tell(ended.failure, verbose))
+    if failed:
+        raise failed[0]
+    return [by_place[place] for place in range(len(works))]
+
+
+def _one_run(work: Work, force: bool, as_json: bool, verbose: bool, progress: Progress) -> Sequence[Artefact]:
+    if not as_json:
+        say(_heading(work))
+    with _named(work):
+        return bring_up_to_date(work, work.forced(force), as_json, verbose, say, progress)
 
 
 @contextmanager
@@ -269,12 +260,8 @@ def _named(work: Work) -> Iterator[None]:
     try:
         yield
     except Exception:
-        _say_failed(work)
+        say(f"{_heading(work)} failed:", error=True)
         raise
-
-
-def _say_failed(work: Work) -> None:
-    say(f"{_heading(work)} failed:", error=True)
 
 
 def _heading(work: Work) -> str:
@@ -391,11 +378,12 @@ def _start(moves: Any, verbose: bool, level: printing.Level) -> None:
 
 def _run(place: int, work: Work, force: bool, as_json: bool, verbose: bool) -> Ended:
     lines: list[str] = []
-    forced = [stage.name for stage in work.stages] if force else []
+    artefacts: list[Artefact] = []
+    failure = None
     try:
         artefacts = bring_up_to_date(
-            work, forced, as_json, verbose, lines.append, lambda *move: _moves.put(move), lambda text: _moves.put(text)
+            work, work.forced(force), as_json, verbose, lines.append, lambda *move: _moves.put(move), _moves.put
         )
     except Exception as error:
-        return Ended(place, tuple(lines), (), failure_of(error))
-    return Ended(place, tuple(lines), tuple(artefacts), None)
+        failure = failure_of(error)
+    return Ended(place, tuple(lines), tuple(artefacts), failure)

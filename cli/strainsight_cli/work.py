@@ -42,6 +42,10 @@ class Work:
     beside: str = ""
     where: Where = field(default_factory=Where)
 
+    def forced(self, force: bool) -> list[str]:
+        """Names of the stages that run in any case: all, or none."""
+        return [stage.name for stage in self.stages] if force else []
+
 
 def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
     """Dotted key of an input file → place of the run, of the others, in whose folder it lies and which makes it anew."""

@@ -6,7 +6,6 @@ import csv
 import io
 import re
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -76,14 +75,9 @@ def _png(drawn: Figure) -> bytes:
         return saved(drawn, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
 
 
-@dataclass(frozen=True)
-class Series:
-    """What one line, band or row of bars draws: name of its legend, x (k,), and the columns over it: what is added to the
-    axis label → (k,)."""
-
-    name: str
-    x: FloatArray
-    columns: dict[str, FloatArray]
+Series = tuple[str, FloatArray, dict[str, FloatArray]]
+"""What one line, band or row of bars draws: name of its legend, x (k,), and the columns over it: what is added to the axis label
+→ (k,)."""
 
 
 def figure_csv(drawn: Figure) -> bytes:
@@ -104,12 +98,12 @@ def figure_csv(drawn: Figure) -> bytes:
     shown: list[FloatArray] = []
     for axes in drawn.axes:
         across, up = _label(axes.get_xlabel() or below), _label(axes.get_ylabel())
-        for series in _series(axes):
-            if len(series.x) and not any(np.array_equal(series.x, other, equal_nan=True) for other in shown):
-                shown.append(series.x)
-                add(across or "x", [_number(value) for value in series.x])
-            for what, values in series.columns.items():
-                words = " ".join(filter(None, (series.name, what)))
+        for name, x, over in _series(axes):
+            if len(x) and not any(np.array_equal(x, other, equal_nan=True) for other in shown):
+                shown.append(x)
+                add(across or "x", [_number(value) for value in x])
+            for what, values in over.items():
+                words = " ".join(filter(None, (name, what)))
                 add(": ".join(filter(None, (words, up or "row"))), _cells(axes, values, named=not up))
     return csv_bytes([head, *zip_longest(*columns, fillvalue="")])
 
@@ -123,7 +117,7 @@ def _series(axes: Any) -> Iterator[Series]:
         upright = container.orientation == "vertical"
         across = np.array([bar.get_x() + (bar.get_width() / 2 if upright else bar.get_width()) for bar in bars])
         ends = np.array([bar.get_y() + (bar.get_height() if upright else bar.get_height() / 2) for bar in bars])
-        yield Series(_name(container), across, {"": ends})
+        yield _name(container), across, {"": ends}
     for band in axes.collections:
         for path in band.get_paths():
             # Matplotlib goes along one edge and back along the other, with a corner before each and one to close.
@@ -131,19 +125,19 @@ def _series(axes: Any) -> Iterator[Series]:
             if count < 1:
                 continue
             one, other = path.vertices[1 : count + 1], path.vertices[count + 2 : 2 * count + 2][::-1]
-            yield Series(_name(band) or "band", one[:, 0], {"low": one[:, 1], "high": other[:, 1]})
+            yield _name(band) or "band", one[:, 0], {"low": one[:, 1], "high": other[:, 1]}
     for label, places in dots_of(axes):
-        yield Series(_label(label), places[:, 0], {"": places[:, 1]})
+        yield _label(label), places[:, 0], {"": places[:, 1]}
     for line in axes.lines:
         x, y = np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
         if not len(x):
             continue
         if line.get_transform() == axes.transData:
-            yield Series(_name(line), x, {"": y})
+            yield _name(line), x, {"": y}
         elif y[0] == y[-1]:  # a line across the axes stands for one value
-            yield Series(_name(line), np.empty(0), {"": y[:1]})
+            yield _name(line), np.empty(0), {"": y[:1]}
         else:
-            yield Series(_name(line), x[:1], {})
+            yield _name(line), x[:1], {}
 
 
 def dots_of(axes: Any) -> list[tuple[str, FloatArray]]:

@@ -277,12 +277,10 @@ def noise_of(names: list[str], up: Mapping[str, Artefact]) -> data.Noise:
 
 def checks_of(validate: Artefact) -> tuple[data.Check, ...]:
     """NEES and NIS of the filter."""
-    names = {"nees": "NEES of the run; band of one instant", "nis": "NIS of the gauges"}
-    checks = []
-    for key, (low, high) in zip(names, read(Validated, validate).consistency.band.tolist(), strict=True):
-        value = float(validate.summary[key])
-        checks.append(data.Check(names[key], value, (low, high), word_of(value, (low, high))))
-    return tuple(checks)
+    names = {"NEES of the run; band of one instant": "nees", "NIS of the gauges": "nis"}
+    values = [float(validate.summary[key]) for key in names.values()]
+    bands = read(Validated, validate).consistency.band.tolist()
+    return tuple(data.Check(*row, word_of(*row[1:])) for row in zip(names, values, map(tuple, bands), strict=True))
 
 
 def messages(up: Mapping[str, Artefact], stages: Sequence[str]) -> dict[str, str]:
