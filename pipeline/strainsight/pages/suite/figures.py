@@ -252,14 +252,9 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
 def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     """The error of every unknown of every run on a bar up to where that of a σ that holds ends, the repeats as small dots."""
     drawn, axes = figure(1.0 + 0.3 * len(rows))
-    low = (
-        100
-        / 3
-        * min(
-            *(max(result.error or 0.0, 1e-6) for _, result in rows),
-            *(result.std for _, result in rows if _reach(result) and result.std),
-        )
-    )
+    sizes = [max(result.error or 0.0, 1e-6) for _, result in rows]
+    sizes += [result.std for _, result in rows if _reach(result) and result.std]
+    low = 100 * min(sizes) / 3
     axes.set_xscale("log")
     for y, (_, result) in enumerate(rows):
         assert result.error is not None

@@ -326,8 +326,7 @@ def fitting(screen: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
 
 def _add_title(plotter: Any, title: str, below: str, size: tuple[int, int]) -> None:
     """One or two lines in the upper left corner, in letters of the same size whatever the panel's (width, height)."""
-    lines = [(text, points) for text, points in ((title, 11), (below, 10)) if text]
-    for i, (text, points) in enumerate(lines, start=1):
+    for i, (text, points) in enumerate(filter(lambda line: line[0], ((title, 11), (below, 10))), start=1):
         words = shorten(text, size[0] // (points + 1), placeholder=" …")
         at = (8 / size[0], 1 - (4 + 24 * i) / size[1])
         plotter.add_text(plain(words), position=at, viewport=True, font_size=points, color=INK, font_file=font())
