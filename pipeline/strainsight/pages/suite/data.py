@@ -147,6 +147,11 @@ class SourceComparison:
         return {CONFIRMED: THEIRS_ONLY}.get(verdicts[0] or "", OURS_ONLY if CONFIRMED in measured else CONTRADICTED)
 
 
+def unexplained(verdict: str, why: str) -> bool:
+    """Whether a verdict stands without the reason that it owes; what holds owes none."""
+    return verdict not in (CONFIRMED, HOLDS) and not why
+
+
 @dataclass(frozen=True)
 class Suite:
     """All that the page of a suite shows: its name, a title for people, the runs in order; provenance: versions, digests."""
@@ -263,12 +268,10 @@ def _table(name: str, kind: str, heads: Sequence[str], rows: Sequence[str], titl
 
 
 def reason(verdict: str, why: str) -> str:
-    """Why a verdict is what it is; a mark where none is stated and the verdict is not good."""
-    if why:
-        return f'<p class="why">{escape(why)}</p>'
-    if verdict in (CONFIRMED, HOLDS):
-        return ""
-    return '<p class="why"><strong class="bad">no reason is given</strong>: say <code>why</code> in the suite</p>'
+    """Why a verdict is what it is; a mark where it owes a reason and none is stated."""
+    if unexplained(verdict, why):
+        return '<p class="why"><strong class="bad">no reason is given</strong>: say <code>why</code> in the suite</p>'
+    return f'<p class="why">{escape(why)}</p>' if why else ""
 
 
 Shown = Callable[[float], str]
