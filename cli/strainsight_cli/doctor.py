@@ -38,44 +38,43 @@ class DoctorFinding:
     remedy: str = ""
 
 
-def check_solver() -> list[DoctorFinding]:
+def check_solver() -> DoctorFinding:
     """The sparse solver on a small system, in a process that may crash."""
     facts, ended = tried("solver")
     install = "pip install --force-reinstall pypardiso mkl (x86-64 only)"
+    reinstall = "pip install --force-reinstall numpy scipy pypardiso"
     if "solver" not in facts:
-        return [
-            DoctorFinding("solver", FAILS, ended or "no result", "pip install --force-reinstall numpy scipy pypardiso")
-        ]
+        return DoctorFinding("solver", FAILS, ended or "no result", reinstall)
     text = f"{facts['solver']}, {facts['unknowns']} unknowns in {facts['seconds']:.2f} s, error {facts['error']:.1e}"
     if not facts["error"] < ACCURATE:
-        return [DoctorFinding("solver", FAILS, f"{text}: wrong", "pip install --force-reinstall numpy scipy pypardiso")]
+        return DoctorFinding("solver", FAILS, f"{text}: wrong", reinstall)
     if facts["solver"] != "PARDISO":
         why = f" ({facts['why']})" if facts.get("why") else ""
         meaning = "many times slower, and refuses more than 100 000 unknowns"
-        return [DoctorFinding("solver", WARNING, f"{text}; PARDISO cannot be loaded{why}: {meaning}", install)]
-    return [DoctorFinding("solver", GOOD, text)]
+        return DoctorFinding("solver", WARNING, f"{text}; PARDISO cannot be loaded{why}: {meaning}", install)
+    return DoctorFinding("solver", GOOD, text)
 
 
-def check_mpi() -> list[DoctorFinding]:
+def check_mpi() -> DoctorFinding:
     """What `solver: slepc` needs: none of it is missed by other configs, so that its absence is good news, too."""
     from strainsight.contrib.mpi.session import programs
 
     try:
         mpi = programs()
     except UserError as error:
-        return [DoctorFinding("solver: slepc", GOOD, f"not here, for very large models only: {error.what}")]
-    return [DoctorFinding("solver: slepc", GOOD, f"{' '.join(mpi.launcher)}, {mpi.python}")]
+        return DoctorFinding("solver: slepc", GOOD, f"not here, for very large models only: {error.what}")
+    return DoctorFinding("solver: slepc", GOOD, f"{' '.join(mpi.launcher)}, {mpi.python}")
 
 
-def check_rendering() -> list[DoctorFinding]:
+def check_rendering() -> DoctorFinding:
     """One sphere off screen, in a process that may crash."""
     facts, ended = tried("rendering")
     remedy = "apt-get install libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri, or what your system calls Mesa's EGL"
     if "middle" not in facts:
-        return [DoctorFinding("rendering", FAILS, f"off screen: {ended or 'no picture'}", remedy)]
+        return DoctorFinding("rendering", FAILS, f"off screen: {ended or 'no picture'}", remedy)
     if facts["middle"] == facts["corner"]:
-        return [DoctorFinding("rendering", FAILS, "off screen: the picture is empty", remedy)]
-    return [DoctorFinding("rendering", GOOD, f"a sphere off screen in {facts['seconds']:.1f} s")]
+        return DoctorFinding("rendering", FAILS, "off screen: the picture is empty", remedy)
+    return DoctorFinding("rendering", GOOD, f"a sphere off screen in {facts['seconds']:.1f} s")
 
 
 def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None = None) -> list[DoctorFinding]:
@@ -85,45 +84,37 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
     available = cores or usable()
     findings = [DoctorFinding("cores", GOOD, f"{available} for this process")]
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
-        value = environment.get(name)
-        if value is None:
+        if (value := environment.get(name)) is None:
             continue
-        head = value.split(",")[0].strip()
+        head, remedy = value.split(",")[0].strip(), f"unset {name}, or give 1 to {available}"
         if not head.isdigit() or int(head) < 1:
-            finding = DoctorFinding(
-                name, WARNING, f"'{value}' is not a number of threads", f"unset {name}, or give 1 to {available}"
-            )
+            findings.append(DoctorFinding(name, WARNING, f"'{value}' is not a number of threads", remedy))
         elif int(head) > available:
-            finding = DoctorFinding(
-                name, WARNING, f"{head} threads on {available} cores", f"unset {name}, or give 1 to {available}"
-            )
-        elif int(head) < available:
-            finding = DoctorFinding(
-                name, GOOD, f"{head} of {available} cores: right where several runs go on at a time"
-            )
+            findings.append(DoctorFinding(name, WARNING, f"{head} threads on {available} cores", remedy))
         else:
-            finding = DoctorFinding(name, GOOD, f"{head} of {available} cores")
-        findings.append(finding)
+            several = ": right where several runs go on at a time" * (int(head) < available)
+            findings.append(DoctorFinding(name, GOOD, f"{head} of {available} cores{several}"))
     return findings
 
 
-def check_memory() -> list[DoctorFinding]:
+def check_memory() -> DoctorFinding:
     """Memory that can still be taken, and the largest model that fits into it."""
     from strainsight.memory import available_memory
 
     available = available_memory() / GIB
     if math.isinf(available):
-        return [
-            DoctorFinding("memory", WARNING, "this system does not say how much there is", "watch it on large models")
-        ]
-    text = f"{available:.1f} GiB available: models up to about {_rounded(largest_model(available))} unknowns"
+        return DoctorFinding(
+            "memory", WARNING, "this system does not say how much there is", "watch it on large models"
+        )
+    unknowns = largest_model(available)
+    rounded = round(unknowns, 1 - math.floor(math.log10(max(unknowns, 1.0))))
+    text = f"{available:.1f} GiB available: models up to about {rounded:,.0f} unknowns".replace(",", " ")
     if available < LEAST_MEMORY:
-        return [
-            DoctorFinding("memory", FAILS, text, f"end other programs: the smallest example takes {LEAST_MEMORY} GiB")
-        ]
+        remedy = f"end other programs: the smallest example takes {LEAST_MEMORY} GiB"
+        return DoctorFinding("memory", FAILS, text, remedy)
     if available < SOME_MEMORY:
-        return [DoctorFinding("memory", WARNING, text, "end other programs, or take coarse meshes and --set jobs=1")]
-    return [DoctorFinding("memory", GOOD, text)]
+        return DoctorFinding("memory", WARNING, text, "end other programs, or take coarse meshes and --set jobs=1")
+    return DoctorFinding("memory", GOOD, text)
 
 
 def largest_model(gib: float) -> float:
@@ -136,27 +127,18 @@ def largest_model(gib: float) -> float:
     return n * math.exp(math.log(gib / p) * math.log(m / n) / math.log(q / p))
 
 
-def _rounded(unknowns: float) -> str:
-    digits = 1 - math.floor(math.log10(max(unknowns, 1.0)))
-    return f"{round(unknowns, digits):,.0f}".replace(",", " ")
-
-
-def check_disk(results: Path) -> list[DoctorFinding]:
+def check_disk(results: Path) -> DoctorFinding:
     """Free disk of the results folder, or of where it would be made, and whether it can be written."""
     folder = next(path for path in (results.absolute(), *results.absolute().parents) if path.exists())
     other = "give another folder with --results DIR"
     if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
         what = "cannot be written" if folder.is_dir() else "is a file"
-        return [DoctorFinding("disk", FAILS, f"{folder if folder != results.absolute() else results} {what}", other)]
+        return DoctorFinding("disk", FAILS, f"{folder if folder != results.absolute() else results} {what}", other)
     free = shutil.disk_usage(folder).free / GIB
     text = f"{free:.1f} GiB free for {results}"
-    if free < LEAST_DISK:
-        return [DoctorFinding("disk", FAILS, text, f"free some, or {other}")]
-    return [
-        DoctorFinding("disk", WARNING, text, f"free some, or {other}")
-        if free < SOME_DISK
-        else DoctorFinding("disk", GOOD, text)
-    ]
+    if free >= SOME_DISK:
+        return DoctorFinding("disk", GOOD, text)
+    return DoctorFinding("disk", FAILS if free < LEAST_DISK else WARNING, text, f"free some, or {other}")
 
 
 def check_terminal(environment: Mapping[str, str] = os.environ) -> list[DoctorFinding]:
@@ -229,7 +211,8 @@ def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
         return [DoctorFinding("packaging", FAILS, "not installed: no version can be compared", "pip install packaging")]
     running = platform.python_version()
     within = SpecifierSet(python).contains(running, prereleases=True)
-    findings = [_finding("python", running, python, within, f"take Python {python}: make PYTHON=/path/to/python")]
+    remedy = f"take Python {python}: make PYTHON=/path/to/python"
+    findings = [_version_finding("python", running, python, within, remedy)]
     for line in requirements:
         asked = Requirement(line)
         if asked.marker is not None and not asked.marker.evaluate():
@@ -242,13 +225,12 @@ def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
             verdict, need = (WARNING, "wanted") if asked.name in CAN_DO_WITHOUT else (FAILS, "needed")
             findings.append(DoctorFinding(asked.name, verdict, f"not installed, {wanted} is {need}", remedy))
             continue
-        findings.append(
-            _finding(asked.name, version, wanted, asked.specifier.contains(version, prereleases=True), remedy)
-        )
+        within = asked.specifier.contains(version, prereleases=True)
+        findings.append(_version_finding(asked.name, version, wanted, within, remedy))
     return findings
 
 
-def _finding(subject: str, version: str, wanted: str, within: bool, remedy: str) -> DoctorFinding:
+def _version_finding(subject: str, version: str, wanted: str, within: bool, remedy: str) -> DoctorFinding:
     if within:
         return DoctorFinding(subject, GOOD, f"{version} ({wanted})")
     return DoctorFinding(subject, FAILS, f"{version}, {wanted} is needed", remedy)
@@ -261,31 +243,23 @@ def examine(results: Path) -> list[DoctorFinding]:
     """All findings, in the order of the table."""
     return [
         *check_packages(),
-        *check_solver(),
-        *check_mpi(),
-        *check_rendering(),
+        check_solver(),
+        check_mpi(),
+        check_rendering(),
         *check_threads(),
-        *check_memory(),
-        *check_disk(results),
+        check_memory(),
+        check_disk(results),
         *check_terminal(),
     ]
 
 
 def show(findings: Sequence[DoctorFinding], as_json: bool) -> int:
-    """Print the table, or one JSON object a finding; the exit code: 1 where something fails."""
+    """Print the table, in which the remedy stands below what it corrects, or one JSON object a finding; the exit code: 1 where
+    something fails."""
+    counts = {verdict: sum(finding.verdict == verdict for finding in findings) for verdict in COLOURS}
     if as_json:
-        for finding in findings:
-            say(json_line(asdict(finding)))
-    else:
-        _print_table(findings)
-        counts = {verdict: sum(f.verdict == verdict for f in findings) for verdict in (FAILS, WARNING)}
-        many = "" if counts[WARNING] == 1 else "s"
-        say("", f"{counts[FAILS]} of {len(findings)} fail, {counts[WARNING]} warning{many}")
-    return int(any(finding.verdict == FAILS for finding in findings))
-
-
-def _print_table(findings: Sequence[DoctorFinding]) -> None:
-    """A row a finding; the remedy stands below what it corrects."""
+        say(*(json_line(asdict(finding)) for finding in findings))
+        return int(counts[FAILS] > 0)
     from rich.text import Text
 
     from strainsight_cli.render import print_grid
@@ -296,3 +270,6 @@ def _print_table(findings: Sequence[DoctorFinding]) -> None:
         verdict = Text(finding.verdict, style=COLOURS[finding.verdict])
         rows.append((Text(finding.subject), verdict, Text(text)))
     print_grid(("checked", "verdict", "found"), rows)
+    many = "" if counts[WARNING] == 1 else "s"
+    say("", f"{counts[FAILS]} of {len(findings)} fail, {counts[WARNING]} warning{many}")
+    return int(counts[FAILS] > 0)

@@ -8,9 +8,11 @@ import os
 import re
 import shlex
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import typer
 
@@ -94,12 +96,11 @@ def init(
                 hints = suggestion(deck, answers.spc)
         target.parent.mkdir(parents=True, exist_ok=True)
         write_file(target, template(relative, hints, answers).encode())
+        first = "check the lines marked ←"
         try:
             load_config(target)
         except ConfigError:
             first = "fill in what is blank and check the other lines marked ←"
-        else:
-            first = "check the lines marked ←"
         if not hints.solids:
             nothing = "the deck has nothing to bond gauges on (solids, shells, sides of beams)"
             first = f"{nothing}, unless mesh.matrices and gauges.given state it; {first}"
@@ -108,11 +109,9 @@ def init(
 
 def read_vector(option: str, text: str) -> str:
     """ "0 0 1", "0, 0, 1" or "[0, 0, 1]" as "[0, 0, 1]". Raises UserError for what is not three numbers."""
-    words = re.split(r"[\s,;]+", text.strip().strip("[]()").strip())
-    try:
-        numbers = [float(word) for word in words]
-    except ValueError:
-        numbers = []
+    numbers = []
+    with suppress(ValueError):
+        numbers = [float(word) for word in re.split(r"[\s,;]+", text.strip().strip("[]()").strip())]
     if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
         raise UserError(f"'{text}' is not three numbers", where=option, remedy="give x, y, z as in '0, 0, 1'")
     return "[" + ", ".join(f"{number:.12g}" for number in numbers) + "]"
@@ -185,42 +184,29 @@ def read_material(option: str, text: str) -> tuple[float, float, float]:
 def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
     """The answers with those of the terminal for what is open; find: whether the user has said what is sought."""
     say("Enter leaves a line blank; it can be filled in later.")
-    if hints.lacking and answers.material is None:
-        known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
-        answers = replace(
-            answers,
-            material=_ask(
-                f"the deck lacks a material, or its density: {known}", lambda t: read_material("material", t)
-            ),
-        )
-    if hints.support_sets and answers.spc is None:
-        known = ", ".join(map(str, hints.support_sets))
-        what = "which set of supports holds" if hints.support_key == "spc" else "which step counts"
-        answers = replace(answers, spc=_ask(f"{what} ({known})", lambda t: read_support_set(t, hints)))
-    places = _listed(hints.places)
-    if not hints.supports and answers.held is None:
-        answers = replace(
-            answers,
-            held=_ask("where is it held (number above, node ID or x, y, z in m)", _chosen(places, hints, read_support)),
-        )
-    if answers.load is None:
-        answers = replace(answers, load=_ask("where does the load act (as above)", _chosen(places, hints, read_place)))
-    deck = answers.load is not None and answers.load.kind == "deck_load"
-    if answers.direction is None and not deck:
-        answers = replace(answers, direction=_ask("along what (x, y, z)", lambda t: read_direction("direction", t)))
-    if answers.amplitude is None and not deck:
-        answers = replace(
-            answers, amplitude=_ask("how large, its amplitude [N]", lambda t: read_positive("amplitude", t))
-        )
-    if answers.frequency is None:
-        answers = replace(
-            answers, frequency=_ask("how fast, its frequency [Hz]", lambda t: read_positive("frequency", t))
-        )
-    if not find and typer.confirm(
-        "is the load itself to be hints (otherwise the modulus, from a load that is measured)"
-    ):
-        answers = replace(answers, find="load")
-    return answers
+
+    def ask(field: str, question: str, read: Callable[[str], Any], needed: bool = True) -> None:
+        nonlocal answers
+        if needed and getattr(answers, field) is None:
+            answer: dict[str, Any] = {field: _ask(question, read)}
+            answers = replace(answers, **answer)
+
+    known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
+    lacking = f"the deck lacks a material, or its density: {known}"
+    ask("material", lacking, partial(read_material, "material"), bool(hints.lacking))
+    what = "which set of supports holds" if hints.support_key == "spc" else "which step counts"
+    sets = ", ".join(map(str, hints.support_sets))
+    ask("spc", f"{what} ({sets})", partial(read_support_set, hints=hints), bool(hints.support_sets))
+    _list_places(hints.places)
+    held = "where is it held (number above, node ID or x, y, z in m)"
+    ask("held", held, _numbered(hints, read_support), not hints.supports)
+    ask("load", "where does the load act (as above)", _numbered(hints, read_place))
+    free = answers.load is None or answers.load.kind != "deck_load"
+    ask("direction", "along what (x, y, z)", partial(read_direction, "direction"), free)
+    ask("amplitude", "how large, its amplitude [N]", partial(read_positive, "amplitude"), free)
+    ask("frequency", "how fast, its frequency [Hz]", partial(read_positive, "frequency"))
+    sought = "is the load itself to be estimated (otherwise the modulus, from a load that is measured)"
+    return answers if find or not typer.confirm(sought) else replace(answers, find="load")
 
 
 def read_support_set(text: str, hints: Suggestion) -> int:
@@ -234,55 +220,43 @@ def read_support_set(text: str, hints: Suggestion) -> int:
 
 def read_positive(option: str, text: str) -> float:
     """A number above zero. Raises UserError for anything else."""
-    try:
-        number = float(text)
-    except ValueError:
-        number = -1.0
-    if not 0 < number < math.inf:
-        raise UserError(
-            f"'{text}' is not a number above zero", where=option, remedy="give one without its unit, as in 250"
-        )
-    return number
+    with suppress(ValueError):
+        if 0 < float(text) < math.inf:
+            return float(text)
+    raise UserError(f"'{text}' is not a number above zero", where=option, remedy="give one without its unit, as in 250")
 
 
-def _listed(places: Sequence[DeckPlace]) -> Sequence[DeckPlace]:
-    """The places with their numbers, for people."""
+def _list_places(places: Sequence[DeckPlace]) -> None:
+    """Print the places with their numbers."""
     for number, place in enumerate(places[:SHOWN], start=1):
         name = f"near {place.name}" if place.kind == "face" else f"{place.kind} {place.name}"
         say(f"{number:4}  {name:<38} {place.what}{', held' if place.held else ''}")
     if len(places) > SHOWN:
         say(f"      {len(places) - SHOWN} more")
-    return places
 
 
-def _chosen(
-    places: Sequence[DeckPlace], hints: Suggestion, read: Callable[[str, str, Suggestion], DeckPlace]
-) -> Callable[[str], DeckPlace]:
-    def numbered(text: str) -> DeckPlace:
-        if not (text.strip().isdecimal() and 1 <= int(text) <= len(places)):
+def _numbered(hints: Suggestion, read: Callable[[str, str, Suggestion], DeckPlace]) -> Callable[[str], DeckPlace]:
+    """`read`, which also takes the number of a place."""
+
+    def place_of(text: str) -> DeckPlace:
+        if not (text.strip().isdecimal() and 1 <= int(text) <= len(hints.places)):
             return read("place", text, hints)
-        place = places[int(text) - 1]
+        place = hints.places[int(text) - 1]
         return place if place.kind == "face" else read("place", f"{place.kind} {place.name}", hints)
 
-    return numbered
+    return place_of
 
 
 def _ask(question: str, read: Callable[[str], Value]) -> Value | None:
     """The answer, asked again until it can be read; None where the line is left blank."""
     while True:
-        text = _answer(lambda: typer.prompt(question, default="", show_default=False))
-        if not text.strip():
-            return None
         try:
-            return read(text)
+            text = typer.prompt(question, default="", show_default=False)
+        except typer.Abort:
+            say("")
+            remedy = "answer in a terminal, or give options (strainsight init --help)"
+            raise UserError("the answers have ended before the questions; nothing is written", remedy=remedy) from None
+        try:
+            return read(text) if text.strip() else None
         except UserError as error:
             say(*str(error).split("\n"))
-
-
-def _answer(ask: Callable[[], Value]) -> Value:
-    try:
-        return ask()
-    except typer.Abort:
-        say("")
-        remedy = "answer in a terminal, or give options (strainsight init --help)"
-        raise UserError("the answers have ended before the questions; nothing is written", remedy=remedy) from None

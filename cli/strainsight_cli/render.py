@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING, Any
 
 from strainsight.errors import printable
 from strainsight_cli.printing import json_line
 
 if TYPE_CHECKING:
-    from strainsight.runner.artefact import Artefact
     from strainsight.runner.output import Table
     from strainsight.runner.plan import Status
     from strainsight.runner.runner import Event
@@ -32,40 +31,24 @@ def stage_line(event: Event, verbose: bool = False) -> str:
     return f"{event.stage:<9} done {event.seconds:>6.1f} s   {event.artefact.message}{why}"
 
 
-def event_json(event: Event, run: str = "") -> str:
-    """One object of --json; run: its name within a suite."""
-    assert event.artefact is not None
-    return _object(run, event.stage, event.status, event.reason, event.seconds, event.artefact)
+def stage_json(event: Event | Status, run: str = "") -> str:
+    """One object of --json, of a stage that ran or failed, or that was only looked at; run: its name within a suite."""
+    from strainsight.runner.artefact import Artefact
 
-
-def status_json(status: Status, run: str = "") -> str:
-    """One object of --json for a stage that was only looked at."""
-    return _object(run, status.stage, status.status, status.reason, 0.0, None, str(status.artefact))
-
-
-def failure_json(stage: str, reason: str, run: str = "") -> str:
-    """One object of --json for a stage that failed."""
-    return _object(run, stage, "failed", reason, 0.0, None)
-
-
-def _object(
-    run: str, stage: str, status: str, reason: str, seconds: float, artefact: Artefact | None, path: str | None = None
-) -> str:
+    artefact = event.artefact
+    summary = artefact.summary if isinstance(artefact, Artefact) else {}
+    path = artefact.path if isinstance(artefact, Artefact) else artefact
     entry: dict[str, Any] = {"run": run} if run else {}
     entry |= {
-        "stage": stage,
-        "status": status,
-        "reason": reason,
-        "seconds": round(seconds, 3),
-        "artefact": str(artefact.path) if artefact else path,
-        "summary": _finite(artefact.summary) if artefact else {},
+        "stage": event.stage,
+        "status": event.status,
+        "reason": event.reason,
+        "seconds": round(getattr(event, "seconds", 0.0), 3),
+        "artefact": None if path is None else str(path),
+        # JSON has no infinity and no NaN
+        "summary": {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in summary.items()},
     }
     return json_line(entry)
-
-
-def _finite(summary: Mapping[str, Any]) -> dict[str, Any]:
-    """JSON has no infinity and no NaN."""
-    return {k: None if isinstance(v, float) and not math.isfinite(v) else v for k, v in summary.items()}
 
 
 def print_grid(

@@ -21,6 +21,9 @@ from strainsight.processes import peak_memory
 from strainsight.writing import open_file
 from strainsight_cli.failures import LAST_WORDS, same_text
 
+if TYPE_CHECKING:
+    from strainsight.runner.plan import Job
+
 # In quotes a path may hold spaces; outside it ends at one. A word before the slash makes it a relative path or a fraction.
 _QUOTED = re.compile(r"""(["'])/(?:[^"'\n]*/)?([^"'\n/]*)\1""")
 _BARE = re.compile(r"""(?<![\w.…/)\]-])/(?:[^\s/"',;:()]+/)*([^\s/"',;:()]+)""")
@@ -31,22 +34,14 @@ def placeless(text: str, folders: Iterable[Path] = ()) -> str:
 
     `File "/home/…/site-packages/scipy/sparse/_csr.py"` becomes `File "scipy/sparse/_csr.py"`.
     """
-    for root in _roots(folders):
+    known = [*folders, Path.cwd(), Path.home(), Path(tempfile.gettempdir()), Path(sys.prefix), *map(Path, sys.path)]
+    roots = {str(path) for folder in known for path in (folder.absolute(), folder.resolve())} - {"/"}
+    for root in sorted(roots, key=len, reverse=True):  # the deepest first
         text = re.sub(rf"(?<![\w./-]){re.escape(root)}/(?=[^\s\"'])", "", text)
         text = re.sub(rf"(?<![\w./-]){re.escape(root)}(?![\w.-])/?", ".", text)
     text = _QUOTED.sub(r"\1…/\2\1", text)
     return _BARE.sub(r"…/\1", text)
 
-
-def _roots(folders: Iterable[Path]) -> list[str]:
-    """Folders that something may lie in, the deepest first."""
-    known = [*folders, Path.cwd(), Path.home(), Path(tempfile.gettempdir()), Path(sys.prefix), *map(Path, sys.path)]
-    roots = {str(path) for folder in known for path in (folder.absolute(), folder.resolve())}
-    return sorted((root for root in roots if root != "/"), key=len, reverse=True)
-
-
-if TYPE_CHECKING:
-    from strainsight.runner.plan import Job
 
 NAME = "run.log"
 MOST, KEPT = 1 << 20, 1 << 19

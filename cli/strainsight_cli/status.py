@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from typing import TYPE_CHECKING
 
@@ -10,9 +9,11 @@ from strainsight.errors import printable
 from strainsight_cli import render
 from strainsight_cli.clock import seconds_for, spelt
 from strainsight_cli.printing import say
-from strainsight_cli.work import Work, elsewhere, note, refuse_taken, show_warnings
+from strainsight_cli.work import Work, look_at_folder, note, show_warnings
 
 if TYPE_CHECKING:
+    from strainsight.experiment.structure.cost import Cost, Size
+    from strainsight.runner.artefact import Artefact
     from strainsight.runner.plan import Status
 
 HEAD = ("stage", "status", "took", "what came out, or why it runs")
@@ -26,21 +27,18 @@ def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool 
     from strainsight.runner.artefact import Artefact
     from strainsight.runner.plan import WILL_RUN, plan
 
-    refuse_taken(work)
-    if text := elsewhere(work):
-        note(text)
+    look_at_folder(work, note)
     statuses = plan(work.stages, work.job, forced)
     show_warnings(work, statuses)
     if as_json:
-        for status in statuses:
-            say(render.status_json(status, work.run))
-    else:
-        print_statuses(statuses, verbose)
-        say("", f"{sum_of(statuses)}")
-        pending = [status.stage for status in statuses if status.status == WILL_RUN]
-        imported = next((status.artefact for status in statuses if status.stage == "import"), None)
-        if imported is not None and (
-            line := forecast(work, pending, None if "import" in pending else Artefact(imported))
+        say(*(render.stage_json(status, work.run) for status in statuses))
+        return
+    print_statuses(statuses, verbose)
+    say("", sum_of(statuses))
+    pending = [status.stage for status in statuses if status.status == WILL_RUN]
+    for status in statuses:
+        if status.stage == "import" and (
+            line := forecast(work, pending, None if "import" in pending else Artefact(status.artefact))
         ):
             say(line)
 
@@ -49,9 +47,13 @@ def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: in
     """A row a stage: its status, how long it took when it was last computed, and the reasons or its message."""
     from rich.text import Text
 
+    from strainsight.runner.artefact import Artefact
+
     rows = []
     for status in statuses:
-        cells = (status.stage, status.status, _took(status), _why(status, verbose))
+        took, why = seconds_for(status.artefact), ", ".join(status.reasons) if verbose else status.reason
+        time = "" if took is None else f"{took:.1f} s"
+        cells = (status.stage, status.status, time, why or Artefact(status.artefact).message)
         rows.append([Text(printable(cell), style=COLOURS.get(cell, "")) for cell in cells])
     render.print_grid(HEAD if head else ("",) * len(HEAD), rows, LEAST, (2,), indent)
 
@@ -71,24 +73,6 @@ def sum_of(statuses: Sequence[Status]) -> str:
     return f"{text}; {which} took {sum(known):.1f} s when last run"
 
 
-def _took(status: Status) -> str:
-    seconds = seconds_for(status.artefact)
-    return "" if seconds is None else f"{seconds:.1f} s"
-
-
-def _why(status: Status, verbose: bool) -> str:
-    from strainsight.runner.artefact import Artefact
-
-    if status.reasons:
-        return ", ".join(status.reasons) if verbose else status.reason
-    return Artefact(status.artefact).message
-
-
-if TYPE_CHECKING:
-    from strainsight.experiment.structure.cost import Cost, Size
-    from strainsight.runner.artefact import Artefact
-    from strainsight_cli.work import Work
-
 GIB = 2.0**30
 FACTOR = "processor time and memory within a factor of two (docs/scaling.md)"
 WITH_PLACE = "processor time and memory within a factor of two, of place of three (docs/scaling.md)"
@@ -99,20 +83,22 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
 
     pending: stages that will run; imported: import.h5, None where it is not up to date: then only the deck's size is known.
     """
+    from strainsight.memory import available_memory
+    from strainsight.text import listed
+
     costs = costs_of(work, pending, imported)
     if costs is None:
-        deck = _deck(work)
-        return (
-            f"forecast: the deck has {deck / 1e6:.1f} MB; time and memory are known once it is imported" if deck else ""
-        )
+        deck = work.job.base / str(work.job.config["mesh"]["file"])
+        size = deck.stat().st_size / 1e6 if deck.is_file() else 0
+        return f"forecast: the deck has {size:.1f} MB; time and memory are known once it is imported" if size else ""
     if not costs:
         return ""
-    size, each = costs
-    peak = max(cost.memory for cost in each.values())
-    stages = [f"{name} {in_words(cost.seconds)}" for name, cost in each.items()]
-    listed = " and ".join(filter(None, (", ".join(stages[:-1]), stages[-1])))
+    model, each = costs
+    peak, available = max(cost.memory for cost in each.values()), available_memory() / GIB
+    stages = listed([f"{name} {in_words(cost.seconds)}" for name, cost in each.items()])
     factor = WITH_PLACE if "place" in each else FACTOR
-    return f"forecast: {listed} for {size.unknowns} unknowns, {peak:.2g} GiB, {factor}{_short_of(peak)}"
+    short = "" if peak <= available else f"; {available:.2g} GiB are there: take a coarser mesh or a larger machine"
+    return f"forecast: {stages} for {model.unknowns} unknowns, {peak:.2g} GiB, {factor}{short}"
 
 
 def costs_of(
@@ -120,7 +106,8 @@ def costs_of(
 ) -> tuple[Size, dict[str, Cost]] | tuple[()] | None:
     """The size, and the cost of every stage that has a law; empty where none will run; None where the size is not known."""
     from strainsight.config.placement import PlacementConfig
-    from strainsight.experiment.structure.cost import SOLVES, cost_of, cost_of_place
+    from strainsight.experiment.structure.cost import SOLVES, cost_of, cost_of_place, size_of
+    from strainsight.records.mesh import mesh_from
 
     config = work.job.model
     if not isinstance(config, PlacementConfig) or config.mesh.matrices is not None:
@@ -131,38 +118,15 @@ def costs_of(
         return ()
     if imported is None:
         return None
-    size = size_in(imported)
+    mesh = mesh_from(imported)
+    elements = {block.kind: len(block.ids) for block in mesh.blocks}
+    # a node of shells or beams counts twice, as it has rotations
+    size = size_of(mesh.own_nodes + len(mesh.turning), elements, len(mesh.regions))
     each = {name: cost_of(name, config, size) if name in SOLVES else cost_of_place(config, size) for name in names}
     known = {name: cost for name, cost in each.items() if cost is not None}
     return (size, known) if known else ()
 
 
-def size_in(imported: Artefact) -> Size:
-    """Of the mesh in import.h5; a node of shells or beams counts twice, as it has rotations."""
-    from strainsight.experiment.structure.cost import size_of
-    from strainsight.records.mesh import mesh_from
-
-    mesh = mesh_from(imported)
-    elements = {block.kind: len(block.ids) for block in mesh.blocks}
-    return size_of(mesh.own_nodes + len(mesh.turning), elements, len(mesh.regions))
-
-
 def in_words(seconds: float) -> str:
     """`12 s`, `3:20 min`"""
     return f"{max(seconds, 1.0):.0f} s" if seconds < 100 else f"{spelt(seconds)} {'h' if seconds >= 3600 else 'min'}"
-
-
-def _short_of(peak: float) -> str:
-    from strainsight.memory import available_memory
-
-    available = available_memory() / GIB
-    return (
-        ""
-        if math.isinf(available) or peak <= available
-        else f"; {available:.2g} GiB are there: take a coarser mesh or a larger machine"
-    )
-
-
-def _deck(work: Work) -> int:
-    path = work.job.base / str(work.job.config["mesh"]["file"])
-    return path.stat().st_size if path.is_file() else 0

@@ -38,8 +38,11 @@ from strainsight_cli.work import (
 )
 
 if TYPE_CHECKING:
+    from strainsight.config.load import LoadedConfig
+    from strainsight.config.suite_runs import PlannedRun
     from strainsight.runner.artefact import Artefact
     from strainsight.runner.output import Table
+    from strainsight.runner.stage import Stage
 
 Computed = tuple[str, str, float | None]
 """Key, digest and seconds: a reused artefact is the same to the last digit."""
@@ -53,31 +56,28 @@ def timing_table(runs: Sequence[str], artefacts_of: Sequence[Sequence[Artefact]]
     """
     from strainsight.runner.output import Table
 
-    stages = list(dict.fromkeys(artefact.header.stage for artefacts in artefacts_of for artefact in artefacts))
-    by: dict[Computed, int] = {}
-    for reused in (False, True):
-        for i, artefacts in enumerate(artefacts_of):
-            for artefact in artefacts:
-                if bool(artefact.source) == reused:
-                    by.setdefault(_computed(artefact), i)
-    cells: list[list[str]] = []
-    spent = [[0.0] * len(stages) for _ in runs]
-    for i, artefacts in enumerate(artefacts_of):
-        cells.append([""] * len(stages))
-        for artefact in artefacts:
-            column, seconds = stages.index(artefact.header.stage), artefact.header.seconds
-            if (maker := by[_computed(artefact)]) != i:
-                cells[i][column] = f"↩ {maker + 1}"
-            else:
-                cells[i][column] = "?" if seconds is None else _seconds(seconds)
-                spent[i][column] = seconds or 0.0
+    entries = [(i, artefact) for i, artefacts in enumerate(artefacts_of) for artefact in artefacts]
+    stages = list(dict.fromkeys(artefact.header.stage for _, artefact in entries))
+    maker: dict[Computed, int] = {}
+    for i, artefact in sorted(entries, key=lambda entry: bool(entry[1].source)):
+        maker.setdefault(_computed(artefact), i)
+    cells = [dict.fromkeys(stages, "") for _ in runs]
+    spent = [dict.fromkeys(stages, 0.0) for _ in runs]
+    for i, artefact in entries:
+        stage, seconds = artefact.header.stage, artefact.header.seconds
+        if (other := maker[_computed(artefact)]) != i:
+            cells[i][stage] = f"↩ {other + 1}"
+        else:
+            cells[i][stage] = "?" if seconds is None else _seconds(seconds)
+            spent[i][stage] = seconds or 0.0
+    whole = [sum(times.values()) for times in spent]
     rows = [
-        (str(i + 1), name, *cells[i], _seconds(sum(spent[i])) if any(spent[i]) else "") for i, name in enumerate(runs)
+        (str(i + 1), name, *cells[i].values(), _seconds(whole[i]) if whole[i] else "") for i, name in enumerate(runs)
     ]
     page_seconds = page.header.seconds or 0.0
     rows.append(("", "the suite's page", *[""] * len(stages), _seconds(page_seconds)))
-    below = [_seconds(sum(column)) for column in zip(*spent, strict=True)]
-    rows.append(("", "all", *below, _seconds(page_seconds + sum(map(sum, spent)))))
+    below = [_seconds(sum(times[stage] for times in spent)) for stage in stages]
+    rows.append(("", "all", *below, _seconds(page_seconds + sum(whole))))
     return Table("where the time goes [s] (↩ n: reused from run n)", ("", "run", *stages, "all"), tuple(rows))
 
 
@@ -99,17 +99,13 @@ def _seconds(value: float) -> str:
     return f"{value:.1f}" if value < 100 else f"{value:.0f}"
 
 
-if TYPE_CHECKING:
-    from strainsight.config.load import LoadedConfig
-    from strainsight.config.suite_runs import PlannedRun
-    from strainsight.runner.artefact import Artefact
-    from strainsight.runner.stage import Stage
-
-
 def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> list[Work]:
     """The runs of a suite, in order, and last the suite itself; where: the sweeps of a run run. Raises ConfigError for whatever
     is wrong with any of them."""
     from strainsight.config.suite_runs import all_of, runs_of
+    from strainsight.runner.plan import Job
+    from strainsight.stages.pages.suite_entries import suite_config
+    from strainsight.stages.suite import SUITE
 
     runs = runs_of(suite)
     works = []
@@ -119,7 +115,9 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
         works.append(
             replace(pipelines.work_of(run.config, results), stages=stages, run=name, beside=beside, where=where)
         )
-    page = _page(suite, runs, works, results)
+    # the suite's own stage, on the numbers of its runs
+    config = suite_config(suite, runs, [[stage.name for stage in work.stages] for work in works])
+    page = Work((SUITE,), Job(config, results, results, suite.locate), config["name"])
     all_of([*works, page], refuse_taken)
     all_of(range(len(works)), lambda i: _refuse_inputs(suite, works, i))
     return [*works, page]
@@ -132,16 +130,6 @@ def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple
 
     at_once = jobs or int(suite.data["jobs"])
     return at_once, Where(1 if jobs else max(1, cores() // at_once), dask)
-
-
-def _page(suite: LoadedConfig, runs: Sequence[PlannedRun], works: Sequence[Work], results: Path) -> Work:
-    """The suite's own stage, on the numbers of its runs."""
-    from strainsight.runner.plan import Job
-    from strainsight.stages.pages.suite_entries import suite_config
-    from strainsight.stages.suite import SUITE
-
-    config = suite_config(suite, runs, [[stage.name for stage in work.stages] for work in works])
-    return Work((SUITE,), Job(config, results, results, suite.locate), config["name"])
 
 
 def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
@@ -203,27 +191,24 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
 
     pending = []
     for work in works[:-1]:
-        statuses = plan(work.stages, work.job, [stage.name for stage in work.stages] if force else ())
+        statuses = plan(work.stages, work.job, work.forced(force))
         show_warnings(work, statuses)
         waits = any(status.status != UP_TO_DATE for status in statuses)
         if waits:
             pending.append(f"{work.run} changed")
         if as_json:
-            for status in statuses:
-                say(render.status_json(status, work.run))
+            say(*(render.stage_json(status, work.run) for status in statuses))
             continue
         say(f"{work.beside}: {sum_of(statuses)}")
         if waits or verbose:
             print_statuses(statuses, verbose, indent=2, head=False)
-    (status_of_page,) = plan(works[-1].stages, works[-1].job, [works[-1].stages[0].name] if force else ())
+    (status_of_page,) = plan(works[-1].stages, works[-1].job, works[-1].forced(force))
     if pending:
-        passed = (OTHER_CODE, NO_CODE)
-        besides = [
-            reason for reason in status_of_page.reasons if not reason.endswith(" is missing") and reason not in passed
-        ]
+        passed = (" is missing", OTHER_CODE, NO_CODE)
+        besides = [reason for reason in status_of_page.reasons if not reason.endswith(passed)]
         status_of_page = replace(status_of_page, status=WILL_RUN, reasons=(*besides, *pending))
     if as_json:
-        say(render.status_json(status_of_page, works[-1].run))
+        say(render.stage_json(status_of_page, works[-1].run))
     else:
         print_statuses([status_of_page], verbose, head=False)
 
@@ -234,16 +219,10 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
     _look_for_inputs(works[:-1])
     with progress_bar(not as_json) as progress:
         computed = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
-        page = works[-1]
-        if not as_json:
-            say(_heading(page))
-        with _named(page):
-            (page_artefact,) = bring_up_to_date(
-                page, [page.stages[0].name] if force else [], as_json, verbose, say, progress
-            )
+        (page,) = _one_run(works[-1], force, as_json, verbose, progress)
     if not as_json:
-        show_results([page_artefact], [page.stages[0].name])
-        render.print_tables([timing_table([work.run for work in works[:-1]], computed, page_artefact)])
+        show_results([page], [page.header.stage])
+        render.print_tables([timing_table([work.run for work in works[:-1]], computed, page)])
         say(peak_memory(jobs))
     if code := exit_code([artefact for run in computed for artefact in run]):
         raise typer.Exit(code)
@@ -252,30 +231,27 @@ def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verb
 def _all_runs(
     works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool, progress: Progress
 ) -> list[Sequence[Artefact]]:
-    if jobs > 1 and len(works) > 1:
-        by_place: dict[int, Sequence[Artefact]] = {}
-        failed = []
-        with closing(side_by_side(works, jobs, force, as_json, verbose, progress)) as runs:
-            for ended in runs:
-                if not as_json:
-                    say(_heading(works[ended.place]))
-                for line in ended.lines:
-                    say(line)
-                by_place[ended.place] = ended.artefacts
-                if ended.failure is not None:
-                    _say_failed(works[ended.place])
-                    failed.append(tell(ended.failure, verbose))
-        if failed:
-            raise failed[0]
-        return [by_place[place] for place in range(len(works))]
-    computed: list[Sequence[Artefact]] = []
-    for work in works:
-        if not as_json:
-            say(_heading(work))
-        with _named(work):
-            forced = [stage.name for stage in work.stages] if force else []
-            computed.append(bring_up_to_date(work, forced, as_json, verbose, say, progress))
-    return computed
+    if jobs == 1 or len(works) == 1:
+        return [_one_run(work, force, as_json, verbose, progress) for work in works]
+    by_place: dict[int, Sequence[Artefact]] = {}
+    failed = []
+    with closing(side_by_side(works, jobs, force, as_json, verbose, progress)) as runs:
+        for ended in runs:
+            say(*[_heading(works[ended.place])] * (not as_json), *ended.lines)
+            by_place[ended.place] = ended.artefacts
+            if ended.failure is not None:
+                say(f"{_heading(works[ended.place])} failed:", error=True)
+                failed.append(tell(ended.failure, verbose))
+    if failed:
+        raise failed[0]
+    return [by_place[place] for place in range(len(works))]
+
+
+def _one_run(work: Work, force: bool, as_json: bool, verbose: bool, progress: Progress) -> Sequence[Artefact]:
+    if not as_json:
+        say(_heading(work))
+    with _named(work):
+        return bring_up_to_date(work, work.forced(force), as_json, verbose, say, progress)
 
 
 @contextmanager
@@ -284,12 +260,8 @@ def _named(work: Work) -> Iterator[None]:
     try:
         yield
     except Exception:
-        _say_failed(work)
+        say(f"{_heading(work)} failed:", error=True)
         raise
-
-
-def _say_failed(work: Work) -> None:
-    say(f"{_heading(work)} failed:", error=True)
 
 
 def _heading(work: Work) -> str:
@@ -308,9 +280,6 @@ def _look_for_inputs(works: Sequence[Work]) -> None:
                 with _named(work):
                     inputs_of(stage, work.job)
 
-
-if TYPE_CHECKING:
-    from strainsight.runner.artefact import Artefact
 
 LOOK = 0.2
 """[s] between two looks at what the processes say."""
@@ -355,7 +324,12 @@ def side_by_side(
 @contextmanager
 def _processes(count: int, verbose: bool) -> Iterator[tuple[ProcessPoolExecutor, Any]]:
     context = get_context("spawn")
-    _quiet_tracker()
+    # the process that clears up semaphores after Ctrl-C need not speak of it
+    sys.warnoptions.append("ignore:resource_tracker")
+    try:
+        resource_tracker.ensure_running()
+    finally:
+        sys.warnoptions.pop()
     moves = context.SimpleQueue()
     with ProcessPoolExecutor(count, context, _start, (moves, verbose, printing.now())) as pool:
         try:
@@ -365,15 +339,6 @@ def _processes(count: int, verbose: bool) -> Iterator[tuple[ProcessPoolExecutor,
             for process in active_children():
                 process.terminate()
             raise
-
-
-def _quiet_tracker() -> None:
-    """Start the process that clears up semaphores after Ctrl-C so that it does not speak of it."""
-    sys.warnoptions.append("ignore:resource_tracker")
-    try:
-        resource_tracker.ensure_running()
-    finally:
-        sys.warnoptions.pop()
 
 
 def _pass_on(moves: Any, progress: Progress) -> None:
@@ -413,11 +378,12 @@ def _start(moves: Any, verbose: bool, level: printing.Level) -> None:
 
 def _run(place: int, work: Work, force: bool, as_json: bool, verbose: bool) -> Ended:
     lines: list[str] = []
-    forced = [stage.name for stage in work.stages] if force else []
+    artefacts: list[Artefact] = []
+    failure = None
     try:
         artefacts = bring_up_to_date(
-            work, forced, as_json, verbose, lines.append, lambda *move: _moves.put(move), lambda text: _moves.put(text)
+            work, work.forced(force), as_json, verbose, lines.append, lambda *move: _moves.put(move), _moves.put
         )
     except Exception as error:
-        return Ended(place, tuple(lines), (), failure_of(error))
-    return Ended(place, tuple(lines), tuple(artefacts), None)
+        failure = failure_of(error)
+    return Ended(place, tuple(lines), tuple(artefacts), failure)

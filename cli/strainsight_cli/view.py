@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 import typer
 
@@ -22,33 +21,18 @@ if TYPE_CHECKING:
     from strainsight.config.placement import PlacementConfig
 
 
-class What(StrEnum):
-    """What there is to see."""
-
-    mesh = "mesh"
-    modes = "modes"
-    strain = "strain"
-    candidates = "candidates"
-    layout = "layout"
-    field = "field"
-
-
-class Of(StrEnum):
-    """What a field is of."""
-
-    test = "test"
-    validation = "validation"
-
-
 def view(
     config: ConfigFile,
-    what: Annotated[What | None, typer.Option("--what", help="Default: the layout, else the mesh.")] = None,
+    what: Annotated[
+        Literal["mesh", "modes", "strain", "candidates", "layout", "field"] | None,
+        typer.Option("--what", help="Default: the layout, else the mesh."),
+    ] = None,
     at: Annotated[
         float | None,
         typer.Option("--at", metavar="SECONDS", help="Instant of a field; default: that of the largest stress."),
     ] = None,
     of: Annotated[
-        Of | None,
+        Literal["test", "validation"] | None,
         typer.Option("--of", help="Whose field, of a placement; default: the test's where there is one."),
     ] = None,
     record: Annotated[
@@ -72,7 +56,7 @@ def view(
 
         folder = results / str(loaded.data["name"])
         names = [stage.name for stage in stages]
-        shown, read = view_of(model, names, folder, str(config), what and what.value, at, body, of and of.value, record)
+        shown, read = view_of(model, names, folder, str(config), what, at, body, of, record)
         say_stale(loaded, results, read, "view")
         from strainsight.pages.view import viewing
         from strainsight.writing import write_file
@@ -80,7 +64,7 @@ def view(
         if screenshot is None:
             viewing.window(shown)
         else:
-            write_file(screenshot, viewing.screenshot(shown))
+            write_file(screenshot, *viewing.screenshots([shown]))
             say(f"wrote {screenshot}: {shown.title}")
 
 
@@ -120,10 +104,9 @@ def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...], comman
     statuses = [status for status in plan(work.stages, work.job) if status.stage in ("import", *read)]
     with run_log(work.job, command):
         show_warnings(work, statuses)
-    for status in statuses:
-        if status.stage in read and status.status != UP_TO_DATE:
-            note(f"{status.artefact} is older than the config: {status.reason}")
-            return
+    stale = [status for status in statuses if status.stage in read and status.status != UP_TO_DATE]
+    for status in stale[:1]:
+        note(f"{status.artefact} is older than the config: {status.reason}")
 
 
 def figures(
@@ -150,8 +133,6 @@ def _of_what(counted: Mapping[str, int], loaded: LoadedConfig) -> str:
     if "test" not in counted:
         return ""
     settings = loaded.data["estimate"]
-    records = ", ".join(record["name"] for record in settings["records"])
-    parts = [f"{counted['test']} of the test {settings['file'] or records}, their names begin with test-"]
-    if "report" in counted:
-        parts.append(f"{counted['report']} of the placement")
-    return f" ({'; '.join(parts)})"
+    test = settings["file"] or ", ".join(record["name"] for record in settings["records"])
+    placement = f"; {counted['report']} of the placement" if "report" in counted else ""
+    return f" ({counted['test']} of the test {test}, their names begin with test-{placement})"

@@ -18,7 +18,6 @@ from strainsight_cli.runlog import peak, run_log
 if TYPE_CHECKING:
     from strainsight.runner.artefact import Artefact
     from strainsight.runner.plan import Job, Status
-    from strainsight.runner.runner import Event
     from strainsight.runner.stage import Stage
 
 Say = Callable[[str], None]
@@ -42,6 +41,10 @@ class Work:
     run: str = ""
     beside: str = ""
     where: Where = field(default_factory=Where)
+
+    def forced(self, force: bool) -> list[str]:
+        """Names of the stages that run in any case: all, or none."""
+        return [stage.name for stage in self.stages] if force else []
 
 
 def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
@@ -74,31 +77,35 @@ ABOVE = 3
 def elsewhere(work: Work) -> str:
     """A note where nothing is computed in this results folder and the same run is in one near the config: whoever calls from
     another folder computes all anew."""
-    folder = work.job.folder
-    if folder.exists():
-        return ""
-    base = work.job.base.resolve()
-    for above in [base, *base.parents[:ABOVE]]:
+    folder, base = work.job.folder, work.job.base.resolve()
+    for above in [] if folder.exists() else [base, *base.parents[:ABOVE]]:
         other = above / "results" / folder.name
         if other.resolve() != folder.resolve() and (other / "import.h5").is_file():
             return f"nothing is computed in {folder} yet, but in {other}: to go on from there give --results {other.parent}"
     return ""
 
 
+def look_at_folder(work: Work, note: Say) -> None:
+    """Report what is wrong with the results folder before anything else: `refuse_taken`, `elsewhere`."""
+    refuse_taken(work)
+    if text := elsewhere(work):
+        note(text)
+
+
 def bring_up_to_date(
     work: Work, forced: Collection[str], as_json: bool, verbose: bool, say: Say, progress: Progress, note: Say = note
 ) -> list[Artefact]:
     """Run what is not up to date, a line a stage; the artefacts of all stages."""
-    refuse_taken(work)
-    if text := elsewhere(work):
-        note(text)
+    look_at_folder(work, note)
     from strainsight.errors import StrainsightError
     from strainsight.memory import available_memory
-    from strainsight.runner.runner import RUNNING
+    from strainsight.runner.plan import WILL_RUN, plan
+    from strainsight.runner.runner import DONE, RUNNING, Event
     from strainsight.runner.runner import run as run_stages
+    from strainsight_cli.status import forecast
 
     artefacts: list[Artefact] = []
-    at_work, started, following, forecast_said = "", time.time(), None, False
+    at_work, started, following, forecast_said = "", time.time(), None, as_json or bool(work.run)
     last = seconds_of(work.stages, work.job)
 
     def move(stage: str, doing: str, share: float) -> None:
@@ -117,9 +124,13 @@ def bring_up_to_date(
             for event in run_stages(work.stages, work.job, forced=forced, progress=move, notice=notice, sweep=sweep):
                 if event.status == RUNNING:
                     at_work, started, following = event.stage, time.time(), after(work.stages, event.stage, last)
-                    if not (as_json or work.run or forecast_said) and artefacts:
+                    if not forecast_said and artefacts:
                         forecast_said = True
-                        if line := _forecast(work, forced, artefacts[0]):
+                        pending = [
+                            each.stage for each in plan(work.stages, work.job, forced) if each.status == WILL_RUN
+                        ]
+                        first = artefacts[0]
+                        if first.header.stage == "import" and (line := forecast(work, pending, first)):
                             say(line)
                     log(f"{event.stage} starts: {event.reason}")
                     move(event.stage, event.reason, 0.0)
@@ -129,34 +140,20 @@ def bring_up_to_date(
                 sized = config_warnings(work.job, event.artefact) if event.stage == "import" else ()
                 for text in (*sized, *event.artefact.warnings):
                     warn(text)
-                log(f"{event.stage} {event.status}{_spent(event)}: {event.artefact.message}")
-                say(render.event_json(event, work.run) if as_json else render.stage_line(event, verbose))
+                spent = f" after {event.seconds:.1f} s, {peak()}" if event.status == DONE else ""
+                log(f"{event.stage} {event.status}{spent}: {event.artefact.message}")
+                say(render.stage_json(event, work.run) if as_json else render.stage_line(event, verbose))
         except Exception as error:
             if at_work and (not artefacts or artefacts[-1].header.stage != at_work):
                 log(f"{at_work} fails after {time.time() - started:.1f} s, {peak()}")
             if as_json and at_work:
                 reason = str(error) if isinstance(error, StrainsightError) else f"{type(error).__name__}: {error}"
-                say(render.failure_json(at_work, reason, work.run))
+                say(render.stage_json(Event(at_work, "failed", reason), work.run))
             raise
         finally:
             if at_work:
                 move("", "", 1.0)
     return artefacts
-
-
-def _forecast(work: Work, forced: Collection[str], first: Artefact) -> str:
-    from strainsight.runner.plan import WILL_RUN, plan
-    from strainsight_cli.status import forecast
-
-    pending = [status.stage for status in plan(work.stages, work.job, forced) if status.status == WILL_RUN]
-    return forecast(work, pending, first) if first.header.stage == "import" else ""
-
-
-def _spent(event: Event) -> str:
-    """Nothing of a stage that did not run."""
-    if event.status != "done":
-        return ""
-    return f" after {event.seconds:.1f} s, {peak()}"
 
 
 def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None:

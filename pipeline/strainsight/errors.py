@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from decimal import ROUND_CEILING, ROUND_FLOOR, Context
 from difflib import get_close_matches
-from typing import Literal
+from typing import Any
 
 
 class StrainsightError(Exception):
@@ -78,7 +78,8 @@ class ConfigError(UserError):
 class DeckError(UserError):
     """A mesh file that cannot be imported as it stands.
 
-    entity  ("node", id), ("element", id) or ("tie", id) that is at fault, for whoever knows the lines of the file
+    entity   ("node", id), ("element", id) or ("tie", id) that is at fault, for whoever knows the lines of the file
+    choices  what the config can choose from, where it has to
     """
 
     def __init__(
@@ -89,35 +90,20 @@ class DeckError(UserError):
         key: str | None = None,
         remedy: str | None = None,
         entity: tuple[str, int] | None = None,
+        choices: tuple[Any, ...] = (),
     ):
         super().__init__(what, where=where, key=key, remedy=remedy)
         self.entity = entity
+        self.choices = choices
 
 
 class ChoiceError(DeckError):
-    """A deck that states several sets of supports, or steps that differ, of which the config has to say which counts.
-
-    sets  their ids, or the numbers of the steps
-    key   of the section mesh: spc or step
-    """
-
-    def __init__(
-        self, what: str, *, where: str, remedy: str, sets: tuple[int, ...], key: Literal["spc", "step"] = "spc"
-    ):
-        super().__init__(what, where=where, remedy=remedy)
-        self.sets = sets
-        self.key: Literal["spc", "step"] = key
+    """A deck that states several sets of supports (key "spc"; choices: their ids), or steps that differ (key "step"; choices:
+    their numbers), of which the config has to say which counts."""
 
 
 class ContactError(DeckError):
-    """A deck with surfaces in contact, of which the config has to say whether they are joined.
-
-    pairs  which, "A on B"
-    """
-
-    def __init__(self, what: str, *, where: str, remedy: str, pairs: tuple[str, ...]):
-        super().__init__(what, where=where, remedy=remedy)
-        self.pairs = pairs
+    """A deck with surfaces in contact (choices: "A on B"), of which the config has to say whether they are joined."""
 
 
 class MachineWarning(UserWarning):

@@ -27,14 +27,8 @@ def require_memory(needed: float, what: str, remedy: str = SMALLER) -> None:
 def available_memory() -> float:
     """[bytes] this process can still take: the least of what the machine has free, what the limits of its control
     groups leave, and what its limit of address space leaves. Infinite where the system does not say (not Linux)."""
-    return max(0.0, min(_machine(), _control_groups(), _address_space()))
-
-
-def _machine() -> float:
-    for line in _lines(PROC / "meminfo"):
-        if line.startswith("MemAvailable:"):
-            return float(line.split()[1]) * 1024
-    return math.inf
+    free = 1024 * _named(PROC / "meminfo", "MemAvailable:", math.inf)
+    return max(0.0, min(free, _control_groups(), _address_space()))
 
 
 def _control_groups() -> float:
@@ -45,27 +39,23 @@ def _control_groups() -> float:
         if not controllers:
             root, limit, usage, cache = CGROUP, "memory.max", "memory.current", "inactive_file"
         elif "memory" in controllers.split(","):
-            root, limit, usage, cache = (
-                CGROUP / "memory",
-                "memory.limit_in_bytes",
-                "memory.usage_in_bytes",
-                "total_inactive_file",
-            )
+            root, cache = CGROUP / "memory", "total_inactive_file"
+            limit, usage = "memory.limit_in_bytes", "memory.usage_in_bytes"
         else:
             continue
         group = root / path.lstrip("/")
         # inside a container the path is the host's and may not be there: the root is then the container's own group
         for folder in (group, *group.parents):
             if folder.is_relative_to(root):
-                least = min(least, _number(folder / limit) - _number(folder / usage, 0.0) + _cached(folder, cache))
+                cached = _named(folder / "memory.stat", cache, 0.0)
+                least = min(least, _number(folder / limit) - _number(folder / usage, 0.0) + cached)
     return least
 
 
-def _cached(folder: Path, name: str) -> float:
-    for line in _lines(folder / "memory.stat"):
-        if line.startswith(f"{name} "):
-            return float(line.split()[1])
-    return 0.0
+def _named(file: Path, name: str, otherwise: float) -> float:
+    """The number behind this word in a file; `otherwise` where it has none."""
+    numbers = dict(words[:2] for line in _lines(file) if len(words := line.split()) > 1)
+    return float(numbers.get(name, otherwise))
 
 
 def _address_space() -> float:

@@ -41,9 +41,14 @@ def quantity(value: float, unit: str, digits: int = 4) -> str:
 
 def prefix(size: float, unit: str) -> tuple[float, str]:
     """The factor and the prefixed unit in which numbers of this size are between 1 and 1000."""
-    if unit not in PREFIXED_UNITS or not math.isfinite(size) or size == 0:
+    return _prefixed(size, unit, 12) if unit in PREFIXED_UNITS else (1.0, unit)
+
+
+def _prefixed(size: float, unit: str, largest: int) -> tuple[float, str]:
+    """largest: power of ten of the largest prefix."""
+    if not 0 < size < math.inf:
         return 1.0, unit
-    power = min(max(3 * math.floor(math.log10(size * (1 + 1e-12)) / 3), -9), 12)
+    power = min(max(3 * math.floor(math.log10(size * (1 + 1e-12)) / 3), -9), largest)
     return 10.0**power, PREFIXES[power] + unit
 
 
@@ -51,10 +56,7 @@ def reading_unit(size: float, unit: str) -> tuple[float, str]:
     """The factor and the unit in which readings of this size are shown: strain in µm/m, displacements from nm to m."""
     if unit == "strain":
         return 1e-6, "µm/m"
-    if unit == "m" and math.isfinite(size) and size > 0:
-        power = min(max(3 * math.floor(math.log10(size * (1 + 1e-12)) / 3), -9), 0)
-        return 10.0**power, PREFIXES[power] + unit
-    return prefix(size, unit.replace("^2", "²"))
+    return _prefixed(size, unit, 0) if unit == "m" else prefix(size, unit.replace("^2", "²"))
 
 
 def percent(ratio: float, digits: int = 2) -> str:

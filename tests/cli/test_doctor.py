@@ -50,7 +50,7 @@ def test_versions_out_of_range_and_missing_packages_have_a_remedy():
 def test_without_pardiso_it_says_what_that_means(tmp_path, monkeypatch):
     (tmp_path / "pypardiso.py").write_text("raise OSError('no libmkl_rt')", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    (solver,) = doctor.check_solver()
+    solver = doctor.check_solver()
     assert solver.verdict == WARNING
     assert "SuperLU" in solver.found
     assert "OSError: no libmkl_rt" in solver.found
@@ -60,11 +60,11 @@ def test_without_pardiso_it_says_what_that_means(tmp_path, monkeypatch):
 def test_a_renderer_that_dies_or_draws_nothing_fails(tmp_path, monkeypatch):
     (tmp_path / "pyvista.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
-    (died,) = doctor.check_rendering()
+    died = doctor.check_rendering()
     assert (died.verdict, died.found) == (FAILS, "off screen: crashed with SIGSEGV")
     assert "libegl1" in died.remedy
     monkeypatch.setattr(doctor, "tried", lambda name: ({"middle": [0, 0, 0], "corner": [0, 0, 0], "seconds": 0.1}, ""))
-    (blank,) = doctor.check_rendering()
+    blank = doctor.check_rendering()
     assert blank.found == "off screen: the picture is empty"
 
 
@@ -100,13 +100,13 @@ def test_the_memory_model_is_what_was_measured():
 @pytest.mark.parametrize(("gib", "verdict"), [(0.1, FAILS), (1.0, WARNING), (8.0, GOOD), (float("inf"), WARNING)])
 def test_memory(gib, verdict, monkeypatch):
     monkeypatch.setattr("strainsight.memory.available_memory", lambda: gib * doctor.GIB)
-    assert doctor.check_memory()[0].verdict == verdict
+    assert doctor.check_memory().verdict == verdict
 
 
 def test_a_results_folder_that_is_a_file_fails_and_one_that_is_missing_does_not(tmp_path):
     (tmp_path / "file").touch()
-    assert doctor.check_disk(tmp_path / "file")[0].verdict == FAILS
-    assert doctor.check_disk(tmp_path / "none" / "deeper")[0].verdict != FAILS
+    assert doctor.check_disk(tmp_path / "file").verdict == FAILS
+    assert doctor.check_disk(tmp_path / "none" / "deeper").verdict != FAILS
     assert not (tmp_path / "none").exists()
 
 

@@ -18,11 +18,12 @@ import strainsight_cli
 from strainsight.errors import StrainsightError, UserError, printable
 from strainsight.processes import SAFE_PATH
 from strainsight.runner.output import Table
+from strainsight.runner.runner import Event
 from strainsight_cli.clock import ends_at
 from strainsight_cli.failures import failure_of, plain_warnings, tell
 from strainsight_cli.main import main
 from strainsight_cli.printing import json_line, say
-from strainsight_cli.render import failure_json, print_tables
+from strainsight_cli.render import print_tables, stage_json
 from strainsight_cli.work import note
 
 HERE = Path(strainsight_cli.__file__).parent
@@ -58,7 +59,7 @@ def test_json_is_read_back_as_it_was():
         lambda: tell(failure_of(ValueError(HOSTILE)), False),
         lambda: tell(failure_of(OSError(2, "No such file", HOSTILE)), False),
         lambda: tell(failure_of(MemoryError(HOSTILE)), False),
-        lambda: say(failure_json("place", HOSTILE, HOSTILE)),
+        lambda: say(stage_json(Event("place", "failed", HOSTILE), HOSTILE)),
     ],
 )
 def test_what_is_printed_holds_no_control_and_no_forged_line(printed, capsys):

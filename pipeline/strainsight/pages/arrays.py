@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -59,6 +60,12 @@ class Reading:
 def largest(*signals: FloatArray) -> float:
     """Largest size of all that is finite, 0 where nothing is."""
     return max((float(np.max(np.abs(signal[np.isfinite(signal)]), initial=0.0)) for signal in signals), default=0.0)
+
+
+def round_factor(value: float) -> float:
+    """The largest of 1, 2, 5 · 10^k that is not above a value > 0."""
+    power = 10.0 ** math.floor(math.log10(value) + 1e-9)
+    return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= value * (1 + 1e-9))
 
 
 def rms(values: FloatArray) -> float:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import json
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -60,6 +60,8 @@ def is_intact(path: Path) -> bool:
 
 FORMAT = "strainsight"
 FORMAT_VERSION = 1
+MAPPINGS = ("config", "upstream", "files", "found", "beside", "sizes")
+"""Fields of a header that stand in a file as JSON."""
 GRID = ".vtkhdf"
 """Ending of the file beside an artefact with a grid, by which ParaView and PyVista open that grid."""
 SETTLED = 2_000_000_000
@@ -181,9 +183,8 @@ class Artefact:
     def _below(self, path: str) -> dict[str, Entry]:
         if self._entry(path).dataset:
             raise self._absent("group", path)
-        start = f"{path}/"
-        found = {name.removeprefix(start): entry for name, entry in self._contents.items() if name.startswith(start)}
-        return {name: entry for name, entry in found.items() if "/" not in name}
+        names = [name for name in self._contents if name.rpartition("/")[0] == path]
+        return {name.removeprefix(f"{path}/"): self._contents[name] for name in names}
 
     def _absent(self, what: str, path: str) -> ArtefactError:
         return ArtefactError(
@@ -196,6 +197,11 @@ class Artefact:
 def plain_name(name: str) -> bool:
     """Whether a file of that name can lie beside an artefact: no folder, nothing hidden, no other artefact."""
     return Path(name).name == name and not name.startswith(".") and not name.endswith(".h5")
+
+
+def missing_in(folder: Path, stages: Iterable[str]) -> list[str]:
+    """Those of the stages that have no artefact in the folder of a run."""
+    return [stage for stage in stages if not (folder / f"{stage}.h5").is_file()]
 
 
 def header_of(path: Path) -> ArtefactHeader:
@@ -277,8 +283,10 @@ def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
         )
     written = _plain(attributes.get("format_version"))
     if written != FORMAT_VERSION:
+        writer = attributes.get("package_version")
+        by = "" if writer is None else f", by strainsight {_plain(writer)}"
         raise ArtefactError(
-            f"format version {written!r}{_by(attributes)}; this one reads version {FORMAT_VERSION}",
+            f"format version {written!r}{by}; this one reads version {FORMAT_VERSION}",
             where=str(path),
             remedy="run again with --force, or read it with the strainsight that wrote it",
         )
@@ -286,24 +294,14 @@ def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
         stage=str(attributes["stage"]),
         version=int(attributes["stage_version"]),
         key=str(attributes["key"]),
-        config=json.loads(attributes["config"]),
-        upstream=json.loads(attributes["upstream"]),
-        files=json.loads(attributes["files"]),
         seed=int(attributes["seed"]) if "seed" in attributes else None,
-        found=json.loads(attributes["found"]),
-        beside=json.loads(attributes["beside"]),
-        sizes={name: int(size) for name, size in json.loads(attributes.get("sizes", "{}")).items()},
         seconds=float(attributes["seconds"]) if "seconds" in attributes else None,
         code=str(attributes.get("code", "")),
+        **{name: json.loads(attributes.get(name, "{}")) for name in MAPPINGS},
     )
     if foreign := [name for name in header.beside or {} if not plain_name(name)]:
         raise damaged(path, f"it names {foreign[0]!r} as a file beside it")
     return header, str(attributes["digest"]), str(attributes["message"])
-
-
-def _by(attributes: Mapping[str, Any]) -> str:
-    """By which strainsight, where that stands there."""
-    return f", by strainsight {_plain(attributes['package_version'])}" if "package_version" in attributes else ""
 
 
 def _plain(value: Any) -> Any:

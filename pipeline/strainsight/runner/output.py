@@ -152,7 +152,10 @@ def content_digest(file: h5py.File, contents: Mapping[str, Entry], message: str)
     """
     digest = hashlib.sha256()
     for path, entry in contents.items():
-        attributes = {name: _for_digest(value) for name, value in sorted(entry.attributes.items())}
+        attributes = {}
+        for name, value in sorted(entry.attributes.items()):
+            array = np.asarray(value)
+            attributes[name] = [array.dtype.kind, array.shape, [repr(item) for item in array.ravel().tolist()]]
         digest.update(canonical([path, attributes]).encode())
         if entry.dataset:
             item = file[path] if entry.array is None else entry.array
@@ -274,8 +277,3 @@ def _parts(item: h5py.Dataset | np.ndarray) -> Iterator[np.ndarray]:
     rows = max(1, CHUNK * item.shape[0] // max(1, item.size * item.dtype.itemsize))
     for start in range(0, item.shape[0], rows):
         yield item[start : start + rows]
-
-
-def _for_digest(value: Any) -> Any:
-    array = np.asarray(value)
-    return [array.dtype.kind, array.shape, [repr(item) for item in array.ravel().tolist()]]

@@ -229,26 +229,20 @@ def other_code(stage: Stage, artefact: Artefact) -> str:
 
 def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finished: Mapping[str, Artefact]) -> list[str]:
     header = artefact.header
+    upstream = {name: finished[name].digest for name in stage.upstream if name in finished}
     reasons = []
     if header.version != stage.version or header.stage != stage.name:
         reasons.append(f"stage version {header.version} → {stage.version}")
     reasons += [_change(job, *change) for change in differences(header.config, inputs.config)]
-    reasons += [
-        f"{name} changed"
-        for name in stage.upstream
-        if name in finished and finished[name].digest != header.upstream.get(name)
-    ]
-    for key, file in inputs.files.items():
-        if key in inputs.digests and inputs.digests[key] != header.files.get(key):
-            reasons.append(f"{_shown(file)} changed")
-    for name, digest in (header.found or {}).items():
-        if digest_or_none(job.base / name) != digest:
-            reasons.append(f"{_shown(job.base / name)} changed")
+    changed = [name for name, digest in upstream.items() if digest != header.upstream.get(name)]
+    changed += [_shown(inputs.files[key]) for key, now in inputs.digests.items() if now != header.files.get(key)]
+    found = {job.base / name: digest for name, digest in (header.found or {}).items()}
+    changed += [_shown(path) for path, digest in found.items() if digest_or_none(path) != digest]
+    reasons += [f"{name} changed" for name in changed]
     for name, digest in (header.beside or {}).items():
         beside = artefact.path.parent / name
         if digest_or_none(beside) != digest:
             reasons.append(f"{name} {'was altered' if beside.exists() else 'is missing'}")
-    upstream = {name: finished[name].digest for name in stage.upstream if name in finished}
     complete = len(upstream) == len(stage.upstream) and len(inputs.digests) == len(inputs.files)
     # The comparison above is for people; the key decides. A header altered by hand is caught here.
     if not reasons and complete and inputs.key(stage, upstream) != header.key:
@@ -296,31 +290,28 @@ def _input_path(key: str, value: str, job: Job) -> Path:
 
 
 def _no_such_file(key: str, written: str, path: Path, job: Job) -> ConfigError:
+    what, remedy = f"no such file: {_shown(path)}", "paths start from the folder of the config file"
     if key.endswith(".from") and path.is_relative_to(job.results) and "/" not in written:
         what, remedy = f"no result of a run '{written}' ({_shown(path)})", f"run the config named '{written}' first"
     elif path.is_dir():
         what, remedy = f"{_shown(path)} is a folder, not a file", "name a file in it"
-    else:
-        what, remedy = f"no such file: {_shown(path)}", "paths start from the folder of the config file"
     return ConfigError(what, key=key, where=job.locate(key), remedy=remedy)
 
 
 def _change(job: Job, key: str, old: Any, new: Any) -> str:
-    place = job.locate(key)
-    at = f" ({place.rpartition(':')[0] if place.count(':') > 1 else place})" if place and new is not ... else ""
-    if old is ...:
-        return f"{key} added{at}"
-    return f"{key} removed" if new is ... else f"{key} {_short(old)} → {_short(new)}{at}"
+    if new is ...:
+        return f"{key} removed"
+    place = job.locate(key) or ""
+    at = f" ({place.rpartition(':')[0] if place.count(':') > 1 else place})" if place else ""
+    return f"{key} added{at}" if old is ... else f"{key} {_short(old)} → {_short(new)}{at}"
 
 
 def _short(value: Any) -> str:
-    text = value if isinstance(value, str) else f"{value:g}" if _is_float(value) else canonical(value)
+    text = value if isinstance(value, str) else canonical(value)
+    # six digits where they say it all; every digit where they would hide the change
+    if isinstance(value, float) and float(f"{value:g}") == value:
+        text = f"{value:g}"
     return text if len(text) <= 40 else text[:37] + "..."
-
-
-def _is_float(value: Any) -> bool:
-    # Six digits where they say it all; every digit where they would hide the change.
-    return isinstance(value, float) and float(f"{value:g}") == value
 
 
 def _shown(path: Path) -> str:

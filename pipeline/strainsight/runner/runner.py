@@ -22,9 +22,9 @@ from strainsight.parallel import Sweep, serial
 from strainsight.runner.artefact import Artefact, ArtefactHeader, digest_or_none, file_digest, header_of
 from strainsight.runner.output import warnings_table
 from strainsight.runner.plan import UP_TO_DATE, Inputs, Job, code_of, inputs_of, judge, other_code
-from strainsight.runner.slices import Slice, declared
+from strainsight.runner.slices import attributes_of, declared
 from strainsight.runner.stage import Context, Stage
-from strainsight.runner.store import former, named_together, remove_unfinished, write_artefact
+from strainsight.runner.store import former, named_together, write_artefact
 from strainsight.writing import NO_LINK, TEMPORARY, make_folder, open_file, temporary, umask
 
 NAME = ".lock"
@@ -190,23 +190,17 @@ def _shared(source: Path, folder: Path) -> Path:
     handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{source.name}-", dir=folder)
     os.close(handle)
     part = Path(name)
+    part.unlink()
     try:
-        if not _linked(source, part):
-            shutil.copyfile(source, part)
-            part.chmod(0o666 & ~umask())
+        with suppress(OSError):
+            os.link(source.resolve(), part)
+            return part
+        shutil.copyfile(source, part)
+        part.chmod(0o666 & ~umask())
     except OSError:
         part.unlink(missing_ok=True)
         raise
     return part
-
-
-def _linked(source: Path, part: Path) -> bool:
-    part.unlink()
-    try:
-        os.link(source.resolve(), part)
-    except OSError:
-        return False
-    return True
 
 
 RUNNING = "running"
@@ -256,7 +250,8 @@ def run(
     with locked(job.folder) as left_by:
         if left_by is not None:
             notice(f"an earlier run (process {left_by}) was stopped in {job.folder}; its finished stages are kept")
-        remove_unfinished(job.folder)
+        for part in job.folder.glob(f"{TEMPORARY}*"):  # of a run that was killed
+            part.unlink(missing_ok=True)
         finished: dict[str, Artefact] = {}
         checked = False
         for stage in stages:
@@ -265,9 +260,11 @@ def run(
                 finished[stage.name] = artefact
                 yield Event(stage.name, UP_TO_DATE, status.reason, artefact=artefact)
                 continue
-            if not checked:
-                checked = True
-                _check(stages, job)
+            for each in () if checked else stages:  # what is wrong with files is known before a stage takes an hour
+                if each.check is not None and job.model is not None:
+                    with _placed(job):
+                        each.check(job.model, job.base)
+            checked = True
             yield Event(stage.name, RUNNING, status.reason)
             start = time.perf_counter()
             reason = status.reason
@@ -288,14 +285,6 @@ def run(
             yield Event(stage.name, DONE, reason, time.perf_counter() - start, finished[stage.name])
 
 
-def _check(stages: Sequence[Stage], job: Job) -> None:
-    """What is wrong with the files of the test is known before the first stage that takes an hour."""
-    for stage in stages:
-        if stage.check is not None and job.model is not None:
-            with _placed(job):
-                stage.check(job.model, job.base)
-
-
 def _execute(
     stage: Stage,
     job: Job,
@@ -308,7 +297,7 @@ def _execute(
 ) -> Artefact:
     upstream = {name: finished[name] for name in stage.upstream}
     context = Context(
-        config=Slice(inputs.config, stage.name) if job.model is None else declared(job.model, inputs.config),
+        config=attributes_of(inputs.config) if job.model is None else declared(job.model, inputs.config),
         upstream=upstream,
         files=inputs.files,
         progress=lambda doing, share: progress(stage.name, doing, share),

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
+from types import SimpleNamespace
 from typing import Any, TypeVar
 
 from pydantic import BaseModel
@@ -11,47 +12,10 @@ from pydantic import BaseModel
 M = TypeVar("M", bound=BaseModel)
 
 
-class Slice(Mapping[str, Any]):
-    """A read-only view of JSON data: `slice.place.keep` and `slice["place"]["keep"]` are the same.
-
-    Mappings become slices, lists become tuples. A key that was not declared is an AttributeError (KeyError for `[]`)
-    that names the missing entry of `Stage.reads`.
-    """
-
-    __slots__ = ("_data", "_path", "_stage")
-
-    def __init__(self, data: Mapping[str, Any], stage: str = "", path: str = ""):
-        object.__setattr__(self, "_data", dict(data))
-        object.__setattr__(self, "_stage", stage)
-        object.__setattr__(self, "_path", path)
-
-    def _missing(self, key: str) -> str:
-        dotted = f"{self._path}.{key}" if self._path else key
-        return (
-            f"stage '{self._stage}' reads '{dotted}' without declaring it in Stage.reads, or the config has no such key"
-        )
-
-    def __getitem__(self, key: str) -> Any:
-        if key not in self._data:
-            raise KeyError(self._missing(key))
-        return _view(self._data[key], self._stage, f"{self._path}.{key}" if self._path else key)
-
-    def __getattr__(self, key: str) -> Any:
-        if key.startswith("__") or key not in self._data:
-            raise AttributeError(self._missing(key))
-        return self[key]
-
-    def __setattr__(self, key: str, value: Any) -> None:
-        raise AttributeError("a config slice is read-only")
-
-    def __iter__(self) -> Iterator[str]:
-        return iter(self._data)
-
-    def __len__(self) -> int:
-        return len(self._data)
-
-    def __repr__(self) -> str:
-        return f"Slice({self._data!r})"
+def attributes_of(data: Mapping[str, Any]) -> SimpleNamespace:
+    """JSON data with its keys as attributes; a key that was not declared is an AttributeError."""
+    values: SimpleNamespace = json.loads(canonical(data), object_hook=lambda entry: SimpleNamespace(**entry))
+    return values
 
 
 def declared(model: M, data: Mapping[str, Any]) -> M:
@@ -78,14 +42,6 @@ def _declared(value: Any, data: Any) -> Any:
     if isinstance(value, dict):
         return {key: _declared(value[key], data[key]) for key in data}
     return value  # lists are declared whole
-
-
-def _view(value: Any, stage: str, path: str) -> Any:
-    if isinstance(value, Mapping):
-        return Slice(value, stage, path)
-    if isinstance(value, list | tuple):
-        return tuple(_view(item, stage, f"{path}.{i}") for i, item in enumerate(value))
-    return value
 
 
 def expand(data: Any, pattern: str) -> list[str]:

@@ -19,7 +19,7 @@ class Context(Generic[Config]):
     """All that a stage may look at.
 
     config    the frozen config model with the declared keys only: `config.place.keep`, `config.loads["tip"].node`; all else
-              is an AttributeError. Of a job without a model, a `Slice` of its data. `Context[PlacementConfig]` is that of a
+              is an AttributeError. Of a job without a model, its data by attributes. `Context[PlacementConfig]` is that of a
               stage of a placement; a function that does not look at the config takes a `Context[object]`
     upstream  stage name → Artefact, opened when asked for
     files     dotted key ("mesh.file", "loads.gust.signal.file") → path of that input file

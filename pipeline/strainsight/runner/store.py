@@ -9,14 +9,13 @@ import json
 import os
 import platform
 import shutil
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from dataclasses import replace
 from datetime import UTC, datetime
 from functools import cache, partial
 from importlib import metadata
 from pathlib import Path
-from typing import Any
 
 import h5py
 import numpy as np
@@ -28,6 +27,7 @@ from strainsight.runner.artefact import (
     FORMAT,
     FORMAT_VERSION,
     GRID,
+    MAPPINGS,
     Artefact,
     ArtefactHeader,
     digest_or_none,
@@ -36,9 +36,9 @@ from strainsight.runner.artefact import (
     seal,
     sha256_of,
 )
-from strainsight.runner.output import Dataset, Output, content_digest, read_contents
+from strainsight.runner.output import Output, content_digest, read_contents
 from strainsight.runner.slices import canonical
-from strainsight.writing import TEMPORARY, make_folder, replace_file, temporary, write_bytes
+from strainsight.writing import make_folder, replace_file, temporary, write_bytes
 
 ROOT = Path(strainsight.__file__).parent
 CPU = Path("/proc/cpuinfo")
@@ -49,16 +49,35 @@ PACKAGES = ("scipy", "numba", "pypardiso", "mkl")
 @cache
 def provenance() -> dict[str, str]:
     """Name of an attribute → what it says, "" where it is not known or not there."""
+
+    def commit_of_build() -> str:  # of an installation from a repository, as pip notes it
+        text = metadata.distribution("strainsight").read_text("direct_url.json")
+        return str(json.loads(text or "{}")["vcs_info"]["commit_id"])
+
+    def blas() -> str:  # as in "scipy-openblas 0.3.30"
+        return "{name} {version}".format(**np.show_config(mode="dicts")["Build Dependencies"]["blas"])
+
+    def processor() -> str:
+        lines = CPU.read_text(encoding="utf-8", errors="replace").splitlines()
+        return next(line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+
     return {
         "package_version": strainsight.__version__,
-        "commit": commit_of(ROOT.parents[1]) or commit_of_build(),
+        "commit": commit_of(ROOT.parents[1]) or _known(commit_of_build),
         "python": platform.python_version(),
         "numpy": np.__version__,
         "h5py": h5py.__version__,
-        **{name: _installed(name) for name in PACKAGES},
-        "blas": _blas(),
-        "processor": _processor(),
+        **{name: _known(partial(metadata.version, name)) for name in PACKAGES},
+        "blas": _known(blas),
+        "processor": _known(processor) or platform.processor() or platform.machine(),
     }
+
+
+def _known(ask: Callable[[], str]) -> str:
+    """What it returns; empty where neither the system nor an installation says."""
+    with suppress(metadata.PackageNotFoundError, OSError, ValueError, KeyError, TypeError, StopIteration):
+        return ask()
+    return ""
 
 
 def commit_of(checkout: Path) -> str:
@@ -80,36 +99,6 @@ def commit_of(checkout: Path) -> str:
             if line.endswith(f" {name}"):
                 return line.split()[0]
     return ""
-
-
-def commit_of_build() -> str:
-    """Of an installation from a repository, as pip notes it."""
-    with suppress(metadata.PackageNotFoundError, ValueError, KeyError, TypeError):
-        text = metadata.distribution("strainsight").read_text("direct_url.json")
-        return str(json.loads(text or "{}")["vcs_info"]["commit_id"])
-    return ""
-
-
-def _installed(name: str) -> str:
-    with suppress(metadata.PackageNotFoundError):
-        return metadata.version(name)
-    return ""
-
-
-def _blas() -> str:
-    """That of numpy, as in "scipy-openblas 0.3.30"."""
-    with suppress(KeyError, TypeError):
-        own = np.show_config(mode="dicts")["Build Dependencies"]["blas"]
-        return f"{own['name']} {own['version']}"
-    return ""
-
-
-def _processor() -> str:
-    with suppress(OSError):
-        for line in CPU.read_text(encoding="utf-8", errors="replace").splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
 
 
 ROOM, ROOM_EACH = 1 << 14, 1 << 11
@@ -147,7 +136,10 @@ def write_artefact(path: Path, output: Output, header: ArtefactHeader, records: 
             file.attrs["digest"] = content_digest(file, read_contents(file), output.message)
         seal(part)
 
-    gone = {name: digest for name, digest in _beside(path).items() if name not in output.files}
+    gone: dict[str, str] = {}
+    with suppress(StrainsightError):  # where it cannot be read nothing is known to be its own
+        before = (header_of(path).beside or {}) if path.is_file() else {}
+        gone = {name: digest for name, digest in before.items() if name not in output.files}
     with kept_on_disk(path), named_together() as parts:
         make_folder(path.parent)
         parts.append((temporary(path, write), path))
@@ -179,26 +171,16 @@ def _grid_of(artefact: str, output: Output) -> bytes:
     content = io.BytesIO()
     with h5py.File(content, "w", track_order=False) as file:
         for path in sorted(filter(_raw, output.datasets)):
-            file[_with_unit(path, output.attributes)] = h5py.ExternalLink(artefact, path)
+            # "…/von_mises" → "…/von_mises [Pa]", of a grid's data and of where their steps begin
+            data = path.replace("/Steps/PointDataOffsets/", "/PointData/").replace(
+                "/Steps/CellDataOffsets/", "/CellData/"
+            )
+            unit = output.attributes.get(data, {}).get("units", "")
+            file[f"{path} [{unit}]" if unit else path] = h5py.ExternalLink(artefact, path)
         for path, attributes in output.attributes.items():
             if _raw(path) and path not in output.datasets:
                 file.require_group(path).attrs.update(attributes)
     return content.getvalue()
-
-
-def _with_unit(path: str, attributes: Mapping[str, Mapping[str, Any]]) -> str:
-    """ "…/von_mises" → "…/von_mises [Pa]", of a grid's data and of where their steps begin; as it is without a unit."""
-    data = path.replace("/Steps/PointDataOffsets/", "/PointData/").replace("/Steps/CellDataOffsets/", "/CellData/")
-    unit = attributes.get(data, {}).get("units", "")
-    return f"{path} [{unit}]" if unit else path
-
-
-def _beside(path: Path) -> Mapping[str, str]:
-    """File beside an artefact → its sha256; none where the artefact is not there or cannot be read."""
-    try:
-        return (header_of(path).beside or {}) if path.is_file() else {}
-    except StrainsightError:
-        return {}
 
 
 @contextmanager
@@ -246,12 +228,6 @@ def _reserve(path: Path, size: int) -> None:
             os.posix_fallocate(stream.fileno(), 0, size)
 
 
-def remove_unfinished(folder: Path) -> None:
-    """Remove what a killed run left; only under the lock."""
-    for part in folder.glob(f"{TEMPORARY}*"):
-        part.unlink(missing_ok=True)
-
-
 def _check(output: Output) -> None:
     for path, dataset in output.datasets.items():
         if not path.startswith("/") or path.endswith("/") or "//" in path or path in ("/summary", "/tables"):
@@ -275,13 +251,21 @@ def _raw(path: str) -> bool:
 def _write_content(file: h5py.File, output: Output) -> None:
     for path, dataset in sorted(output.datasets.items()):
         array = np.asarray(dataset.array)
+        if array.dtype.kind == "O" and not all(isinstance(item, str) for item in array.ravel()):
+            raise ValueError(f"{path} is an array of objects; only numbers, booleans and text can be stored")
         if array.dtype.kind in "UO":
-            array = _as_utf8(path, array)
+            encoded = np.char.encode(_text(array), "utf-8")
+            array = encoded.astype(h5py.string_dtype("utf-8", max(1, encoded.dtype.itemsize)))
         item = file.create_dataset(path, data=array)
         if not _raw(path):
             item.attrs["units"] = dataset.unit
             item.attrs["description"] = dataset.description
-    _attach_scales(file, output.datasets)
+    for scale in sorted({scale for dataset in output.datasets.values() for scale in dataset.scales if scale}):
+        file[scale].make_scale(scale.rsplit("/", 1)[-1])
+    for path, dataset in output.datasets.items():
+        for axis, scale in enumerate(dataset.scales):
+            if scale:
+                file[path].dims[axis].attach_scale(file[scale])
     for path, attributes in output.attributes.items():
         target = file[path] if path in file else file.create_group(path)
         for name, value in attributes.items():
@@ -301,38 +285,21 @@ def _text(array: np.ndarray) -> np.ndarray:
     return array.astype(str) if array.dtype.kind == "O" else array
 
 
-def _as_utf8(path: str, array: np.ndarray) -> np.ndarray:
-    if array.dtype.kind == "O" and not all(isinstance(item, str) for item in array.ravel()):
-        raise ValueError(f"{path} is an array of objects; only numbers, booleans and text can be stored")
-    encoded = np.char.encode(_text(array), "utf-8")
-    return encoded.astype(h5py.string_dtype("utf-8", max(1, encoded.dtype.itemsize)))
-
-
-def _attach_scales(file: h5py.File, datasets: Mapping[str, Dataset]) -> None:
-    for scale in sorted({scale for dataset in datasets.values() for scale in dataset.scales if scale}):
-        file[scale].make_scale(scale.rsplit("/", 1)[-1])
-    for path, dataset in datasets.items():
-        for axis, scale in enumerate(dataset.scales):
-            if scale:
-                file[path].dims[axis].attach_scale(file[scale])
-
-
 def _write_header(file: h5py.File, header: ArtefactHeader, message: str) -> None:
-    attributes = file.attrs
-    attributes["format"] = FORMAT
-    attributes["format_version"] = FORMAT_VERSION
-    attributes["stage"] = header.stage
-    attributes["stage_version"] = header.version
-    attributes["key"] = header.key
-    attributes["created"] = datetime.now(UTC).isoformat(timespec="seconds")
-    for name, said in provenance().items():
-        attributes[name] = said
-    if header.seed is not None:
-        attributes["seed"] = header.seed
-    if header.seconds is not None:
-        attributes["seconds"] = header.seconds
-    if header.code:
-        attributes["code"] = header.code
-    for name in ("config", "upstream", "files", "found", "beside", "sizes"):
-        attributes[name] = canonical(getattr(header, name))
-    attributes["message"] = message
+    attributes = {
+        "format": FORMAT,
+        "format_version": FORMAT_VERSION,
+        "stage": header.stage,
+        "stage_version": header.version,
+        "key": header.key,
+        "created": datetime.now(UTC).isoformat(timespec="seconds"),
+        **provenance(),
+        "seed": header.seed,
+        "seconds": header.seconds,
+        "code": header.code or None,
+        **{name: canonical(getattr(header, name)) for name in MAPPINGS},
+        "message": message,
+    }
+    for name, value in attributes.items():
+        if value is not None:
+            file.attrs[name] = value

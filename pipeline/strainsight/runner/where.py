@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-from strainsight.parallel import Sweep, allowed_threads, serial
+from strainsight.parallel import Sweep, allowed_threads, cores, in_processes, serial
 
 
 @dataclass(frozen=True)
@@ -31,8 +31,6 @@ def opened(where: Where, memory: Callable[[], float] = lambda: math.inf) -> Iter
     elif where.jobs == 1:
         yield serial
     else:
-        from strainsight.parallel import cores, in_processes
-
         before = allowed_threads.set(where.jobs or cores())
         try:
             yield in_processes(where.jobs, memory)

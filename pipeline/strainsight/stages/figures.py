@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
@@ -16,7 +17,7 @@ from strainsight.errors import UserError
 from strainsight.experiment.resources import silent
 from strainsight.pages.chart.drawing import Drawing, kept
 from strainsight.pages.chart.files import figure_files
-from strainsight.runner.artefact import Artefact
+from strainsight.runner.artefact import Artefact, missing_in
 from strainsight.runner.slices import declared, prune
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages import inputs
@@ -43,10 +44,10 @@ def figures_of(
 
     Raises UserError with the command to run where there is no page yet.
     """
-    ready = [page for page in pages if not _missing(page, folder)]
+    ready = [page for page in pages if not missing_in(folder, page.upstream)]
     if not ready:
         raise UserError(
-            f"there are no figures yet: {folder / _missing(pages[-1], folder)[0]}.h5 has not been written",
+            f"there are no figures yet: {folder / missing_in(folder, pages[-1].upstream)[0]}.h5 has not been written",
             where=config_file,
             remedy=f"run first: strainsight run {config_file}",
         )
@@ -56,20 +57,13 @@ def figures_of(
         drawings: list[Drawing] = []
         for page in ready:
             upstream = {name: Artefact(folder / f"{name}.h5") for name in page.upstream}
-            settings = declared(config, prune(data, page.reads))
-            if isinstance(settings, BenchConfig):
-                shown = _of_bench(Context(settings, upstream, {}, silent))
-            else:
-                of = _of_test if page.name == TEST else _of_placement
-                shown = of(Context(settings, upstream, {}, silent))
+            settings: Any = declared(config, prune(data, page.reads))
+            of = _of_bench if isinstance(config, BenchConfig) else _of_test if page.name == TEST else _of_placement
+            shown = of(Context(settings, upstream, {}, silent))
             counted[page.name] = len(shown)
             drawings += shown
         files = figure_files(drawings, drawn)
     return Figures(files, counted, tuple(dict.fromkeys(name for page in ready for name in page.upstream)))
-
-
-def _missing(page: Stage, folder: Path) -> list[str]:
-    return [name for name in page.upstream if not (folder / f"{name}.h5").is_file()]
 
 
 def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:

@@ -9,19 +9,8 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
+from strainsight.experiment.layout import workshop
 from strainsight.experiment.layout.gauge_list import channel_labels, frame_of
-from strainsight.experiment.layout.workshop import (
-    Workshop,
-    abaqus_sets,
-    catman_table,
-    elements_of,
-    foil_at,
-    labview_table,
-    nastran_sets,
-    workshop_csv,
-    workshop_of,
-    workshop_unv,
-)
 from strainsight.experiment.structure.observation import mat_file
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import Mesh
@@ -46,24 +35,24 @@ from strainsight.stages.view.surface import strain_shapes, strains_of
 from strainsight.stages.view.views import placement_view
 
 
-def workshop_of_run(context: Context[PlacementConfig], mesh: Mesh) -> Workshop:
+def workshop_of_run(context: Context[PlacementConfig], mesh: Mesh) -> workshop.Workshop:
     """The layout of place.h5 in the axes that the config states."""
     frame = frame_of(context.config.mesh.length_unit, context.config.report.datum)
-    return workshop_of(listed_gauges(context.upstream), mesh, frame)
+    return workshop.workshop_of(listed_gauges(context.upstream), mesh, frame)
 
 
-def workshop_files(shop: Workshop) -> dict[str, bytes]:
+def workshop_files(shop: workshop.Workshop) -> dict[str, bytes]:
     """File name → content."""
-    return {"workshop.csv": workshop_csv(shop), "workshop.unv": workshop_unv(shop)}
+    return {"workshop.csv": workshop.workshop_csv(shop), "workshop.unv": workshop.workshop_unv(shop)}
 
 
-def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, bytes]:
+def exported(context: Context[PlacementConfig], shop: workshop.Workshop) -> dict[str, bytes]:
     """File name → content of every export that the config asks for.
 
     Raises ConfigError where element sets are asked for and no gauge lies on an element.
     """
     config, wanted = context.config, context.config.report.exports
-    elements = elements_of(shop)
+    elements = workshop.elements_of(shop)
     if not elements and (sets := [name for name in wanted if name in ("nastran", "abaqus")]):
         raise ConfigError(
             "the gauges of this layout lie on no element: their strain rows were given",
@@ -71,23 +60,23 @@ def exported(context: Context[PlacementConfig], shop: Workshop) -> dict[str, byt
             remedy=f"leave out {' and '.join(sets)}",
         )
     files = {
-        "nastran": ("gauges-nastran.inc", lambda: nastran_sets(elements, config.name)),
-        "abaqus": ("gauges-abaqus.inp", lambda: abaqus_sets(elements, config.name)),
-        "catman": ("channels-catman.txt", lambda: catman_table(shop.listed, config.report)),
-        "labview": ("channels-labview.txt", lambda: labview_table(shop.listed, config.report)),
+        "nastran": ("gauges-nastran.inc", lambda: workshop.nastran_sets(elements, config.name)),
+        "abaqus": ("gauges-abaqus.inp", lambda: workshop.abaqus_sets(elements, config.name)),
+        "catman": ("channels-catman.txt", lambda: workshop.catman_table(shop.listed, config.report)),
+        "labview": ("channels-labview.txt", lambda: workshop.labview_table(shop.listed, config.report)),
         "mat": ("model.mat", lambda: _mat_file(context, shop)),
     }
     return {name: content() for name, content in (files[export] for export in wanted)}
 
 
-def _mat_file(context: Context[PlacementConfig], shop: Workshop) -> bytes:
+def _mat_file(context: Context[PlacementConfig], shop: workshop.Workshop) -> bytes:
     placed, model = read(Placed, context.upstream["place"]), read(Reduced, context.upstream["rom"]).model
     units = [UNITS[int(quantity)] for quantity in shop.listed.channels.quantity]
     of_loads = {name: load.unit for name, load in context.config.loads.items()}
     return mat_file(placed, model, channel_labels(shop.listed), units, of_loads)
 
 
-def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> list[Sheet]:
+def sheets_of(context: Context[PlacementConfig], shop: workshop.Workshop, mesh: Mesh) -> list[Sheet]:
     """A sheet for every gauge, of a bridge for every arm; none of what lies on no facet."""
     config, frame, edges, listed = context.config, shop.frame, shop.edges, shop.listed
     grids = listed.grids
@@ -110,7 +99,7 @@ def sheets_of(context: Context[PlacementConfig], shop: Workshop, mesh: Mesh) -> 
         i = bonded_grids[0]
         if not grids.facet[i]:
             continue
-        gauge, normal, foil = listed.gauge[i], frame.turn(grids.normal[i]), foil_at(config.gauges, shop, i)
+        gauge, normal, foil = listed.gauge[i], frame.turn(grids.normal[i]), workshop.foil_at(config.gauges, shop, i)
         front, side = views(tuple((np.round(normal, 9) + 0.0).tolist()))
         sheets.append(
             Sheet(

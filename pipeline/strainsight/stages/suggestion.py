@@ -48,9 +48,9 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
                 path, solids=False, materials=False, ignore=(MISSING_END,), spc=spc, step=step, contact=contact
             )
         except ContactError as error:
-            contact, pairs = _contact(path, step), error.pairs
+            contact, pairs = _contact(path, step), error.choices
         except ChoiceError as error:
-            sets, key = error.sets, error.key
+            sets, key = error.choices, "step" if error.key == "step" else "spc"
             number = sets[0] if chosen is None else chosen
             by_which = f", supports of {'set' if key == 'spc' else 'step'} {number}"
             spc, step = (number, step) if key == "spc" else (spc, number)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -53,7 +54,6 @@ from strainsight.records.suite import (
 from strainsight.records.training import Training
 from strainsight.runner.artefact import Artefact
 from strainsight.runner.output import Output, Table
-from strainsight.runner.slices import Slice
 from strainsight.runner.stage import Context, Stage
 from strainsight.stages.bench.report import run_of
 from strainsight.stages.pages.page import cases_of, history_of, trend_of, unknown_of, warnings_of
@@ -65,7 +65,7 @@ OF_SEEDS = "estimate"
 """The stage that has numbers once a seed."""
 
 
-def suite_of(context: Context[Slice]) -> Suite:
+def suite_of(context: Context[SimpleNamespace]) -> Suite:
     """The page's content, run by run. Raises ConfigError for every number that a claim or a study names and no run has."""
     runs: list[SuiteRun] = []
     provenance = {"strainsight": __version__}
@@ -74,7 +74,7 @@ def suite_of(context: Context[Slice]) -> Suite:
         start = f"runs.{i}.artefacts."
         files = {key.removeprefix(start): path for key, path in context.files.items() if key.startswith(start)}
         up = {stage: Artefact(path) for stage, path in files.items()}
-        if "loads" in entry:
+        if hasattr(entry, "loads"):
             runs.append(_placement(entry, up))
         else:
             seeds = read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {}
@@ -91,25 +91,27 @@ def suite_of(context: Context[Slice]) -> Suite:
 def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
     """What the page shows of any run beside its artefacts."""
     page = f"../{entry.name}/report.html" if PAGE in up else None
-    return {key: entry[key] for key in ("name", "label", "note", "study", "group", "at", "reached")} | {"page": page}
+    return {key: getattr(entry, key) for key in ("name", "label", "note", "study", "group", "at", "reached")} | {
+        "page": page
+    }
 
 
 def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
-    names = list(entry.unknowns)
-    mesh = mesh_from(up["import"])
+    described, loads, mesh = vars(entry.unknowns), vars(entry.loads), mesh_from(up["import"])
+    names = list(described)
     validate, place = up.get("validate"), up.get("place")
     return PlacementRun(
         **_stated(entry, up),
         numbers={stage: artefact.summary for stage, artefact in up.items()},
-        unknowns=tuple(_unknown(name, entry.unknowns[name], up) for name in names),
+        unknowns=tuple(_unknown(name, described[name], up) for name in names),
         pool=int(place.summary["pool"]) if place else None,
         trend=trend_of(place) if place else None,
-        layout=layout_of_page(mesh, up, entry.loads) if place else None,
+        layout=layout_of_page(mesh, up, loads) if place else None,
         histories=tuple(history_of(name, validate) for name in names) if validate else (),
         cases=cases_of(up["observe"]) if "observe" in up else (),
         frequencies=tuple(read(Reduced, up["rom"]).frequency.tolist()) if "rom" in up else (),
         truth_description=str(validate.summary["description"]) if validate else "",
-        warnings=warnings_of(up, names, mesh, entry.loads),
+        warnings=warnings_of(up, names, mesh, loads),
     )
 
 
@@ -334,7 +336,7 @@ def _percent(value: float | None) -> str:
     return "" if value is None else f"{100 * value:.2g} %"
 
 
-def run(context: Context[Slice]) -> Output:
+def run(context: Context[SimpleNamespace]) -> Output:
     """Gather what the page shows, measure the claims, write it as one self-contained file."""
     suite = suite_of(context)
     context.progress("pictures and figures", 0.5)

@@ -19,7 +19,7 @@ from strainsight.loads.histories import density, noise_density
 from strainsight.pages.arrays import History, Reading
 from strainsight.pages.picture.scene import drawn_or_why
 from strainsight.pages.placement.page import TEST_PAGE
-from strainsight.pages.tested.campaign import CampaignFindings, RecordRow, campaign_figures, page_of_campaign
+from strainsight.pages.tested.campaign import CampaignFindings, campaign_figures, page_of_campaign
 from strainsight.pages.tested.data import File, Findings, Map, Spectrum, SurfaceMoment, TestedUnknown, peak_of
 from strainsight.pages.tested.figures import figures_of_test
 from strainsight.pages.tested.page import page_of_test, title_of, views_of
@@ -47,7 +47,7 @@ def pages_of(context: Context[PlacementConfig]) -> tuple[tuple[Findings, ...], C
     campaign, records = campaign_in(estimate), estimated_in(estimate)
     pages = {name: f"test-{name}.html" for name in records if name}
     findings = {name: _findings_of(context, name, record, campaign, pages) for name, record in records.items()}
-    whole = None if campaign is None else _campaign_findings(context, records, findings, campaign, pages)
+    whole = None if campaign is None else _campaign_findings(context, findings, campaign)
     return tuple(findings.values()), whole
 
 
@@ -128,30 +128,25 @@ def _findings_of(
         facts=messages(up, STAGES),
         provenance=provenance(context),
         record=name,
+        page=pages.get(name, TEST_PAGE),
+        inside=innovations_inside(record),
+        judged=judged,
         beside=(("all records", TEST_PAGE), *(page for page in pages.items() if page[0] != name)) if name else (),
     )
 
 
 def _campaign_findings(
-    context: Context[PlacementConfig],
-    records: Mapping[str, Estimated],
-    findings: Mapping[str, Findings],
-    campaign: CampaignRecord,
-    pages: Mapping[str, str],
+    context: Context[PlacementConfig], findings: Mapping[str, Findings], campaign: CampaignRecord
 ) -> CampaignFindings:
     config, summary = context.config, context.upstream["estimate"].summary
-    rows, apart = [], str(summary.get("apart", ""))
-    for name, record in records.items():
-        report = findings[name]
-        judged = record_verdict(record.trusted, bool(apart), report.consistent)
-        rows.append(RecordRow(report, pages[name], innovations_inside(record), judged))
+    apart = str(summary.get("apart", ""))
     texts = [str(summary.get("withheld", "")), apart]
     texts += [
         f"record {name}: {report.verdict}" for name, report in findings.items() if not (report.consistent or apart)
     ]
     return CampaignFindings(
         title=title_of(config.name, tuple(map(str, config.place.estimate))),
-        records=tuple(rows),
+        records=tuple(findings.values()),
         shared=campaign,
         warnings=tuple(capital(text) for text in (*texts, _hidden(summary)) if text),
         damage=_damage(campaign.damage, config),
@@ -257,8 +252,7 @@ def run(context: Context[PlacementConfig]) -> Output:
         pictures, problem = drawn_or_why(partial(screenshots, views)) if views else (None, "")
         context.progress("figures", (i + 0.5) / len(records))
         drawings = figures_of_test(report)
-        name = f"test-{report.record}.html" if report.record else TEST_PAGE
-        files[name] = page_of_test(report, drawings, tuple(pictures or ()), problem).encode()
+        files[report.page] = page_of_test(report, drawings, tuple(pictures or ()), problem).encode()
         warnings |= dict.fromkeys(report.warnings)
         pictured, drawn = pictured + len(pictures or ()), drawn + len(drawings)
     if campaign is not None:

@@ -140,7 +140,7 @@ def test_contact_without_a_choice_is_an_error_that_names_pairs_and_remedy(read):
     assert caught.value.where.endswith(f":{text.splitlines().index('BOTTOM, TOP') + 1}")
     assert "mesh.contact: bonded" in (caught.value.remedy or "")
     assert "mesh.contact: open" in (caught.value.remedy or "")
-    assert caught.value.pairs == ("BOTTOM on TOP",)
+    assert caught.value.choices == ("BOTTOM on TOP",)
 
 
 def test_bonded_is_what_a_tie_makes_and_open_what_nothing_makes(read):

@@ -163,7 +163,7 @@ DIFFERENT = step(HELD, analysis=MODES) + step("*BOUNDARY, OP=NEW" + TIP, analysi
 def test_steps_that_differ_are_a_choice(read, steps, what):
     with expect_refusal(ChoiceError, f"steps 1 and 2 have different {what}", remedy="mesh.step: 2") as caught:
         read(ROW + steps)
-    assert (caught.value.key, caught.value.sets) == ("step", (1, 2))
+    assert (caught.value.key, caught.value.choices) == ("step", (1, 2))
     first, second = (read(ROW + steps, step=number) for number in (1, 2))
     assert (first.fixed.tolist(), first.blocks[0].ids.tolist()) != (second.fixed.tolist(), second.blocks[0].ids.tolist())
 

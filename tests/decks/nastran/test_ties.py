@@ -59,7 +59,7 @@ def test_the_config_may_say_which_set_holds(read, tetrahedron):
     for head in (subcases, ""):
         with pytest.raises(ChoiceError, match="supports") as caught:
             read(head + bulk)
-        assert (caught.value.sets, caught.value.remedy) == ((1, 9), "say which hold: mesh.spc: 1")
+        assert (caught.value.choices, caught.value.remedy) == ((1, 9), "say which hold: mesh.spc: 1")
         assert pairs(read(head + bulk, spc=9)) == {(3, 0), (3, 2)}
         assert pairs(read(head + bulk, spc=2)) == {(3, 2)}
     assert pairs(read(f"SPC = 44\nBEGIN BULK\n{bulk}", spc=2)) == {(3, 2)}

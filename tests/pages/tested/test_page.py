@@ -11,7 +11,7 @@ import pytest
 from strainsight.pages.chart.drawing import kept
 from strainsight.pages.chart.files import figure_csv
 from strainsight.pages.picture.geometry import at_points
-from strainsight.pages.tested.figures import figures_of_test, load_figure, reading_figure, residual_figure
+from strainsight.pages.tested.figures import figures_of_test, load_figure, reading_figure, spectrum_figure
 from strainsight.pages.tested.page import page_of_test
 
 from ...models import compute_once
@@ -79,7 +79,7 @@ def test_a_channel_is_compared_with_its_noise():
 
 
 def test_missing_samples_are_counted_and_never_drawn_across():
-    drawn = (reading_figure(missing().readings[0]), residual_figure(missing().residuals[0], "#0072b2"))
+    drawn = (reading_figure(missing().readings[0]), spectrum_figure(missing().residuals[0], "#0072b2"))
     text = page_of_test(missing(), drawn, ())
     assert shown(text, "G1")[-1] == 2100
     assert shown(text, "G2") == [SAMPLES]  # and dashes for what cannot be known of it
@@ -140,7 +140,7 @@ def test_a_load_is_drawn_with_its_band_in_its_unit():
 
 def test_the_noise_as_stated_is_a_line_at_the_root_of_its_density():
     own = spectrum("G1", level=4e-18)
-    drawn = numbers(lambda: residual_figure(own, "#0072b2"))
+    drawn = numbers(lambda: spectrum_figure(own, "#0072b2"))
     (level,) = drawn["noise as stated: √density [nm/m/√Hz]"]
     assert level == pytest.approx(2.0)
     assert max(drawn["left over: √density [nm/m/√Hz]"]) == pytest.approx(1e9 * np.sqrt(own.density.max()))

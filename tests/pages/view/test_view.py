@@ -94,7 +94,7 @@ def test_a_crash_of_the_child_is_an_error_with_a_remedy(beam, monkeypatch, tmp_p
     crash.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(crash))
     with pytest.raises(StrainsightError, match="no context") as caught:
-        viewing.screenshot(View("a beam", beam))
+        viewing.screenshots([View("a beam", beam)])
     assert "libegl1" in str(caught.value)
     monkeypatch.setenv("DISPLAY", ":99")
     with pytest.raises(StrainsightError, match="the window broke off") as caught:

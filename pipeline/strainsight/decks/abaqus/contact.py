@@ -65,7 +65,7 @@ def with_contact(
             where=asked[0].row.where,
             remedy="mesh.contact: bonded, what touches is tied, the stiffest it can be; or mesh.contact: open, nothing "
             "connects it, as in a *FREQUENCY step of CalculiX without PERTURBATION",
-            pairs=tuple(map(str, asked)),
+            choices=tuple(map(str, asked)),
         )
     said: list[str] = []
     for i, pair in enumerate(pairs):

@@ -169,7 +169,7 @@ def _check_choice(steps: Sequence[Step], states: dict[int, State], asked: Sequen
             f"{steps[other - 1].keyword.where})",
             where=steps[other - 1].keyword.where,
             remedy=f"say which step counts: mesh.step: {other}",
-            sets=tuple(asked),
+            choices=tuple(asked),
             key="step",
         )
 

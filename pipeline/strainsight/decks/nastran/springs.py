@@ -355,7 +355,8 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
             f"the subcases select different supports ({', '.join(sets.chosen)})",
             where=[*sets.chosen.values()][1].where,
             remedy=f"say which hold: mesh.spc: {selected[0]}",
-            sets=selected,
+            choices=selected,
+            key="spc",
         )
     if sets.chosen:
         return sets.parts(sets.select(", here or with mesh.spc"))
@@ -364,7 +365,8 @@ def _selected_sets(deck: Deck, wanted: int | None, notes: list[str], *, left_out
             f"{len(sets.top)} sets of supports ({', '.join(map(str, sorted(sets.top)))}) and no selection",
             where=sets.card(max(sets.top)).where,
             remedy=f"say which hold: mesh.spc: {min(sets.top)}",
-            sets=tuple(sorted(sets.top)),
+            choices=tuple(sorted(sets.top)),
+            key="spc",
         )
     number = next(iter(sets.top), 0)
     if sets.top and deck.case_control:

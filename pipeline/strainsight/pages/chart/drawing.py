@@ -148,15 +148,15 @@ def styled(style: Mapping[str, Any] = STYLE) -> Iterator[None]:
 
 def svg(drawn: Figure) -> bytes:
     """SVG of a figure: no date, no creator, coordinates to a hundredth of a point, the same bytes for the same data."""
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        # Letters are left to the reader's own fonts; the one used for measuring need not have them all.
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        drawn.savefig(buffer, format="svg", metadata={"Date": None, "Creator": None, "Format": None, "Type": None})
-    text = buffer.getvalue().decode()
+
+    def hundredth(match: re.Match[str]) -> str:
+        return f"{float(match[0]):.2f}".rstrip("0").rstrip(".")
+
+    nothing: dict[str, Any] = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    text = saved(drawn, format="svg", metadata=nothing).decode()
     text = re.sub(r"<metadata>.*?</metadata>\s*", "", text, flags=re.S)
     # Only inside attributes: what stands between the tags is the text of tick labels.
-    text = re.sub(r'"[^"<>]*"', lambda quoted: re.sub(r"-?\d+\.\d{3,}", _hundredth, quoted[0]), text)
+    text = re.sub(r'"[^"<>]*"', lambda quoted: re.sub(r"-?\d+\.\d{3,}", hundredth, quoted[0]), text)
     text = re.sub(r"font: [^;\"']*?(\d+(?:\.\d+)?px)[^;\"]*", r"font: \1 system-ui, sans-serif", text)
     image = re.sub(r"\s*\n\s*", "\n", text).encode()
     if (figures := _KEPT.get()) is not None:
@@ -178,5 +178,11 @@ def kept() -> Iterator[dict[bytes, Figure]]:
         _KEPT.reset(token)
 
 
-def _hundredth(match: re.Match[str]) -> str:
-    return f"{float(match[0]):.2f}".rstrip("0").rstrip(".")
+def saved(drawn: Figure, **options: Any) -> bytes:
+    """The figure as a file with these options of `savefig`. Letters are left to the reader's fonts; the one that they are
+    measured by need not have them all."""
+    buffer = io.BytesIO()
+    with warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+        drawn.savefig(buffer, **options)
+    return buffer.getvalue()

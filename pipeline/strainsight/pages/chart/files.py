@@ -5,9 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import re
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
 from itertools import zip_longest
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -16,7 +14,7 @@ import numpy as np
 
 from strainsight.csv_cells import csv_bytes
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.chart.drawing import MUTED, Drawing, styled
+from strainsight.pages.chart.drawing import MUTED, Drawing, saved, styled
 from strainsight.pages.chart.panels import DOTS
 from strainsight.writing import make_folder, write_file
 
@@ -47,19 +45,14 @@ def write_figures(folder: Path, files: Mapping[str, bytes]) -> None:
     """Write them; figures of an earlier time that there are no more are removed, other files are left alone."""
     make_folder(folder.parent)
     make_folder(folder)
-    for name in _listed(folder / INDEX) - {Path(file).stem for file in files}:
+    index = folder / INDEX
+    text = index.read_text(encoding="utf-8", errors="replace") if index.is_file() else ""
+    names = {row[0] for row in list(csv.reader(io.StringIO(text)))[1:] if row and re.fullmatch(r"\w[\w.-]*", row[0])}
+    for name in names - {Path(file).stem for file in files}:
         for suffix in (".svg", ".png", ".csv"):
             (folder / f"{name}{suffix}").unlink(missing_ok=True)
     for name, content in files.items():
         write_file(folder / name, content)
-
-
-def _listed(index: Path) -> set[str]:
-    """The names that an index lists, as far as they are plain names."""
-    if not index.is_file():
-        return set()
-    rows = list(csv.reader(io.StringIO(index.read_text(encoding="utf-8", errors="replace"))))
-    return {row[0] for row in rows[1:] if row and re.fullmatch(r"\w[\w.-]*", row[0])}
 
 
 def file_name(key: str, taken: set[str]) -> str:
@@ -73,26 +66,18 @@ def file_name(key: str, taken: set[str]) -> str:
 
 def _png(drawn: Figure) -> bytes:
     """On white: the page's figures have no ground of their own, and a picture that is pasted somewhere needs one."""
-    buffer = io.BytesIO()
-    with styled(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
+    with styled():
         for axes in drawn.axes:
             axes.autoscale(False)
             for _, places in dots_of(axes):  # lines of no length, which this renderer leaves out
                 axes.plot(*places.T, ".", color=MUTED, ms=4, alpha=0.8, zorder=1)
         drawn.patch.set_visible(True)
-        drawn.savefig(buffer, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
-    return buffer.getvalue()
+        return saved(drawn, format="png", dpi=DPI, facecolor="white", metadata={"Software": None})
 
 
-@dataclass(frozen=True)
-class Series:
-    """What one line, band or row of bars draws: name of its legend, x (k,), and the columns over it: what is added to the
-    axis label → (k,)."""
-
-    name: str
-    x: FloatArray
-    columns: dict[str, FloatArray]
+Series = tuple[str, FloatArray, dict[str, FloatArray]]
+"""What one line, band or row of bars draws: name of its legend, x (k,), and the columns over it: what is added to the axis label
+→ (k,)."""
 
 
 def figure_csv(drawn: Figure) -> bytes:
@@ -113,14 +98,13 @@ def figure_csv(drawn: Figure) -> bytes:
     shown: list[FloatArray] = []
     for axes in drawn.axes:
         across, up = _label(axes.get_xlabel() or below), _label(axes.get_ylabel())
-        for series in _series(axes):
-            if len(series.x) and not any(np.array_equal(series.x, other, equal_nan=True) for other in shown):
-                shown.append(series.x)
-                add(across or "x", [_number(value) for value in series.x])
-            for what, values in series.columns.items():
-                words = f"{series.name}{' ' * bool(series.name and what)}{what}"
-                title = ": ".join(part for part in (words, up or "row") if part)
-                add(title, _cells(axes, values, named=not up))
+        for name, x, over in _series(axes):
+            if len(x) and not any(np.array_equal(x, other, equal_nan=True) for other in shown):
+                shown.append(x)
+                add(across or "x", [_number(value) for value in x])
+            for what, values in over.items():
+                words = " ".join(filter(None, (name, what)))
+                add(": ".join(filter(None, (words, up or "row"))), _cells(axes, values, named=not up))
     return csv_bytes([head, *zip_longest(*columns, fillvalue="")])
 
 
@@ -133,7 +117,7 @@ def _series(axes: Any) -> Iterator[Series]:
         upright = container.orientation == "vertical"
         across = np.array([bar.get_x() + (bar.get_width() / 2 if upright else bar.get_width()) for bar in bars])
         ends = np.array([bar.get_y() + (bar.get_height() if upright else bar.get_height() / 2) for bar in bars])
-        yield Series(_name(container), across, {"": ends})
+        yield _name(container), across, {"": ends}
     for band in axes.collections:
         for path in band.get_paths():
             # Matplotlib goes along one edge and back along the other, with a corner before each and one to close.
@@ -141,19 +125,19 @@ def _series(axes: Any) -> Iterator[Series]:
             if count < 1:
                 continue
             one, other = path.vertices[1 : count + 1], path.vertices[count + 2 : 2 * count + 2][::-1]
-            yield Series(_name(band) or "band", one[:, 0], {"low": one[:, 1], "high": other[:, 1]})
+            yield _name(band) or "band", one[:, 0], {"low": one[:, 1], "high": other[:, 1]}
     for label, places in dots_of(axes):
-        yield Series(_label(label), places[:, 0], {"": places[:, 1]})
+        yield _label(label), places[:, 0], {"": places[:, 1]}
     for line in axes.lines:
         x, y = np.asarray(line.get_xdata(), dtype=float), np.asarray(line.get_ydata(), dtype=float)
         if not len(x):
             continue
         if line.get_transform() == axes.transData:
-            yield Series(_name(line), x, {"": y})
+            yield _name(line), x, {"": y}
         elif y[0] == y[-1]:  # a line across the axes stands for one value
-            yield Series(_name(line), np.empty(0), {"": y[:1]})
+            yield _name(line), np.empty(0), {"": y[:1]}
         else:
-            yield Series(_name(line), x[:1], {})
+            yield _name(line), x[:1], {}
 
 
 def dots_of(axes: Any) -> list[tuple[str, FloatArray]]:

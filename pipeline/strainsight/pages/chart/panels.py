@@ -83,19 +83,17 @@ def dots(axes: Axes, x: FloatArray, y: FloatArray, label: str) -> None:
 
 def plain_ticks(axes: Axes, which: str) -> None:
     """Label a logarithmic axis 0.1, 1, 10 and, where it spans less than two decades, 2 and 5 between."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
+    from matplotlib.ticker import LogLocator, NullFormatter
 
     axis = axes.xaxis if which == "x" else axes.yaxis
-    if axis.get_scale() != "log":
-        return
     low, high = axis.get_view_interval()
-    if not 0 < low < high < np.inf:
+    if not (axis.get_scale() == "log" and 0 < low < high < np.inf):
         return
     decades = np.log10(high / low)
     marks = ((3, (1.0,)), (2, (1.0, 3.0)), (0.7, (1.0, 2.0, 5.0)))
     subs = next((subs for most, subs in marks if decades > most), tuple(np.arange(1.0, 10.0)))
     axis.set_major_locator(LogLocator(subs=subs))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: number(value, 3)))
+    axis.set_major_formatter(lambda value, _: number(value, 3))
     axis.set_minor_formatter(NullFormatter())
 
 
@@ -119,16 +117,19 @@ def plain_axis(axes: Axes) -> None:
 
 def log_ticks(axes: Axes, which: str = "y") -> None:
     """Label a logarithmic axis with powers of ten where it spans more than three decades, else as `plain_ticks`."""
-    from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
-
+    plain_ticks(axes, which)
     axis = axes.xaxis if which == "x" else axes.yaxis
     low, high = axis.get_view_interval()
-    if not (axis.get_scale() == "log" and 0 < low < high < np.inf and high / low > 1e3):
-        plain_ticks(axes, which)
-        return
-    axis.set_major_locator(LogLocator(numticks=6))
-    axis.set_major_formatter(FuncFormatter(lambda value, _: f"10{str(round(np.log10(value))).translate(SUPERSCRIPTS)}"))
-    axis.set_minor_formatter(NullFormatter())
+    if axis.get_scale() == "log" and 0 < low < high < np.inf and high / low > 1e3:
+        from matplotlib.ticker import LogLocator
+
+        axis.set_major_locator(LogLocator(numticks=6))
+        axis.set_major_formatter(lambda value, _: power_of_ten(value))
+
+
+def power_of_ten(value: float) -> str:
+    """As 10⁶."""
+    return f"10{str(round(np.log10(value))).translate(SUPERSCRIPTS)}"
 
 
 def shown_unit(*histories: History) -> tuple[float, str]:
@@ -143,17 +144,16 @@ def drawable(values: FloatArray) -> FloatArray:
     return np.where(np.isfinite(values), values, np.nan)
 
 
-def last_periods(values: FloatArray, periods: float = 4.0, least: float = 0.02) -> slice:
-    """The last few periods of an oscillation (T,), counted by crossings of its mean; at least a fiftieth of the run.
+def last_periods(values: FloatArray) -> slice:
+    """The last four periods of an oscillation (T,), counted by crossings of its mean; at least a fiftieth of the run.
 
     A history that hardly oscillates is shown whole.
     """
     steps, finite = len(values), values[np.isfinite(values)]
     mean = np.mean(finite) if len(finite) else 0.0
     crossing = np.flatnonzero(np.diff(np.signbit(values - mean)))
-    needed = round(2 * periods)
-    start = int(crossing[-needed]) if len(crossing) > needed else 0
-    return slice(max(min(start, steps - max(round(least * steps), 2)), 0), None)
+    start = int(crossing[-8]) if len(crossing) > 8 else 0
+    return slice(max(min(start, steps - max(round(0.02 * steps), 2)), 0), None)
 
 
 def about(values: FloatArray, near: FloatArray, periods: float = 5.0, least: int = 60, share: float = 0.6) -> slice:
@@ -183,8 +183,7 @@ def overlay(
 ) -> None:
     """A curve in its ±2σ band where it has one, over what was measured as dots; thinned to what can be seen."""
     banded = bool(np.isfinite(std).any())
-    columns = [mean, *([mean - 2 * std, mean + 2 * std] if banded else [])]
-    columns += [] if measured is None else [measured]
+    columns = (mean, *(mean - 2 * std, mean + 2 * std) * banded, *(() if measured is None else (measured,)))
     index = visible_instants(np.column_stack(columns), 180)
     if measured is not None:
         dots(axes, time[index], measured[index], "measured")
@@ -195,12 +194,9 @@ def overlay(
 
 def estimate_figure(history: History, start: int = 0) -> Drawing:
     """Estimate with its ±2σ band beside the truth, the whole run, or what of it follows an instant."""
-    image = _bands(history, slice(start, None), focus=False)
-    caption = (
-        f"Estimate of {history.name} over the whole run; the band is ±2 standard deviations as the filter claims them."
-    )
-    alt = _history_alt(history)
-    return Drawing(f"estimate-{history.name}", f"{history.name}: whole run", caption, alt, image)
+    name, image = history.name, _bands(history, slice(start, None), focus=False)
+    caption = f"Estimate of {name} over the whole run; the band is ±2 standard deviations as the filter claims them."
+    return Drawing(f"estimate-{name}", f"{name}: whole run", caption, _history_alt(history), image)
 
 
 def closing_figure(history: History, kind: str) -> Drawing:
@@ -218,20 +214,21 @@ def _bands(history: History, window: slice, *, focus: bool) -> bytes:
     factor, unit = shown_unit(history)
     time = history.time[window]
     mean, std = drawable(history.mean[window]) / factor, drawable(history.std[window]) / factor
-    columns = [mean, mean - 2 * std, mean + 2 * std]
-    truth = None if history.truth is None else drawable(history.truth[window]) / factor
-    smoothed = None if history.smoothed is None else drawable(history.smoothed[window]) / factor
-    columns += [values for values in (truth, smoothed) if values is not None]
+    truth, smoothed = (
+        None if values is None else drawable(values[window]) / factor for values in (history.truth, history.smoothed)
+    )
+    columns = [mean, mean - 2 * std, mean + 2 * std, *(values for values in (truth, smoothed) if values is not None)]
     index = visible_instants(np.column_stack(columns))
     drawn, axes = figure()
     if np.isfinite(std).any():
         band(axes, time[index], mean[index], std[index], BLUE, "±2σ")
     axes.plot(time[index], mean[index], color=BLUE, label="estimate")
     if smoothed is not None:
-        claimed = history.smoothed_std is not None and np.isfinite(history.smoothed_std).any()
-        if history.smoothed_std is not None and claimed:
-            band(axes, time[index], smoothed[index], drawable(history.smoothed_std[window])[index] / factor, GREEN)
-        axes.plot(time[index], smoothed[index], color=GREEN, label="smoothed ±2σ" if claimed else "smoothed")
+        label, sigma = "smoothed", history.smoothed_std
+        if sigma is not None and np.isfinite(sigma).any():
+            band(axes, time[index], smoothed[index], drawable(sigma[window])[index] / factor, GREEN)
+            label = "smoothed ±2σ"
+        axes.plot(time[index], smoothed[index], color=GREEN, label=label)
     if truth is not None:
         axes.plot(time[index], truth[index], color=INK, lw=1.2, ls=(0, (5, 3)), label="truth")
     if focus:
@@ -261,8 +258,7 @@ def posterior_figure(name: str, unit: str, posterior: Posterior, truth: float | 
     axes.plot(value, posterior.prior, color=ORANGE, lw=1.4, label="before them")
     if truth is not None:
         axes.axvline(truth / factor, color=INK, ls=(0, (5, 3)), lw=1.2, label="truth")
-    axes.set_xlabel(f"{name} [{shown}]")
-    axes.set_ylabel(f"density of ln {name} [–]")
+    axes.set(xlabel=f"{name} [{shown}]", ylabel=f"density of ln {name} [–]")
     axes.set_ylim(bottom=0)
     legend_above(axes, columns=3)
     top = quantity(float(posterior.value[np.argmax(posterior.density)]), unit)

@@ -19,6 +19,8 @@ from strainsight.text import number, percent, quantity
 AXES = METRES.heads
 LONGEST = 20
 """Letters of a word in a head that paper has room for: a name from a config may be longer."""
+UNFOLDED = 12
+"""Figures of a kind that are shown at once."""
 THEME = {"#ffffff": "var(--card)"} | {
     getattr(drawing, name.upper()): f"var(--{name})"
     for name in ("blue", "vermilion", "green", "orange", "purple", "sky", "ink", "muted", "grid")
@@ -93,16 +95,8 @@ def table(
         rest = "".join(cell(text, right=i in right) for i, text in enumerate(cells) if i)
         return f'<tr><th scope="row">{cells[0]}</th>{rest}</tr>'
 
-    text = (
-        "<table>"
-        + (_head(head, right) if head else "")
-        + "<tbody>"
-        + "".join(line(row) for row in rows)
-        + "</tbody>"
-        + (f"<tfoot>{line(foot)}</tfoot>" if foot else "")
-        + "</table>"
-    )
-    return sheet(name, text, title, caption)
+    above, below = _head(head, right) if head else "", f"<tfoot>{line(foot)}</tfoot>" if foot else ""
+    return sheet(name, f"<table>{above}<tbody>{''.join(map(line, rows))}</tbody>{below}</table>", title, caption)
 
 
 def grouped_table(
@@ -203,10 +197,16 @@ def figures(cards: Iterable[str], heading: str = "", grid: str = "figures") -> s
     return f'{heading}<div class="{grid}">{shown}</div>' if shown else ""
 
 
-def folded(cards: Sequence[str], grid: str, unfolded: int = 12) -> str:
-    """Cards as of `figures`; from number `unfolded` on they are shown on demand."""
-    more = figures(cards[unfolded:], f"<summary>{len(cards) - unfolded} more</summary>", grid)
-    return figures(cards[:unfolded], grid=grid) + (f"<details>{more}</details>" if more else "")
+def folded(cards: Sequence[str], grid: str = "figures", heading: str = "") -> str:
+    """Cards as of `figures`; from number UNFOLDED on they are shown on demand."""
+    more = figures(cards[UNFOLDED:], f"<summary>{len(cards) - UNFOLDED} more</summary>", grid)
+    return figures(cards[:UNFOLDED], heading, grid) + (f"<details>{more}</details>" if more else "")
+
+
+def titled(heading: str, lead: str = "", name: str = "") -> str:
+    """A heading, and a sentence that leads what follows, where there is one; name: what links lead to."""
+    target = f' id="{name}"' if name else ""
+    return f"<h2{target}>{heading}</h2>" + f'<p class="lead">{lead}</p>' * bool(lead)
 
 
 def unfolding(summary: str, content: str) -> str:

@@ -10,7 +10,7 @@ from html import escape
 from importlib.resources import files
 
 from strainsight.estimation.decision import CONSISTENT, comparison_verdict
-from strainsight.pages.page.markup import bullets, measure, pairs, plain, share, table
+from strainsight.pages.page.markup import bullets, figures, measure, pairs, plain, share, table, titled
 from strainsight.records.estimated import BANK, Compared
 from strainsight.runner.output import Table
 from strainsight.text import percent
@@ -87,9 +87,8 @@ DAMAGE = "Of the hottest spots of the surface, none near another, and of virtual
 def section(heading: str, content: str, name: str = "", kind: str = "card", lead: str = "", more: str = "") -> str:
     """A heading and, below it, HTML in a box of this kind; "" where there is none. name: what links lead to; lead: a sentence
     between them; more: HTML below the box."""
-    target = f' id="{name}"' if name else ""
-    lead = f'<p class="lead">{lead}</p>' * bool(lead)
-    return f'<h2{target}>{heading}</h2>{lead}<div class="{kind}">{content}</div>{more}' if content else ""
+    box = titled(heading, lead, name) + f'<div class="{kind}">{content}</div>{more}'
+    return box if content else ""
 
 
 def panel(heading: str, content: str) -> str:
@@ -99,11 +98,9 @@ def panel(heading: str, content: str) -> str:
 
 def first_screen(tiles: str, content: str, cautions: Iterable[str]) -> str:
     """What a reader decides from: tiles, what is beside or below them, and the cards of what to mind."""
-    cards = "".join(cautions)
-    cards = f'<div class="cautions">{cards}</div>' * bool(cards)
     return (
         f'<section id="answer" aria-label="answer"><div class="tiles">{tiles}</div>'
-        f'<div class="first">{content}</div>{cards}</section>'
+        f'<div class="first">{content}</div>{figures(cautions, grid="cautions")}</section>'
     )
 
 
@@ -133,15 +130,14 @@ def rests_on(facts: Mapping[str, str], provenance: Mapping[str, str], more: str 
         panel(heading, pairs(heading.lower(), entries.items()) if entries else "")
         for heading, entries in (("Model and run", facts), ("Provenance", provenance))
     )
-    panels = f"{first}{more}{last}"
-    return f'<h2>What it rests on</h2><div class="panels">{panels}</div>' if panels else ""
+    return section("What it rests on", f"{first}{more}{last}", kind="panels")
 
 
 def listing_section(heading: str, listed: Table | None, numeric: Iterable[int], lead: str = "") -> str:
     """A table of the terminal; `numeric` columns are flush right."""
     if listed is None or not listed.rows:
         return ""
-    head, rows = [escape(name) for name in listed.columns], [[escape(cell) for cell in row] for row in listed.rows]
+    head, *rows = ([*map(escape, row)] for row in (listed.columns, *listed.rows))
     return section(escape(heading), table(listed.title, head, rows, caption=escape(lead), numeric=numeric))
 
 
@@ -174,10 +170,8 @@ def filters_section(compared: Compared | None, units: Mapping[str, str]) -> str:
 
 def budget_section(budget: Mapping[str, Mapping[str, float]]) -> str:
     """Bars, their key and the table; nothing without a budget. budget: unknown's name → source → share of its variance."""
-    largest: dict[str, float] = {}
-    for source, value in (part for shares in budget.values() for part in shares.items()):
-        largest[source] = max(value, largest.get(source, 0.0))
-    order = sorted(largest, key=lambda source: -largest[source])
+    sources = dict.fromkeys(source for shares in budget.values() for source in shares)
+    order = sorted(sources, key=lambda source: -max(shares.get(source, 0.0) for shares in budget.values()))
     colour = dict(zip(order, COLOURS, strict=False))
     bars = "".join(_bar(name, shares, colour) for name, shares in budget.items())
     shown = {**colour, **({OTHER: REST} if len(order) > len(colour) else {})}
@@ -195,8 +189,8 @@ def _bar(name: str, shares: Mapping[str, float], colour: Mapping[str, str]) -> s
     """The sources of one unknown side by side, as wide as their shares; in words for those who do not see it."""
     parts = {source: shares.get(source, 0.0) for source in colour}
     parts[OTHER] = sum(value for source, value in shares.items() if source not in colour)
-    largest = sorted(parts.items(), key=lambda part: -part[1])
-    words = ", ".join(f"{source} {percent(value, 2)}" for source, value in largest if value >= 0.005)
+    largest = sorted(parts, key=lambda source: -parts[source])
+    words = ", ".join(f"{source} {percent(parts[source], 2)}" for source in largest if parts[source] >= 0.005)
     pieces = "".join(
         f'<i style="width:{100 * value:.2f}%;background:var(--{colour.get(source, REST)})"></i>'
         for source, value in parts.items()

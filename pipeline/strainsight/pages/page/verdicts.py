@@ -51,16 +51,11 @@ def accused(name: str, faults: Sequence[str], more: str = "") -> str:
 
 def no_benefit(unknowns: Sequence[Unknown]) -> str:
     """That random layouts do as well, of which unknowns, as HTML; empty where none is so."""
-    judged = [unknown for unknown in unknowns if unknown.benefit is not None]
-    none = [unknown for unknown in judged if unknown.benefit is not None and unknown.benefit.verdict == "none"]
+    none = _as_well(unknowns, "none")
     if not none:
         return ""
-    of = "" if len(none) == len(unknowns) else f" for {' and '.join(escape(unknown.name) for unknown in none)}"
-    counts = " and ".join(
-        f"{plain(benefit.as_well)} of {plain(benefit.sets)}" + f" ({escape(unknown.name)})" * (len(none) > 1)
-        for unknown in none
-        if (benefit := unknown.benefit) is not None
-    )
+    of = "" if len(none) == len(unknowns) else f" for {' and '.join(none)}"
+    counts = " and ".join(many + f" ({name})" * (len(none) > 1) for name, many in none.items())
     text = f"Placement brings no benefit here{of}: {counts} random layouts of the same size do as well."
     return f'<strong class="bad">{text}</strong> '
 
@@ -68,8 +63,12 @@ def no_benefit(unknowns: Sequence[Unknown]) -> str:
 def not_shown(unknowns: Sequence[Unknown]) -> list[str]:
     """Sentences, as HTML: of which unknowns too many random layouts do as well to tell."""
     return [
-        f"That the placement helps {escape(unknown.name)} is not shown: {plain(benefit.as_well)} of {plain(benefit.sets)} random "
-        "layouts of the same size do as well."
-        for unknown in unknowns
-        if (benefit := unknown.benefit) is not None and benefit.verdict == "not shown"
+        f"That the placement helps {name} is not shown: {many} random layouts of the same size do as well."
+        for name, many in _as_well(unknowns, "not shown").items()
     ]
+
+
+def _as_well(unknowns: Sequence[Unknown], verdict: str) -> dict[str, str]:
+    """Names of the unknowns of that benefit → how many random layouts do as well, as HTML."""
+    benefits = {escape(one.name): one.benefit for one in unknowns if one.benefit and one.benefit.verdict == verdict}
+    return {name: f"{plain(benefit.as_well)} of {plain(benefit.sets)}" for name, benefit in benefits.items()}

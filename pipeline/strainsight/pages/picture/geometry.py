@@ -168,18 +168,15 @@ def scale_of(quantity: str, unit: str, values: FloatArray, area: FloatArray | No
     if area is None or not np.isfinite(values).any():
         return whole
     known = np.isfinite(values)
-    return _without_peaks(whole, values[known], area[known])
-
-
-def _without_peaks(scale: Scale, values: FloatArray, area: FloatArray) -> Scale:
-    """The scale, its ends no farther from zero than the values (f,) on all but TAIL of the area (f,) [m²]."""
+    values, area = values[known], area[known]
+    # the ends no farther from zero than the values on all but TAIL of the area
     order = np.argsort(np.abs(values))
     size, covered = np.abs(values)[order], np.cumsum(area[order])
     end = float(size[np.searchsorted(covered, (1 - TAIL) * covered[-1])])
-    low, high = max(scale.low, -end), min(scale.high, end)
+    low, high = max(low, -end), min(high, end)
     if end > WORTH * size[-1] or not low < high:
-        return scale
-    return replace(scale, low=low, high=high, below=bool(values.min() < low), above=bool(values.max() > high))
+        return whole
+    return replace(whole, low=low, high=high, below=bool(values.min() < low), above=bool(values.max() > high))
 
 
 def colours(scale: Scale, values: FloatArray, missing: str) -> NDArray[np.uint8]:
@@ -224,15 +221,20 @@ def marker(gauge: Gauge, length: float) -> list[Any]:
 
     length [m] of a bar. A direction of zero is unknown: then a ball stands for a strain gauge.
     """
+    import pyvista as pv
+
     known = [grid for grid in gauge.grids if gauge.arms or np.any(grid[1])]
     position, _, normal = gauge.grids[0]
     if (form := shape(gauge.kind)) == "block":
         return _block(position, [direction for _, direction, _ in known], normal, 0.42 * length)
     if form == "cone":
-        return [_cone(*grid, 0.8 * length) for grid in known or [(position, np.array([0.0, 0.0, 1.0]), normal)]]
+        height, cones = 0.8 * length, []
+        for at, direction, upward in known or [(position, np.array([0.0, 0.0, 1.0]), normal)]:
+            outward = _outward(direction, upward)
+            size: dict[str, Any] = {"height": height, "radius": 0.3 * height, "resolution": 24}
+            cones.append(pv.Cone(center=at + 0.5 * height * outward, direction=-outward, **size))
+        return cones
     if not known:
-        import pyvista as pv
-
         return [pv.Sphere(radius=0.25 * length, center=position)]
     width = 0.17 if gauge.arms or len(known) == 1 else 0.06
     return [_bar(*grid, length, width) for grid in known]
@@ -267,16 +269,6 @@ def _block(position: FloatArray, directions: list[FloatArray], normal: FloatArra
         for along in (_outward(direction, normal) for direction in directions)
     ]
     return [cube, *rods]
-
-
-def _cone(position: FloatArray, direction: FloatArray, normal: FloatArray, height: float) -> Any:
-    """A cone that points from outside at what is read, along the direction."""
-    import pyvista as pv
-
-    outward = _outward(direction, normal)
-    return pv.Cone(
-        center=position + 0.5 * height * outward, direction=-outward, height=height, radius=0.3 * height, resolution=24
-    )
 
 
 def _outward(direction: FloatArray, normal: FloatArray) -> FloatArray:

@@ -7,14 +7,12 @@ stdout, both pickled: no file is left behind where either process is interrupted
 
 from __future__ import annotations
 
-import io
 import itertools
 import os
 import pickle
 import re
 import subprocess
 import sys
-import warnings
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from hashlib import sha256
@@ -25,19 +23,8 @@ import numpy as np
 from strainsight.errors import StrainsightError
 from strainsight.imports import FOLDER
 from strainsight.pages.arrays import FloatArray
-from strainsight.pages.chart.drawing import VERMILION, gauge_colour, ink_on, styled
-from strainsight.pages.picture.geometry import (
-    EMPTY,
-    arrow_mesh,
-    free_end,
-    line_mesh,
-    marker,
-    mesh_lines,
-    seen_from,
-    surface_mesh,
-    triangles,
-    views,
-)
+from strainsight.pages.chart.drawing import VERMILION, gauge_colour, ink_on, saved, styled
+from strainsight.pages.picture import geometry
 from strainsight.pages.picture.layout import PictureLayout
 from strainsight.processes import end_with_parent, inherited, python
 from strainsight.text import short
@@ -53,8 +40,12 @@ def draw_apart(module: str, what: Any, limit: float) -> list[bytes]:
 
     Raises StrainsightError that names the Debian packages where nothing can render.
     """
-    output = "no output"
-    for environment in _environments():
+    output, environments = "no output", [inherited()]
+    if sys.platform.startswith("linux"):
+        # off-screen first, whatever DISPLAY says; then as VTK itself would choose (an X display, OSMesa)
+        egl = {name: value for name, value in inherited().items() if name != "DISPLAY"}
+        environments.insert(0, {**egl, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"})
+    for environment in environments:
         command, asked = [*python(module), OFF_SCREEN], pickle.dumps(what)
         try:
             done = subprocess.run(
@@ -89,15 +80,6 @@ def answer(draw: Callable[[Any], Sequence[bytes]]) -> None:
     pictures = draw(pickle.load(sys.stdin.buffer))
     with os.fdopen(out, "wb") as stream:
         pickle.dump(list(pictures), stream)
-
-
-def _environments() -> list[dict[str, str]]:
-    """Off-screen first, whatever DISPLAY says; then as VTK itself would choose (an X display, OSMesa)."""
-    base = inherited()
-    if not sys.platform.startswith("linux"):
-        return [base]
-    egl = {name: value for name, value in base.items() if name != "DISPLAY"}
-    return [{**egl, "VTK_DEFAULT_OPENGL_WINDOW": "vtkEGLRenderWindow"}, base]
 
 
 def last_words(stderr: str) -> str:
@@ -166,28 +148,31 @@ DRAWN_FACETS = 20_000
 CAPTION = "#7b8794"
 FONT = 10.0
 """Size of a name [pt], 100 pixels of the page an inch."""
+CENTRED: dict[str, Any] = {"fontsize": FONT, "ha": "center", "va": "center"}
 WIDE, HIGH, MARGIN = 4.6, 12.5, 7.5
 """Half the width of a name is MARGIN + WIDE a letter, half its height HIGH [px]."""
 
 
 def draw(layout: PictureLayout, width: int, height: int) -> bytes:
     """PNG bytes, for width × height pixels of the page: the layout from one corner or, where that hides a gauge, from two."""
-    triangle = triangles(layout.faces)
+    triangle = geometry.triangles(layout.faces)
     position, normal = layout.places
-    corners = views(layout.points, triangle, position, normal)
+    corners = geometry.views(layout.points, triangle, position, normal)
     extent = np.sort(np.ptp(layout.points, axis=0))
     slender = extent[2] > 1.6 * extent[1]
     rows, columns = (len(corners), 1) if slender else (1, len(corners))
     size = width // columns, height // rows
     # An arrow is named in the views that show its free end, and where none does, in the first.
-    ends = np.array([free_end(load, layout) for load in layout.loads]).reshape(-1, 3)
-    facing = np.array([seen_from(layout.points, triangle, ends, np.tile(eye, (len(ends), 1)), eye) for eye in corners])
+    ends = np.array([geometry.free_end(load, layout) for load in layout.loads]).reshape(-1, 3)
+    facing = np.array(
+        [geometry.seen_from(layout.points, triangle, ends, np.tile(eye, (len(ends), 1)), eye) for eye in corners]
+    )
     facing[0] |= facing.sum(axis=0) == 0
     panels = []
     for corner, named in zip(corners, facing.astype(bool), strict=True):
-        seen = seen_from(layout.points, triangle, position, normal, corner).astype(bool)
+        seen = geometry.seen_from(layout.points, triangle, position, normal, corner).astype(bool)
         panels.append((*_geometry(layout, triangle, corner, size), seen, named, corner))
-    return labelled(layout, panels, rows, columns, size, FINER)
+    return labelled(layout, panels, rows, columns, size)
 
 
 def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[int, int]) -> tuple[Any, Any]:  # type: ignore[no-untyped-def]
@@ -205,24 +190,28 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
     if len(triangle):
         _add_surface(plotter, layout, triangle, lift)
     if len(layout.bars):
-        plotter.add_mesh(line_mesh(layout.points, layout.bars), color=CREASES, line_width=4.0, lighting=False)
-    if len(layout.loose):
-        plotter.add_mesh(pv.PolyData(layout.loose + lift), color=LINES, point_size=13, lighting=False)
-    if len(layout.pool):
-        plotter.add_mesh(
-            pv.PolyData(layout.pool + 2 * lift), color=POOL, point_size=5, render_points_as_spheres=True, lighting=False
-        )
-    if len(layout.fixed):
-        plotter.add_mesh(pv.PolyData(layout.fixed + 2 * lift), color=CLAMP, point_size=9, lighting=False)
+        plotter.add_mesh(geometry.line_mesh(layout.points, layout.bars), color=CREASES, line_width=4.0, lighting=False)
+    for points, rise, colour, width, spheres in (
+        (layout.loose, lift, LINES, 13, False),
+        (layout.pool, 2 * lift, POOL, 5, True),
+        (layout.fixed, 2 * lift, CLAMP, 9, False),
+    ):
+        if len(points):
+            dots = pv.PolyData(points + rise)
+            plotter.add_mesh(dots, color=colour, point_size=width, render_points_as_spheres=spheres, lighting=False)
     for i, gauge in enumerate(layout.gauges):
-        for mesh in marker(gauge, 0.034 * diagonal):
-            plotter.add_mesh(mesh, color=EMPTY if gauge.bonded else gauge_colour(i), ambient=0.5)
+        for mesh in geometry.marker(gauge, 0.034 * diagonal):
+            plotter.add_mesh(mesh, color=geometry.EMPTY if gauge.bonded else gauge_colour(i), ambient=0.5)
             edges = mesh.extract_feature_edges(30.0) if gauge.bonded else mesh
             if gauge.bonded and edges.n_points:
                 plotter.add_mesh(edges.translate(lift), color=gauge_colour(i), line_width=3.5, lighting=False)
     for load in layout.loads:
-        plotter.add_mesh(arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
-    _aim(plotter, corner, size)
+        plotter.add_mesh(geometry.arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
+    bounds = np.array(plotter.bounds).reshape(3, 2)  # everything inside, with room for labels
+    box = np.array([[x, y, z] for x in bounds[0] for y in bounds[1] for z in bounds[2]])
+    spread = np.ptp(box @ across(corner), axis=0)
+    scale = 0.5 * max(spread[1] * 1.28, spread[0] * 1.1 * size[1] / size[0])
+    aim(plotter, box.mean(axis=0), corner, float(np.linalg.norm(np.ptp(box, axis=0))), scale)
     plotter.enable_anti_aliasing("ssaa")
     image = np.asarray(plotter.screenshot(None, transparent_background=True, return_img=True))
     matrix = pv.array_from_vtkmatrix(plotter.camera.GetCompositeProjectionTransformMatrix(size[0] / size[1], -1, 1))
@@ -238,27 +227,17 @@ def _geometry(layout: PictureLayout, triangle, corner: FloatArray, size: tuple[i
 
 def _add_surface(plotter: Any, layout: PictureLayout, triangle, lift: FloatArray) -> None:  # type: ignore[no-untyped-def]
     """Shaded facets with their outlines and the sharp edges of the body."""
-    surface = surface_mesh(layout.points, triangle)
+    surface = geometry.surface_mesh(layout.points, triangle)
     shaded = surface.compute_normals(
         split_vertices=True, feature_angle=30.0, consistent_normals=False, auto_orient_normals=False
     )
     plotter.add_mesh(shaded, color=STEEL, smooth_shading=True, ambient=0.32, diffuse=0.8, specular=0.05)
     if len(layout.faces) <= DRAWN_FACETS:
-        wires = line_mesh(layout.points + lift, mesh_lines(layout.faces))
+        wires = geometry.line_mesh(layout.points + lift, geometry.mesh_lines(layout.faces))
         plotter.add_mesh(wires, color=LINES, line_width=1.0, lighting=False)
     creases = surface.clean().extract_feature_edges(30.0, manifold_edges=False, non_manifold_edges=False)
     if creases.n_points:
         plotter.add_mesh(creases.translate(lift), color=CREASES, line_width=1.6, lighting=False)
-
-
-def _aim(plotter: Any, corner: FloatArray, size: tuple[int, int]) -> None:
-    """Parallel view from a corner, z up, everything inside with room for labels."""
-    bounds = np.array(plotter.bounds).reshape(3, 2)
-    box = np.array([[x, y, z] for x in bounds[0] for y in bounds[1] for z in bounds[2]])
-    axes = across(corner)
-    spread = np.ptp(box @ axes, axis=0)
-    scale = 0.5 * max(spread[1] * 1.28, spread[0] * 1.1 * size[1] / size[0])
-    aim(plotter, box.mean(axis=0), corner, float(np.linalg.norm(np.ptp(box, axis=0))), scale)
 
 
 def across(corner: FloatArray) -> FloatArray:
@@ -280,9 +259,7 @@ def aim(plotter: Any, middle: FloatArray, corner: FloatArray, reach: float, scal
 
 
 @styled({})
-def labelled(
-    layout: PictureLayout, panels: list[Any], rows: int, columns: int, size: tuple[int, int], finer: int
-) -> bytes:
+def labelled(layout: PictureLayout, panels: list[Any], rows: int, columns: int, size: tuple[int, int]) -> bytes:
     """The views side by side or one above the other, with names, axes and a word on where one looks from."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -305,33 +282,24 @@ def labelled(
             up = np.array([0.0, -1.0 if anchor[1] <= centre[1] else 1.0])
             labels.append((anchor, up, short(gauge.label), gauge_colour(i), gauge.bonded))
         for load in itertools.compress(layout.loads, named):
-            fixed, free = pixels(np.array([load.point, free_end(load, layout)]))
+            fixed, free = pixels(np.array([load.point, geometry.free_end(load, layout)]))
             ahead = (free - fixed) / max(float(np.linalg.norm(free - fixed)), 1.0)
             labels.append((free, ahead, short(load.name), VERMILION, False))
         anchors, away = (np.array([label[k] for label in labels]).reshape(-1, 2) for k in (0, 1))
         places = spread_labels(anchors, away, [name for _, _, name, _, _ in labels], size)
         for place_of, (anchor, _, name, colour, hollow) in zip(places, labels, strict=True):
-            ground, edge, thick = (EMPTY, colour, 2.2) if hollow else (colour, "white", 0.8)
-            box = {"boxstyle": "round,pad=0.32", "fc": ground, "ec": edge, "lw": thick}
-            line = {"arrowstyle": "-", "color": colour, "lw": 1.4, "shrinkA": 0, "shrinkB": 2}
+            ground, edge, thick = (geometry.EMPTY, colour, 2.2) if hollow else (colour, "white", 0.8)
             style: dict[str, Any] = {
-                "ha": "center",
-                "va": "center",
-                "fontsize": FONT,
+                "bbox": {"boxstyle": "round,pad=0.32", "fc": ground, "ec": edge, "lw": thick},
+                "arrowprops": {"arrowstyle": "-", "color": colour, "lw": 1.4, "shrinkA": 0, "shrinkB": 2},
                 "fontweight": "bold",
                 "parse_math": False,
             }
-            axes.annotate(
-                name, tuple(anchor), tuple(place_of), color=ink_on(ground), bbox=box, arrowprops=line, **style
-            )
+            axes.annotate(name, tuple(anchor), tuple(place_of), color=ink_on(ground), **CENTRED, **style)
         _triad(axes, pixels, middle, diagonal, size)
         side = "above" if corner[2] > 0 else "below"
         axes.text(8, 13, f"seen from {side}", color=CAPTION, fontsize=FONT, va="center")
-    buffer = io.BytesIO()
-    with warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message="Glyph .* missing from font")
-        figure.savefig(buffer, format="png", dpi=100 * finer, transparent=True, metadata={"Software": None})
-    return buffer.getvalue()
+    return saved(figure, format="png", dpi=100 * FINER, transparent=True, metadata={"Software": None})
 
 
 def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size: tuple[int, int]) -> FloatArray:
@@ -342,6 +310,12 @@ def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size:
     """
     half = np.array([[MARGIN + WIDE * len(name), HIGH] for name in names]).reshape(-1, 2)
     places: list[FloatArray] = []
+
+    def is_free(option: FloatArray, i: int) -> bool:
+        others = [(place, half[k] + 4) for k, place in enumerate(places)]
+        others += [(anchor, np.full(2, 7.0)) for k, anchor in enumerate(anchors) if k != i]
+        return not any(np.all(np.abs(option - place) < half[i] + room) for place, room in others)
+
     for i, (anchor, ahead) in enumerate(zip(anchors, away, strict=True)):
         aside = np.array([-ahead[1], ahead[0]])
         options = [
@@ -353,19 +327,8 @@ def spread_labels(anchors: FloatArray, away: FloatArray, names: list[str], size:
             for radius in (28, 38, 50, 64, 82, 104, 130)
             for turn in np.radians([0, 25, -25, 50, -50, 75, -75, 105, -105, 130, -130, 180])
         ]
-        free = (option for option in options if _is_free(option, half[i], places, half, anchors, i))
-        places.append(next(free, options[0]))
+        places.append(next((option for option in options if is_free(option, i)), options[0]))
     return np.array(places).reshape(-1, 2)
-
-
-def _is_free(
-    option: FloatArray, half: FloatArray, places: list[FloatArray], halves: FloatArray, anchors: FloatArray, index: int
-) -> bool:
-    for other, place in enumerate(places):
-        if np.all(np.abs(option - place) < half + halves[other] + 4):
-            return False
-    others = np.delete(anchors, index, axis=0)
-    return not np.any(np.all(np.abs(others - option) < half + 7, axis=1))
 
 
 def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tuple[int, int]) -> None:
@@ -374,17 +337,11 @@ def _triad(axes: Any, pixels: Any, middle: FloatArray, diagonal: float, size: tu
     step = 1e-3 * diagonal
     shift = pixels(middle + step * np.eye(3)) - pixels(middle[None])
     shift *= 26 / np.linalg.norm(shift, axis=1).max()
+    line = {"arrowstyle": "-|>", "color": CAPTION, "lw": 1.3, "shrinkA": 0, "shrinkB": 0}
     for name, arrow in zip("xyz", shift, strict=True):
-        axes.annotate(
-            "",
-            base + arrow,
-            base,
-            arrowprops={"arrowstyle": "-|>", "color": CAPTION, "lw": 1.3, "shrinkA": 0, "shrinkB": 0},
-        )
+        axes.annotate("", base + arrow, base, arrowprops=line)
         reach = float(np.linalg.norm(arrow))
-        axes.text(
-            *(base + arrow * (1 + 9 / max(reach, 6.0))), name, color=CAPTION, fontsize=FONT, ha="center", va="center"
-        )
+        axes.text(*(base + arrow * (1 + 9 / max(reach, 6.0))), name, color=CAPTION, **CENTRED)
 
 
 if __name__ == "__main__":

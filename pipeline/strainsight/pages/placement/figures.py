@@ -108,8 +108,7 @@ def trend_figure(trend: Trend) -> Drawing:
             axes.set_yscale("log")
     plain_ticks(axes, "x")
     plain_ticks(axes, "y")
-    axes.set_xlabel("gauges left [–]")
-    axes.set_ylabel(f"metric {symbol} [–]")
+    axes.set(xlabel="gauges left [–]", ylabel=f"metric {symbol} [–]")
     legend_above(axes, columns=2)
     ratio = trend.final / value[0] if len(value) and value[0] > 0 else np.nan
     caption = (
@@ -186,16 +185,16 @@ def random_errors_figure(sets: tuple[RandomSetErrors, ...]) -> Drawing:
     axes.annotate(f"chosen set {percent(chosen)}", (100 * chosen, -0.62), (off, 0), **words)
     axes.grid(visible=False, axis="y")
     axes.set_xlabel(f"relative error of {short(name)} [%]")
-    caption = f"Error of {name} from random sets of the same size; dots are sets, the bar is their median."
-    alt = f"Dot plot of errors of {name}: chosen set {percent(chosen)}; "
+    caption, medians = f"Error of {name} from random sets of the same size; dots are sets, the bar is their median.", []
     for entry in sets:
         better, lost = int(np.sum(entry.finite < chosen)), len(entry.error) - len(entry.finite)
         pool = "all candidates" if entry.pool_label == "all candidates" else "the screened pool"
         caption += f" {better} of {len(entry.error)} drawn from {pool} came closer than the chosen set"
         caption += f", {lost} diverged and are not drawn." if lost else "."
-    medians = [f"{e.pool_label} median {percent(float(np.median(e.finite)))}" for e in sets if len(e.finite)]
-    alt += "; ".join(f"random from {median}" for median in medians)
+        if len(entry.finite):
+            medians.append(f"random from {entry.pool_label} median {percent(float(np.median(entry.finite)))}")
     caption += " This is one noise sample: a lucky set can come closer."
+    alt = f"Dot plot of errors of {name}: chosen set {percent(chosen)}; {'; '.join(medians)}"
     return Drawing(f"random-errors-{name}", f"{name}: errors of random sets", caption, alt, svg(drawn))
 
 
@@ -245,8 +244,7 @@ def noise_figure(noise: Noise, names: Sequence[str]) -> Drawing:
     if any(line.get_ydata().max(initial=0.0) > 0 for line in axes.get_lines()):
         axes.set_yscale("log")
         plain_ticks(axes, "y")
-    axes.set_xlabel("gauge noise [% of the strongest candidate's RMS]")
-    axes.set_ylabel("relative error [%]")
+    axes.set(xlabel="gauge noise [% of the strongest candidate's RMS]", ylabel="relative error [%]")
     legend_above(axes, columns=2)
     caption = "Dots are what the filter got wrong, lines what it claims as one standard deviation."
     alt = "; ".join(
@@ -275,23 +273,15 @@ def repeats_figure(name: str, repeats: Repeats, claims: Sequence[Claim]) -> Draw
         axes.set_yscale("log")
         plain_ticks(axes, "y")
     axes.xaxis.get_major_locator().set_params(integer=True)
-    axes.set_xlabel("run, smallest error first [–]")
-    axes.set_ylabel(f"relative error of {short(name)} [%]")
+    axes.set(xlabel="run, smallest error first [–]", ylabel=f"relative error of {short(name)} [%]")
     legend_above(axes)
-    caption = (
-        f"{len(error)} runs with other noise and other starting values, the truth the same. "
-        f"{_agreement(verdict, claim)}"
-    )
-    ending = f"{claim.verdict}, {verdict}" if claim is not None else verdict
-    alt = f"Chart of {len(error)} repeated runs for {name}, {ending}."
+    caption = f"{len(error)} runs with other noise and other starting values, the truth the same. "
+    caption += f"Little more is known of it than before: {LOST}." * (verdict == LOST)
+    if claim is not None:
+        verdict = f"{claim.verdict}, {verdict}"
+        low, high = (number(edge, 2) for edge in claim.band)
+        caption += (
+            f" RMS of error over claimed σ {number(claim.ratio, 3)}, {low} to {high} where σ holds: {claim.verdict}."
+        )
+    alt = f"Chart of {len(error)} repeated runs for {name}, {verdict}."
     return Drawing(f"repeats-{name}", f"{name}: other seeds, other starts", caption, alt, svg(drawn))
-
-
-def _agreement(verdict: str, claim: Claim | None) -> str:
-    agree = f"Little more is known of it than before: {LOST}." if verdict == LOST else ""
-    if claim is None:
-        return agree
-    low, high = (number(edge, 2) for edge in claim.band)
-    return (
-        f"{agree} RMS of error over claimed σ {number(claim.ratio, 3)}, {low} to {high} where σ holds: {claim.verdict}."
-    )

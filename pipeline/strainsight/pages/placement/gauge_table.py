@@ -8,7 +8,6 @@ from html import escape
 
 import numpy as np
 
-from strainsight.pages.arrays import FloatArray
 from strainsight.pages.page.markup import axes, badge, data, decimals, items, measure, plain, share, table
 from strainsight.pages.picture.layout import Gauge
 from strainsight.pages.placement.data import Criteria, MetricWords, ObservabilityCase, PlacementReport, Trend
@@ -17,6 +16,21 @@ from strainsight.text import number, percent, reading_unit
 
 SINGLE = frozenset({"strain gauge", "rosette", "bridge"})
 """Kinds that people call gauges; with others among them they are sensors."""
+
+
+EDGES = (
+    "Nearest edges: distance to the nearest edge of the face, and the angle from it to the measuring direction, "
+    "counter-clockwise as seen from outside; below, the same of the nearest edge that runs across it."
+)
+BONDED = (
+    "Where it is bonded: how much the strain changes over σ of the gauge's place and from end to end of its grid, over its RMS "
+    "in training, and how much room there is over it, where that is beyond the limit."
+)
+REFINED = (
+    "On a finer mesh: the change of the strain at the gauge, over its RMS in training, when the elements around it are cut in "
+    "half twice. A hot spot changes by more than its share: a corner, the end of a support, a load at a node."
+)
+UNOBSERVABLE = "∞: without that gauge the unknown can no longer be observed."
 
 
 def gauge_table(report: PlacementReport) -> str:
@@ -38,7 +52,10 @@ def _where(report: PlacementReport) -> str:
                 "<br>".join,
                 zip(*(axes(x, places, frame) for x, _, _ in gauge.grids[: len(gauge.arms) or 1]), strict=True),
             ),
-            "<br>".join(_whole(_direction(frame.turn(vector))) for _, vector, _ in gauge.grids),
+            "<br>".join(
+                _whole(" ".join(data(x, number(round(x, 4), 4)) for x in frame.turn(vector).tolist()))
+                for _, vector, _ in gauge.grids
+            ),
             *_edges(gauge, frame) * edged,
             *["<br>".join(map(escape, gauge.notes.split("; "))) or "–"] * noted,
         ]
@@ -59,9 +76,6 @@ def _worth(report: PlacementReport) -> str:
         [
             badge(gauge.label, index, hollow=gauge.bonded),
             *_ids(gauge),
-            "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in _angles(gauge))
-            if gauge.kind in SINGLE
-            else "–",
             *[_reading(gauge)] * read,
             *[_changed(gauge)] * tested,
             *(share(gauge.without.get(name, math.nan)) for name in names),
@@ -96,76 +110,61 @@ def given(gauges: tuple[Gauge, ...]) -> bool:
 
 def _caption(gauges: tuple[Gauge, ...], frame: PositionAxes) -> str:
     """What the columns of places mean, as far as they occur."""
-    text = [f"Places and measuring directions are in {frame.in_words()}."]
-    if any(len(gauge.channels) > 1 for gauge in gauges):
-        text[0] = f"{text[0][:-1]}; a rosette's or triaxial sensor's further directions stand below."
-    if any(gauge.arms for gauge in gauges):
-        text.append("The arms of a bridge stand below one another, in the order of the signs beside its kind.")
-    if any(len(gauge.edges) for gauge in gauges):
-        text.append(
-            "Nearest edges: distance to the nearest edge of the face, and the angle from it to the measuring direction, "
-            "counter-clockwise as seen from outside; below, the same of the nearest edge that runs across it."
-        )
-    if any(gauge.mirror for gauge in gauges):
-        text.append("A gauge and its mirror image were placed as one.")
-    if any(gauge.notes for gauge in gauges):
-        text.append(
-            "Where it is bonded: how much the strain changes over σ of the gauge's place and from end to end of its grid, over "
-            "its RMS in training, and how much room there is over it, where that is beyond the limit."
-        )
-    return " ".join(text)
+    several = any(len(gauge.channels) > 1 for gauge in gauges)
+    below = "; a rosette's or triaxial sensor's further directions stand below" * several
+    sentences = {
+        f"Places and measuring directions are in {frame.in_words()}{below}.": True,
+        "The arms of a bridge stand below one another, in the order of the signs beside its kind.": any(
+            gauge.arms for gauge in gauges
+        ),
+        EDGES: any(len(gauge.edges) for gauge in gauges),
+        "A gauge and its mirror image were placed as one.": any(gauge.mirror for gauge in gauges),
+        BONDED: any(gauge.notes for gauge in gauges),
+    }
+    return " ".join(text for text, occurs in sentences.items() if occurs)
 
 
 def _caption_of_worth(gauges: tuple[Gauge, ...]) -> str:
     """What the columns of readings mean, as far as they occur."""
-    text = [
-        ("Numbers are those of the table of the gauges" if given(gauges) else "Ids are those of the mesh file")
-        + "; angle is from the projected axis."
-    ]
-    if any(gauge.peak is not None for gauge in gauges):
-        text.append("The peak is the largest reading of the training run, of what the sensor can measure.")
-    if any(gauge.refined is not None for gauge in gauges):
-        text.append(
-            "On a finer mesh: the change of the strain at the gauge, over its RMS in training, when the elements around it "
-            "are cut in half twice. A hot spot changes by more than its share: a corner, the end of a support, a load at a node."
-        )
-    if any(math.isinf(value) for gauge in gauges for value in gauge.without.values()):
-        text.append("∞: without that gauge the unknown can no longer be observed.")
-    return " ".join(text)
+    ids = "Numbers are those of the table of the gauges" if given(gauges) else "Ids are those of the mesh file"
+    sentences = {
+        f"{ids}; angle is from the projected axis.": True,
+        "The peak is the largest reading of the training run, of what the sensor can measure.": any(
+            gauge.peak is not None for gauge in gauges
+        ),
+        REFINED: any(gauge.refined is not None for gauge in gauges),
+        UNOBSERVABLE: any(math.isinf(value) for gauge in gauges for value in gauge.without.values()),
+    }
+    return " ".join(text for text, occurs in sentences.items() if occurs)
 
 
 def _kind(gauge: Gauge) -> str:
     """Strain gauge, rosette …; what sets it apart from the others of its kind stands below."""
-    text = escape(gauge.kind)
-    if gauge.arms:
-        text += f"<br>{_whole(' '.join('+' if arm.sign > 0 else '−' for arm in gauge.arms))}"
-    if gauge.bonded:
-        text += f"<br><strong>{_whole('bonded already')}</strong>"
-    return text + (f"<br>mirrors {escape(gauge.mirror)}" if gauge.mirror else "")
+    signs = " ".join("+" if arm.sign > 0 else "−" for arm in gauge.arms)
+    text = escape(gauge.kind) + f"<br>{_whole(signs)}" * bool(signs)
+    text += f"<br><strong>{_whole('bonded already')}</strong>" * gauge.bonded
+    return text + f"<br>mirrors {escape(gauge.mirror)}" * bool(gauge.mirror)
 
 
-def _ids(gauge: Gauge) -> tuple[str, str]:
-    """Element and facet, of a bridge those of its arms."""
-    if gauge.arms:
-        return "<br>".join(str(arm.element) for arm in gauge.arms), "<br>".join(str(arm.facet) for arm in gauge.arms)
-    return str(gauge.element), str(gauge.facet or "–")
-
-
-def _angles(gauge: Gauge) -> list[float]:
-    """Angles [deg] of all its directions: that of the first, and by how much the others are turned about the normal."""
-    first = gauge.channels[0]
-    turn = [math.atan2(gauge.normal @ np.cross(first, other), first @ other) for other in gauge.channels]
-    return [round(gauge.angle + math.degrees(angle), 6) for angle in turn]
+def _ids(gauge: Gauge) -> list[str]:
+    """Element, facet and angles [deg] of all its directions: that of the first, and by how much the others are turned about the
+    normal; of a bridge elements and facets of its arms."""
+    first, angles = gauge.channels[0], "–"
+    if gauge.kind in SINGLE:
+        turn = [math.atan2(gauge.normal @ np.cross(first, other), first @ other) for other in gauge.channels]
+        exact = [round(gauge.angle + math.degrees(angle), 6) for angle in turn]
+        angles = "<br>".join(data(angle, f"{number(angle, 3)}°", "°") for angle in exact)
+    elements = [str(arm.element) for arm in gauge.arms] or [str(gauge.element)]
+    facets = [str(arm.facet) for arm in gauge.arms] or [str(gauge.facet or "–")]
+    return ["<br>".join(elements), "<br>".join(facets), angles]
 
 
 def _edges(gauge: Gauge, frame: PositionAxes) -> list[str]:
     """Distances and angles to both edges of its place, of a bridge of all its arms: two cells."""
-    distance, angle = gauge.edges.reshape(-1, 2).T if len(gauge.edges) else np.empty((2, 0))
-    known = np.isfinite(distance)
-    sizes = [data(float(x), number(float(x), 4)) for x in frame.length(distance[known])]
-    turns = [
-        data(float(a), f"{number(round(float(a), 1) + 0.0, 3)}°", "°") if np.isfinite(a) else "–" for a in angle[known]
-    ]
+    edges = gauge.edges.reshape(-1, 2)
+    distance, angle = edges[np.isfinite(edges[:, 0])].T.tolist()
+    sizes = [data(x, number(x, 4)) for x in frame.length(np.array(distance)).tolist()]
+    turns = ["–" if math.isnan(a) else data(a, f"{number(round(a, 1) + 0.0, 3)}°", "°") for a in angle]
     return ["<br>".join(sizes) or "–", "<br>".join(turns) or "–"]
 
 
@@ -176,15 +175,17 @@ def _reading(gauge: Gauge) -> str:
         return "–"
     finite = [size for size in (gauge.peak, gauge.most or 0.0, gauge.range or 0.0) if math.isfinite(size)]
     factor, unit = reading_unit(max(finite, default=0.0), gauge.unit)
-    shown = number(gauge.peak / factor, 3)
+
+    def shown(value: float, unit: str = "") -> str:
+        return data(value, f"{number(value / factor, 3)}{unit}", gauge.unit)
+
     if gauge.range is None:
-        return data(gauge.peak, f"{shown} {unit}", gauge.unit)
-    most = data(gauge.range, f"{number(gauge.range / factor, 3)} {unit}", gauge.unit)
-    text = f"{data(gauge.peak, shown, gauge.unit)} of {most}"
-    peak = gauge.peak
+        return shown(gauge.peak, f" {unit}")
+    text, peak = shown(gauge.peak), gauge.peak
     if gauge.most is not None:
         peak = gauge.most
-        text = f"{data(gauge.peak, shown, gauge.unit)}<br>an arm {data(peak, number(peak / factor, 3), gauge.unit)} of {most}"
+        text += f"<br>an arm {shown(peak)}"
+    text += f" of {shown(gauge.range, f' {unit}')}"
     if peak > gauge.range:
         return f'{text}<br><strong class="mark bad">✕ beyond its range</strong>'
     used = peak / gauge.range if gauge.range > 0 else math.nan
@@ -207,10 +208,6 @@ def _signed(share: float) -> str:
 
 def _whole(text: str) -> str:
     return f'<span class="whole">{text}</span>'
-
-
-def _direction(vector: FloatArray) -> str:
-    return " ".join(data(float(value), number(round(float(value), 4), 4)) for value in vector)
 
 
 STEADY = (
@@ -314,6 +311,6 @@ def _sigma(value: float | None, unit: str) -> str:
 def _lost(cases: Mapping[str, ObservabilityCase], excitations: int) -> str:
     """What is lost, once where it is the same at every excitation."""
     lost = {name: escape(case.lost) for name, case in cases.items() if case.lost}
-    if len(lost) == excitations and len(set(lost.values())) == 1:
-        return next(iter(lost.values()))
+    if len(lost) == excitations and len(texts := set(lost.values())) == 1:
+        return texts.pop()
     return "<br>".join(f"{escape(name)}: {text}" for name, text in lost.items())

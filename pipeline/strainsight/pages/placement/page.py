@@ -7,9 +7,11 @@ from collections import Counter
 from collections.abc import Iterator
 from html import escape
 
+import numpy as np
+
 from strainsight.estimation.decision import LOST, WITHHELD
 from strainsight.pages.chart.drawing import VERMILION, Drawing
-from strainsight.pages.page import markup
+from strainsight.pages.page import markup, sections
 from strainsight.pages.page.markup import (
     axes,
     badge,
@@ -27,20 +29,6 @@ from strainsight.pages.page.markup import (
     share,
     table,
     tile,
-)
-from strainsight.pages.page.sections import (
-    advice_card,
-    budget_section,
-    caution,
-    document,
-    filters_section,
-    first_screen,
-    held_mark,
-    notes_card,
-    panel,
-    rests_on,
-    section,
-    warnings_section,
 )
 from strainsight.pages.page.verdicts import HARDLY, faults, headline, leading, not_shown
 from strainsight.pages.picture.geometry import shape
@@ -96,15 +84,10 @@ def _worst_cases(report: PlacementReport) -> str:
     """In which load case every unknown is known least; empty without load cases."""
     if report.load_cases is None:
         return ""
-    parts = [
-        f"{escape(unknown.name)} ±{share(unknown.expected_std)} in {escape(unknown.worst_case)}"
-        for unknown in report.unknowns
-        if unknown.worst_case
-    ]
+    worst = [unknown for unknown in report.unknowns if unknown.worst_case]
+    parts = listed([f"{escape(one.name)} ±{share(one.expected_std)} in {escape(one.worst_case)}" for one in worst])
     many = len(report.load_cases.name)
-    return (
-        f" Expected at worst over {count(many)} load case{'s' * (many > 1)}: {listed(parts)}, of the amplitude there."
-    )
+    return f" Expected at worst over {count(many)} load case{'s' * (many > 1)}: {parts}, of the amplitude there."
 
 
 def placement_screen(report: PlacementReport, scene: bytes | None, problem: str) -> str:
@@ -112,7 +95,7 @@ def placement_screen(report: PlacementReport, scene: bytes | None, problem: str)
     it is a `data` element."""
     order = sorted(report.unknowns, key=lambda unknown: not faults(unknown))
     tiles = "".join(map(_tile, order)) + _bound_tile(report)
-    return first_screen(tiles, _without(report) + pictured(report.layout, scene, problem), _cautions(report))
+    return sections.first_screen(tiles, _without(report) + pictured(report.layout, scene, problem), _cautions(report))
 
 
 def _sigma(unknown: Unknown) -> float | None:
@@ -151,10 +134,7 @@ def _mark(unknown: Unknown) -> str:
     """Whether the claim held in the test and over the repeats: a sure filter can be wrong."""
     if unknown.lost or unknown.withheld:
         return mark(f"{LOST}: {HARDLY}" if unknown.lost else WITHHELD, False)
-    if not unknown.claims:
-        return ""
-    claim = unknown.claims[0]
-    return mark(claim.words(plain, limit=False), not claim.overconfident)
+    return "".join(mark(claim.words(plain, limit=False), not claim.overconfident) for claim in unknown.claims[:1])
 
 
 def _bound_tile(report: PlacementReport) -> str:
@@ -163,15 +143,12 @@ def _bound_tile(report: PlacementReport) -> str:
     rows = [(f"metric {escape(trend.metric.symbol)}", plain(trend.final))]
     if trend.lower_bound is not None:
         rows.append(("no set can go below", plain(trend.lower_bound)))
-    others = [entry for entry in report.criteria[1:] if math.isfinite(entry.chosen)]
-    if others:
+    if others := [entry for entry in report.criteria[1:] if math.isfinite(entry.chosen)]:
         best = min(others, key=lambda entry: entry.chosen)
         # what is below the bound is no better layout: other rules know no limits
         beyond = trend.lower_bound is not None and best.chosen < trend.lower_bound * (1 - 1e-9)
         rows.append((f"best other rule{', beyond the limits' * beyond} ({escape(best.rule)})", plain(best.chosen)))
-    value = "not certified"
-    if trend.gap is not None:
-        value = f"{share(max(trend.gap, 0.0))} <small>at most</small>"
+    value = "not certified" if trend.gap is None else f"{share(max(trend.gap, 0.0))} <small>at most</small>"
     return tile("distance from the best possible set", value, rows)
 
 
@@ -205,12 +182,12 @@ def _without(report: PlacementReport) -> str:
 
 def _cautions(report: PlacementReport) -> Iterator[str]:
     """What can be known and what cannot, what was not tested, and how many warnings there are."""
-    yield caution("What can be known", items(_observable(report)))
-    yield caution("Not tested", bullets(report.not_tested))
+    yield sections.caution("What can be known", items(_observable(report)))
+    yield sections.caution("Not tested", bullets(report.not_tested))
     if many := len(report.warnings):
         link = f'<a href="#warnings">{count(many)} warning{"s" * (many > 1)}</a>'
         words = f"<p>{link}: read {'them' if many > 1 else 'it'} before you decide.</p>"
-        yield caution("Warnings", words, "warnings")
+        yield sections.caution("Warnings", words, "warnings")
 
 
 def _observable(report: PlacementReport) -> list[str]:
@@ -257,7 +234,13 @@ def pictured(layout: PictureLayout, scene: bytes | None, problem: str = "") -> s
             for gauge in layout.gauges
         )
         alt = f"The structure from one or two sides with its {len(layout.gauges)} gauges: {where}."
-        key = "".join(_key(*entry) for entry in _entries(layout))
+        key = ""
+        for colour, name, text in _entries(layout):
+            outline = f";clip-path:{OUTLINES[name]}" if name in OUTLINES else ""
+            style = f"background:{colour}{outline}"
+            if name == "hollow":
+                style = f"background:#ffffff;border:2px solid {colour}"
+            key += f'<li><i class="{name}" style="{style}"></i>{text}</li>'
         shown = f'{markup.scene(scene, alt, "picture of the gauges")}<ul class="key">{key}</ul>'
     return f'<figure class="card"><h2>Where the gauges go</h2>{shown}</figure>' if shown else ""
 
@@ -278,21 +261,13 @@ def _entries(layout: PictureLayout) -> Iterator[tuple[str, str, str]]:
         yield LINES, "", "nodes outside the solids"
 
 
-def _key(colour: str, name: str, text: str) -> str:
-    """One entry of the picture's key: a small shape in its colour, and its words as HTML."""
-    outline = f";clip-path:{OUTLINES[name]}" if name in OUTLINES else ""
-    style = f"background:{colour}{outline}" if name != "hollow" else f"background:#ffffff;border:2px solid {colour}"
-    return f'<li><i class="{name}" style="{style}"></i>{text}</li>'
-
-
 FOOTER = (
     "σ is one standard deviation. Errors and σ are relative: of a parameter to its true value, of a load to its own true RMS "
     "(to its amplitude where it is zero throughout), after the first tenth of the run. Claimed σ: what the filter states; "
     "smoothed: what the smoother states; expected: what placement foresaw for the filter; steady-state: what ranks layouts."
 )
 
-RANDOM = '<h2>Beside random sets</h2><p class="lead">The same estimation with as many gauges drawn at random.</p>'
-
+RANDOM = markup.titled("Beside random sets", "The same estimation with as many gauges drawn at random.")
 TEST_PAGE = "test.html"
 """Page of the test, in the same folder."""
 
@@ -310,69 +285,61 @@ def placement_page(
     drawings from `figures.placement_figures`; scene: PNG bytes from `scene.render`, or None with the sentence on why;
     shapes: deformed states that the view in space offers; sheets: drawing sheets of the gauges, as SVG.
     """
-    sections = (
+    link = f'<a href="{TEST_PAGE}">the page of the test</a>'
+    words = f"<p>{escape(report.test)}: {link}.</p><p>The rest of this page is of a simulated test.</p>"
+    assumed = [[*map(escape, row)] for row in report.assumes]
+    assumes = table("assumptions", ("what", "how many", "detail"), assumed, numeric=(1,)) if assumed else ""
+    parts = (
         placement_screen(report, scene, scene_problem),
-        _test(report),
+        sections.notes_card("The test", words * bool(report.test)),
         space_section([("", report.layout)], shapes),
-        advice_card(report.advice),
-        section("Load cases", load_cases_table(report), "load-cases"),
-        section("Gauge by gauge", gauge_table(report)),
+        sections.advice_card(report.advice),
+        sections.section("Load cases", load_cases_table(report), "load-cases"),
+        sections.section("Gauge by gauge", gauge_table(report)),
         sheets_section(sheets),
-        budget_section(report.budget),
+        sections.budget_section(report.budget),
         _trend(report, drawings),
         _estimates(report, drawings),
         figures(chosen(drawings, "random-"), RANDOM),
         figures([*chosen(drawings, "noise", "repeats-"), *_noise(report)], "<h2>How sure one can be</h2>"),
-        filters_section(report.filters, report.units),
+        sections.filters_section(report.filters, report.units),
         _observability(report),
-        rests_on(report.facts, report.provenance, panel("Where the time went", _time(report))),
-        section("What this model assumes", _assumes(report), "assumes"),
-        warnings_section(report.warnings),
+        sections.rests_on(report.facts, report.provenance, sections.panel("Where the time went", _time(report))),
+        sections.section("What this model assumes", assumes, "assumes"),
+        sections.warnings_section(report.warnings),
     )
     title = headline((unknown.name, faults(unknown)) for unknown in report.unknowns) + report.title
-    return document("gauge placement", report.name, title, answer(report), sections, FOOTER, turned=True)
-
-
-def _test(report: PlacementReport) -> str:
-    if not report.test:
-        return ""
-    link = f'<a href="{TEST_PAGE}">the page of the test</a>'
-    words = f"<p>{escape(report.test)}: {link}.</p><p>The rest of this page is of a simulated test.</p>"
-    return notes_card("The test", words)
+    return sections.document("gauge placement", report.name, title, answer(report), parts, FOOTER, turned=True)
 
 
 def _trend(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
-    cards = "".join(chosen(drawings, "trend"))
-    if report.criteria:
-        cards += f'<div class="card">{criteria_meaning(report.metrics)}</div>'
+    meaning = f'<div class="card">{criteria_meaning(report.metrics)}</div>' * bool(report.criteria)
+    cards = "".join(chosen(drawings, "trend")) + meaning
     rules = criteria_table(report.trend, report.metrics, report.criteria, report.units)
-    return section("How good the set is", cards, kind="figures", more=f'<div class="card below">{rules}</div>')
+    return sections.section("How good the set is", cards, kind="figures", more=f'<div class="card below">{rules}</div>')
 
 
 def _estimates(report: PlacementReport, drawings: tuple[Drawing, ...]) -> str:
-    shown = figures(chosen(drawings, "estimate-", "closing-", "posterior-"))
-    signals, text = folded(chosen(drawings, "signal-"), "figures"), ""
-    if shown or signals:
-        truth = unbroken(escape(report.truth_description))
-        lead = f'<p class="lead">Truth: {truth}.</p>' if truth else ""
-        text = f"<h2>What they tell</h2>{lead}{shown}"
-    if signals:
-        strains = all(signal.unit == "strain" for signal in report.gauge_signals)
-        lead = '<p class="lead">What each gauge measured and what the filter makes of it.</p>'
-        text += f"<h2>{'Gauge strains' if strains else 'Readings'}</h2>{lead}{signals}"
-    return text
+    strains = all(signal.unit == "strain" for signal in report.gauge_signals)
+    lead = "What each gauge measured and what the filter makes of it."
+    heading = markup.titled("Gauge strains" if strains else "Readings", lead)
+    text = figures(chosen(drawings, "estimate-", "closing-", "posterior-"))
+    text += folded(chosen(drawings, "signal-"), heading=heading)
+    truth = f"Truth: {unbroken(escape(report.truth_description))}." * bool(report.truth_description)
+    return markup.titled("What they tell", truth) + text if text else ""
 
 
 def _noise(report: PlacementReport) -> list[str]:
     """A card with errors and claimed σ by gauge noise."""
     if (noise := report.noise) is None:
         return []
-    names = list(report.units)
-    head = ["gauge noise"] + [f"{what} {escape(name)}" for name in names for what in ("error of", "claimed σ of")]
-    columns = [noise.level, *(values[name] for name in names for values in (noise.error, noise.std))]
-    rows = [list(map(share, row)) for row in zip(*(column.tolist() for column in columns), strict=True)]
+    columns = {"gauge noise": noise.level}
+    for name in report.units:
+        columns |= {f"error of {escape(name)}": noise.error[name], f"claimed σ of {escape(name)}": noise.std[name]}
+    rows = [list(map(share, row)) for row in np.column_stack([*columns.values()]).tolist()]
     caption = "Noise as a share of the strongest candidate's RMS reading; real error beside claimed σ."
-    return [f'<div class="card">{table("noise", head, rows, caption=caption, numeric=range(1, len(head)))}</div>']
+    numbers = table("noise", list(columns), rows, caption=caption, numeric=range(1, len(columns)))
+    return [f'<div class="card">{numbers}</div>']
 
 
 def _observability(report: PlacementReport) -> str:
@@ -385,10 +352,15 @@ def _observability(report: PlacementReport) -> str:
         )
         cards.append(table("observability", ("observability", "number"), rows, caption=caption, numeric=(1,)))
     if report.consistency:
-        rows = []
-        for check in report.consistency:
-            band = f"{plain(check.band[0], 2)} to {plain(check.band[1], 3)}"
-            rows.append([escape(check.name), plain(check.value, 3), band, held_mark(check.verdict)])
+        rows = [
+            [
+                escape(check.name),
+                plain(check.value, 3),
+                f"{plain(check.band[0], 2)} to {plain(check.band[1], 3)}",
+                sections.held_mark(check.verdict),
+            ]
+            for check in report.consistency
+        ]
         caption = "Squared errors over claimed variances, per dimension; 1 is ideal."
         head = ("consistency", "number", "band", "verdict")
         cards.append(table("consistency", head, rows, caption=caption, numeric=(1, 2)))
@@ -400,12 +372,6 @@ def _observability(report: PlacementReport) -> str:
     if report.cases:
         body = f'<div class="card"><h3>What can be distinguished</h3>{cases_table(report.cases)}</div>{body}'
     return f"<h2>Observability, consistency, modes</h2>{body}" if body else ""
-
-
-def _assumes(report: PlacementReport) -> str:
-    """The fate of every card, connections, rigid-body check, mass by part, and what differs from the program of the deck."""
-    rows = [[escape(cell) for cell in row] for row in report.assumes]
-    return table("assumptions", ("what", "how many", "detail"), rows, numeric=(1,)) if rows else ""
 
 
 def _time(report: PlacementReport) -> str:

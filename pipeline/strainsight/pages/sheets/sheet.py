@@ -2,32 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator, Sequence
 
 import numpy as np
 
-from strainsight.pages.arrays import FloatArray
-from strainsight.pages.sheets.views import (
-    HEIGHT,
-    MINUS,
-    SIZE,
-    THICK,
-    WIDTH,
-    Paper,
-    PlacedView,
-    Projection,
-    Sheet,
-    datum,
-    degrees,
-    detail,
-    foil,
-    from_datum,
-    outline,
-    profile,
-    size,
-    to_edges,
-)
+from strainsight.pages.arrays import FloatArray, round_factor
+from strainsight.pages.sheets import views
 from strainsight.text import short
 
 EDGE, COLUMN = 8.0, 196.0
@@ -38,30 +18,32 @@ WINDOW = (42.0, 33.0)
 """Half width and height of the detail [mm]."""
 NEAR = 2.0
 """Lengths of the carrier within which the detail still shows the nearest edge."""
-STEPS = (5.0, 2.0, 1.0)
 
 
-def sheet_svg(sheet: Sheet) -> str:
+def sheet_svg(sheet: views.Sheet) -> str:
     """The sheet as an SVG text that stands alone."""
-    paper = Paper()
-    right, bottom = WIDTH - EDGE, HEIGHT - EDGE
-    paper.path([(EDGE, EDGE), (right, EDGE), (right, bottom), (EDGE, bottom), (EDGE, EDGE)], THICK)
-    paper.path([(COLUMN, EDGE), (COLUMN, HEIGHT - EDGE)])
+    paper = views.Paper()
+    right, bottom = views.WIDTH - EDGE, views.HEIGHT - EDGE
+    paper.path([(EDGE, EDGE), (right, EDGE), (right, bottom), (EDGE, bottom), (EDGE, EDGE)], views.THICK)
+    paper.path([(COLUMN, EDGE), (COLUMN, views.HEIGHT - EDGE)])
     ratio = _views(paper, sheet)
     enlarged = _detail(paper, sheet)
-    _facts(paper, sheet, 88.0)
+    for i, (name, value) in enumerate(_rows(sheet)):
+        y = 88.0 + 4.7 * i
+        paper.text((COLUMN + 3, y), name, size=2.9)
+        paper.text((COLUMN + 36, y), value, size=2.9, bold=True)
     _title(paper, sheet, 171.0, f"views {ratio}, detail {enlarged}")
     return paper.svg(f"Drawing sheet of {sheet.name}")
 
 
-def _views(paper: Paper, sheet: Sheet) -> str:
+def _views(paper: views.Paper, sheet: views.Sheet) -> str:
     """The part from outside and, below it, across; returns their scale in words."""
     shown = _near_datum(sheet)
     boxes = [_extent(view, sheet, shown) for view in (sheet.front, sheet.side)]
     (low, high), (low2, high2) = boxes
     width, height = high[0] - low[0], (high - low)[1] + (high2 - low2)[1]
-    room = COLUMN - EDGE - MARGIN - 8.0, HEIGHT - 2 * EDGE - ABOVE - BETWEEN - 8.0
-    ratio = _standard(min(room[0] / max(width, 1e-12), room[1] / max(height, 1e-12)) / _millimetres(sheet))
+    room = COLUMN - EDGE - MARGIN - 8.0, views.HEIGHT - 2 * EDGE - ABOVE - BETWEEN - 8.0
+    ratio = round_factor(min(room[0] / max(width, 1e-12), room[1] / max(height, 1e-12)) / _millimetres(sheet))
     scale = ratio * _millimetres(sheet)
     left = EDGE + MARGIN + 0.5 * (room[0] - scale * width)
     top = EDGE + ABOVE + 0.5 * (room[1] - scale * height)
@@ -70,58 +52,51 @@ def _views(paper: Paper, sheet: Sheet) -> str:
         (sheet.front, boxes[0], top, "Seen from outside, along the normal"),
         (sheet.side, boxes[1], top2, "Seen from below the upper view, the normal upward"),
     ):
-        placed = PlacedView(view, np.array([low[0], far[1]]), (left, y), scale)
+        placed = views.PlacedView(view, np.array([low[0], far[1]]), (left, y), scale)
         bottom = y + scale * float(far[1] - near[1])
         paper.text((EDGE + 4, y - 15.5), f"{caption}, {_words(ratio)}", size=3.0)
-        outline(paper, placed)
+        views.outline(paper, placed)
         front = view is sheet.front
         if front:
-            foil(paper, placed, sheet, axis=2.0)
-            to_edges(paper, placed, sheet)
+            views.foil(paper, placed, sheet, axis=2.0)
+            views.to_edges(paper, placed, sheet)
         else:
-            profile(paper, placed, sheet)
+            views.profile(paper, placed, sheet)
         if shown:
-            datum(paper, placed, sheet)
-            from_datum(paper, placed, sheet, (bottom, left), across=front)
+            views.datum(paper, placed, sheet)
+            views.from_datum(paper, placed, sheet, (bottom, left), across=front)
     return _words(ratio)
 
 
-def _detail(paper: Paper, sheet: Sheet) -> str:
+def _detail(paper: views.Paper, sheet: views.Sheet) -> str:
     """The gauge enlarged; returns its scale in words."""
     reach = 0.75 * sheet.carrier[0]
     if sheet.distance[0] <= NEAR * sheet.carrier[0]:
         reach = max(reach, 1.3 * float(sheet.distance[0]))
-    ratio = _standard(WINDOW[1] / reach / _millimetres(sheet))
-    centre = ((COLUMN + WIDTH - EDGE) / 2, EDGE + 8 + WINDOW[1])
+    ratio = round_factor(WINDOW[1] / reach / _millimetres(sheet))
+    centre = ((COLUMN + views.WIDTH - EDGE) / 2, EDGE + 8 + WINDOW[1])
     paper.text((COLUMN + 3, EDGE + 4), f"The gauge from outside, {_words(ratio)}", size=3.0)
-    detail(paper, sheet, centre, WINDOW, ratio * _millimetres(sheet))
+    views.detail(paper, sheet, centre, WINDOW, ratio * _millimetres(sheet))
     return _words(ratio)
 
 
-def _facts(paper: Paper, sheet: Sheet, top: float) -> None:
-    for i, (name, value) in enumerate(_rows(sheet)):
-        y = top + 4.7 * i
-        paper.text((COLUMN + 3, y), name, size=2.9)
-        paper.text((COLUMN + 36, y), value, size=2.9, bold=True)
-
-
-def _rows(sheet: Sheet) -> Iterator[tuple[str, str]]:
+def _rows(sheet: views.Sheet) -> Iterator[tuple[str, str]]:
     frame = sheet.frame
     for name, value in zip("xyz", sheet.position, strict=True):
-        yield f"{name} from the datum", f"{size(value, sheet)} {frame.unit}"
+        yield f"{name} from the datum", f"{views.size(value, sheet)} {frame.unit}"
     for k, d in enumerate(sheet.directions, start=1):
         yield f"grid {k} along" if len(sheet.directions) > 1 else "measures along", _vector(d)
     yield "normal", _vector(sheet.normal)
     for name, distance, angle in zip(("nearest edge", "edge across it"), sheet.distance, sheet.angle, strict=True):
         if np.isfinite(distance):
-            turn = f", at {degrees(angle)}" if np.isfinite(angle) else ""
-            yield name, f"{size(distance, sheet)} {frame.unit}{turn}"
+            turn = f", at {views.degrees(angle)}" if np.isfinite(angle) else ""
+            yield name, f"{views.size(distance, sheet)} {frame.unit}{turn}"
     if sheet.strain:
-        yield "grid", f"{size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length not stated"
+        yield "grid", f"{views.size(sheet.grid, sheet)} {frame.unit}" if sheet.grid else "length not stated"
         if len(sheet.directions) == 1:
             yield (
                 "foil, as drawn",
-                " × ".join(size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
+                " × ".join(views.size(side, sheet) for side in sheet.carrier) + f" {frame.unit}, {sheet.carrier_of}",
             )
     yield "element, facet", f"{sheet.element}, {sheet.facet}"
     yield "datum in the deck", f"({_numbers(frame.origin)}) {frame.unit}"
@@ -130,9 +105,9 @@ def _rows(sheet: Sheet) -> Iterator[tuple[str, str]]:
         yield "its y in the deck", _vector(frame.axes[1])
 
 
-def _title(paper: Paper, sheet: Sheet, top: float, scales: str) -> None:
-    right = WIDTH - EDGE
-    paper.path([(COLUMN, top), (right, top)], THICK)
+def _title(paper: views.Paper, sheet: views.Sheet, top: float, scales: str) -> None:
+    right = views.WIDTH - EDGE
+    paper.path([(COLUMN, top), (right, top)], views.THICK)
     paper.text((COLUMN + 3, top + 6), sheet.name, size=6.0, bold=True)
     paper.text((right - 3, top + 6), sheet.kind, size=3.4, anchor="end")
     lines = (
@@ -145,19 +120,19 @@ def _title(paper: Paper, sheet: Sheet, top: float, scales: str) -> None:
         paper.text((COLUMN + 3, top + 13 + 4.4 * i), words, size=2.7)
 
 
-def _extent(view: Projection, sheet: Sheet, with_datum: bool) -> tuple[FloatArray, FloatArray]:
+def _extent(view: views.Projection, sheet: views.Sheet, with_datum: bool) -> tuple[FloatArray, FloatArray]:
     """Lower left and upper right corner (2,) [unit] of what a view shows."""
     points = [
-        view.flat(view.seen).reshape(-1, 2),
-        view.flat(view.hidden).reshape(-1, 2),
-        view.flat(sheet.position)[None],
+        view.seen.reshape(-1, 3),
+        view.hidden.reshape(-1, 3),
+        sheet.position[None],
+        *[np.zeros((1, 3))] * with_datum,
     ]
-    points += [np.zeros((1, 2))] * with_datum
-    every = np.concatenate(points)
-    return every.min(axis=0), every.max(axis=0)
+    flat = view.flat(np.concatenate(points))
+    return flat.min(axis=0), flat.max(axis=0)
 
 
-def _near_datum(sheet: Sheet) -> bool:
+def _near_datum(sheet: views.Sheet) -> bool:
     """Whether the datum is no farther from the part than half its size: else the views would show little but the way to it."""
     points = sheet.front.seen.reshape(-1, 3)
     low, high = points.min(axis=0), points.max(axis=0)
@@ -165,15 +140,9 @@ def _near_datum(sheet: Sheet) -> bool:
     return bool(off <= 0.5 * np.linalg.norm(high - low))
 
 
-def _millimetres(sheet: Sheet) -> float:
+def _millimetres(sheet: views.Sheet) -> float:
     """In one unit of the sheet."""
     return 1e3 * sheet.frame.metres
-
-
-def _standard(ratio: float) -> float:
-    """The largest of 1, 2, 5 · 10^k and of 1/(1, 2, 5 · 10^k) that is not above it."""
-    power = 10.0 ** math.floor(math.log10(ratio) + 1e-9)
-    return next(step * power for step in STEPS if step * power <= ratio * (1 + 1e-9))
 
 
 def _words(ratio: float) -> str:
@@ -185,7 +154,7 @@ def _vector(d: FloatArray) -> str:
 
 
 def _numbers(values: FloatArray) -> str:
-    return " ".join(f"{round(float(v), 4) + 0.0:g}" for v in values).replace("-", MINUS)
+    return " ".join(f"{round(float(v), 4) + 0.0:g}" for v in values).replace("-", views.MINUS)
 
 
 LARGEST = 2_000_000
@@ -201,7 +170,7 @@ def sheets_section(sheets: Sequence[bytes]) -> str:
             break
         # As wide as the page has room: millimetres are those of the file, which is to be printed.
         text = sheet.decode()
-        shown.append(f'<figure class="card">{text.replace(SIZE, "", 1)}</figure>')
+        shown.append(f'<figure class="card">{text.replace(views.SIZE, "", 1)}</figure>')
     if not sheets:
         return ""
     rest = f" {len(sheets) - len(shown)} more are in the files alone." * (len(shown) < len(sheets))

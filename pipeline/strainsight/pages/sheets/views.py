@@ -7,6 +7,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from html import escape
 
 import numpy as np
@@ -76,7 +77,7 @@ class Paper:
         angle = math.atan2(start[1] - end[1], end[0] - start[0])
         self.arrow(end, angle)
         if words:
-            self.text((end[0] + 3 * math.cos(angle), end[1] - 3 * math.sin(angle)), words, anchor="middle")
+            self.text(_polar(end, angle, 3.0), words, anchor="middle")
 
     def dimension(self, a: Point, b: Point, words: str, beside: float = 2.2) -> None:
         """A line between two points with heads at both ends, from outside where it is short; its words beside its middle."""
@@ -340,16 +341,15 @@ def foil(paper: Paper, placed: PlacedView, sheet: Sheet, axis: float = 0.0) -> N
         angle = placed.angle(sheet.directions[0])
         paper.path(_rectangle(g, angle, *(placed.scale * side for side in sheet.carrier)), fill="#ffffff")
         paper.path(_rectangle(g, angle, placed.scale * long, placed.scale * (sheet.grid_width or long / 2)), fill=GREY)
-        _centre_lines(
-            paper, g, angle, placed.scale * sheet.carrier[0] / 2 + axis, placed.scale * sheet.carrier[1] / 2 + axis
-        )
+        for turned, side in zip((angle, angle + math.pi / 2), sheet.carrier, strict=True):
+            reach = placed.scale * side / 2 + axis
+            paper.path([_polar(g, turned, -reach), _polar(g, turned, reach)], 0.13)
         return
     reach = placed.scale * sheet.carrier[0] / 2
     paper.circle(g, reach)
     for k, d in enumerate(sheet.directions, start=1):
         if np.linalg.norm(placed.view.flat(d)) > 0.05:
-            angle = placed.angle(d)
-            tip = (g[0] + (reach + axis) * math.cos(angle), g[1] - (reach + axis) * math.sin(angle))
+            tip = _polar(g, placed.angle(d), reach + axis)
             paper.ray(g, tip, str(k) * (axis > 0 and len(sheet.directions) > 1), 0.3)
 
 
@@ -381,31 +381,23 @@ def _angle(paper: Paper, placed: PlacedView, sheet: Sheet, radius: float) -> Non
     t = placed.angle(sheet.along[0])
     if float(sheet.along[0] @ sheet.directions[0]) < 0:
         t += math.pi
-    turn = math.radians(float(sheet.angle[0]))
-    g = placed(sheet.position)
-
-    def at(angle: float, r: float) -> Point:
-        return g[0] + r * math.cos(angle), g[1] - r * math.sin(angle)
-
+    turn, at = math.radians(float(sheet.angle[0])), partial(_polar, placed(sheet.position))
     paper.path([at(t, -radius), at(t, radius)], 0.25, CHAIN)
     if abs(turn) > 1e-3:
-        d = t + turn
+        d, r = t + turn, 0.8 * radius
         paper.path([at(d, 0.0), at(d, radius)], 0.25, CHAIN)
-        r = 0.8 * radius
         paper.path([at(t + k / 24 * turn, r) for k in range(25)])
-        ahead = math.copysign(math.pi / 2, turn)
-        paper.arrow(at(d, r), d + ahead)
+        paper.arrow(at(d, r), d + math.copysign(math.pi / 2, turn))
         words = f"{degrees(sheet.angle[0])} to the edge"
-        paper.text(at(t + turn / 2, 0.8 * radius), words, anchor="middle", size=2.8)
+        paper.text(at(t + turn / 2, r), words, anchor="middle", size=2.8)
     else:
         x, y = at(t, 0.75 * radius)
         paper.text((x, y - 3.0), "parallel to the edge", anchor="middle", size=2.8)
 
 
-def _centre_lines(paper: Paper, g: Point, angle: float, along: float, across: float) -> None:
-    for turned, reach in ((angle, along), (angle + math.pi / 2, across)):
-        c, s = reach * math.cos(turned), reach * math.sin(turned)
-        paper.path([(g[0] - c, g[1] + s), (g[0] + c, g[1] - s)], 0.13)
+def _polar(centre: Point, angle: float, r: float) -> Point:
+    """The point at this distance, in a direction counter-clockwise from the right [rad]."""
+    return centre[0] + r * math.cos(angle), centre[1] - r * math.sin(angle)
 
 
 def _rectangle(centre: Point, angle: float, long: float, wide: float) -> list[Point]:

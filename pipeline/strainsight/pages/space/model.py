@@ -11,19 +11,7 @@ from numpy.typing import NDArray
 
 from strainsight.pages.arrays import FloatArray, IntArray
 from strainsight.pages.chart.drawing import VERMILION, gauge_colour
-from strainsight.pages.picture.geometry import (
-    Scale,
-    areas,
-    arrow_mesh,
-    at_points,
-    foil,
-    marker,
-    mesh_lines,
-    scale_of,
-    surface_mesh,
-    triangles,
-    views,
-)
+from strainsight.pages.picture import geometry
 from strainsight.pages.picture.layout import Gauge, PictureLayout
 from strainsight.pages.picture.scene import CLAMP, CREASES, LINES, POOL, STEEL, thinned
 
@@ -46,7 +34,7 @@ class Contour:
     facet."""
 
     values: FloatArray
-    scale: Scale
+    scale: geometry.Scale
     least: float
     largest: float
 
@@ -121,7 +109,7 @@ def space(layouts: Sequence[PictureLayout]) -> Space:
         return [Drawn("points", np.arange(first, first + len(points)), colour, width, group)]
 
     first = gathered.add(body.position, body.normal, STEEL, body.source)
-    loads = [solid(arrow_mesh(load, shared), VERMILION, load.point) for load in shared.loads]
+    loads = [solid(geometry.arrow_mesh(load, shared), VERMILION, load.point) for load in shared.loads]
     solids = np.concatenate([body.triangle + first, *loads])
     parts = [Drawn("triangles", solids)] * bool(len(solids))
     parts += [Drawn("lines", body.line, LINES, when="plain")] * bool(len(body.line))
@@ -136,24 +124,24 @@ def space(layouts: Sequence[PictureLayout]) -> Space:
         seen, true = [], []
         for i, gauge in enumerate(layout.gauges):
             anchor.append(gathered.count)
-            parts_of = marked(gauge, marker(gauge, LENGTH * size), gauge_colour(i))
+            parts_of = marked(gauge, geometry.marker(gauge, LENGTH * size), gauge_colour(i))
             seen += parts_of
             # What has no foil is drawn alike either way.
-            true += marked(gauge, foil(gauge), gauge_colour(i)) or parts_of
+            true += marked(gauge, geometry.foil(gauge), gauge_colour(i)) or parts_of
         either = any(gauge.foil[0] for gauge in layout.gauges)
         parts += [Drawn("triangles", np.concatenate(seen), group=group, when="seen" if either else "")] if seen else []
         parts += [Drawn("triangles", np.concatenate(true), group=group, when="scale")] if either else []
         parts += dots(layout.pool, POOL, 5.0, group)
     position, normal = map(np.concatenate, zip(*(layout.places for layout in layouts), strict=True))
-    eye = views(shared.points, triangles(shared.faces), position, normal)[0]
+    eye = geometry.views(shared.points, geometry.triangles(shared.faces), position, normal)[0]
     return Space(*gathered.arrays(), len(body.position), tuple(parts), tuple(anchor), eye, body.thinned)
 
 
 def contour_of(values: FloatArray, layout: PictureLayout, quantity: str, unit: str) -> Contour:
     """Colours of values (f,) [unit] on the layout's facets, on a scale that a peak does not stretch."""
     values = np.where(np.abs(values) > ROUNDING * np.abs(values).max(initial=0.0), values, 0.0)
-    shown = at_points(values, layout.faces, len(layout.points))
-    scale = scale_of(quantity, unit, values, areas(layout.points, layout.faces))
+    shown = geometry.at_points(values, layout.faces, len(layout.points))
+    scale = geometry.scale_of(quantity, unit, values, geometry.areas(layout.points, layout.faces))
     return Contour(shown, scale, float(values.min()), float(values.max()))
 
 
@@ -208,31 +196,36 @@ def surface(points: FloatArray, faces: IntArray, largest: int = LARGEST) -> Draw
 
     Too many are first drawn without their mid-side nodes, then merged by quadric errors (Garland and Heckbert, 1997).
     """
-    triangle = triangles(faces)
+    triangle = geometry.triangles(faces)
     if not len(triangle):
         nothing, none = np.empty((0, 3)), np.empty((0, 2), dtype=np.int64)
         return DrawnSurface(nothing, nothing, triangle, none, none, np.empty(0, dtype=np.int64), False)
-    lines = mesh_lines(faces)
+    lines = geometry.mesh_lines(faces)
     if len(triangle) > largest:
         faces = straight(faces)
-        triangle, lines = triangles(faces), mesh_lines(faces)
-    body = _body(points, triangle)
+        triangle, lines = geometry.triangles(faces), geometry.mesh_lines(faces)
+    used, local = np.unique(triangle, return_inverse=True)
+    body = geometry.surface_mesh(points[used], local.reshape(triangle.shape))
+    body.point_data["source"] = used  # the points remember where they come from
     thinned = len(triangle) > largest
     if thinned:
         body = body.decimate(1 - largest / len(triangle))
-        body.point_data["source"] = _nearest(points[np.unique(triangle)], np.unique(triangle), body.points)
+        body.point_data["source"] = _nearest(points[used], used, body.points)
     shaded = body.compute_normals(
         cell_normals=False, split_vertices=True, feature_angle=CREASE, consistent_normals=False,
         auto_orient_normals=False,
     )  # fmt: skip
     source = np.asarray(shaded.point_data["source"], dtype=np.int64)
     position = np.asarray(shaded.points, dtype=float)
+    if thinned or len(lines) > MOST_LINES:
+        lines = np.empty((0, 2), int)
+    known, first = np.unique(source, return_index=True)  # of several vertices at a point the first
     edges = body.extract_feature_edges(CREASE, manifold_edges=False, non_manifold_edges=False)
     return DrawnSurface(
         position,
         np.asarray(shaded.point_data["Normals"], dtype=float),
         shaded.faces.reshape(-1, 4)[:, 1:],
-        np.empty((0, 2), int) if thinned or len(lines) > MOST_LINES else _at(source, lines),
+        first[np.searchsorted(known, lines)],
         _nearest(position, np.arange(len(position)), edges.points)[edges.lines.reshape(-1, 3)[:, 1:]],
         source,
         thinned,
@@ -246,14 +239,6 @@ def straight(faces: IntArray) -> IntArray:
     return np.where(np.arange(faces.shape[1]) < corners[:, None], faces, -1)
 
 
-def _body(points: FloatArray, triangle: IntArray) -> Any:
-    """PyVista's surface of the points that triangles have, which remember where they come from."""
-    used, local = np.unique(triangle, return_inverse=True)
-    body = surface_mesh(points[used], local.reshape(triangle.shape))
-    body.point_data["source"] = used
-    return body
-
-
 def _nearest(points: FloatArray, numbers: IntArray, wanted: FloatArray) -> IntArray:
     """The number of the point that is nearest to each wanted one."""
     from scipy.spatial import cKDTree
@@ -261,9 +246,3 @@ def _nearest(points: FloatArray, numbers: IntArray, wanted: FloatArray) -> IntAr
     if not len(wanted):
         return np.empty(0, dtype=np.int64)
     return np.asarray(numbers[cKDTree(points).query(wanted)[1]], dtype=np.int64)
-
-
-def _at(source: IntArray, lines: IntArray) -> IntArray:
-    """Lines between points as lines between the vertices that stand for them (the first of several)."""
-    known, first = np.unique(source, return_index=True)
-    return np.asarray(first[np.searchsorted(known, lines)], dtype=np.int64)

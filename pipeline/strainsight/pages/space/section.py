@@ -17,7 +17,7 @@ from strainsight.pages.chart.drawing import gauge_colour, ink_on
 from strainsight.pages.page.markup import coordinates, decimals, measure
 from strainsight.pages.picture.geometry import scale_bar, stops
 from strainsight.pages.picture.layout import Gauge, PictureLayout
-from strainsight.pages.space.model import Contour, ShownState, Space, space, vertex_shift
+from strainsight.pages.space.model import ShownState, Space, space, vertex_shift
 from strainsight.positions import PositionAxes
 from strainsight.text import number, percent
 
@@ -56,11 +56,13 @@ def space_section(
     if not layouts or not len(layouts[0][1].points):
         return ""
     model = space([layout for _, layout in layouts])
-    bars = "".join(
-        f'<div data-state="{i}"{" hidden" * (i != first)}>{scale_bar(shape.contour.scale)}{_extremes(shape.contour)}</div>'
-        for i, shape in enumerate(shapes)
-        if shape.contour is not None
-    )
+    bars = ""
+    for i, shape in enumerate(shapes):
+        if (contour := shape.contour) is not None:
+            # what the surface has at least and at most: a scale about zero ends elsewhere
+            least, largest = (measure(value, contour.scale.unit, 3) for value in (contour.least, contour.largest))
+            extremes = f'<p class="note">From {least} to {largest}, by facets at their middles.</p>'
+            bars += f'<div data-state="{i}"{" hidden" * (i != first)}>{scale_bar(contour.scale)}{extremes}</div>'
     bar = f'<div id="space-bars" aria-live="polite">{bars}</div>' if bars else ""
     true = any(part.when == "scale" for part in model.parts)
     choices = _choices([caption for caption, _ in layouts], shapes, first) + TRUE_SIZE * true
@@ -80,12 +82,6 @@ def space_section(
         f'<div class="space-side">{_side(gauges)}</div></div></section>'
         f'<script type="application/json" id="space-data">{_data(model, gauges, shapes, first)}</script>'
     )
-
-
-def _extremes(contour: Contour) -> str:
-    """What the surface has at least and at most: a scale about zero ends elsewhere."""
-    least, largest = (measure(value, contour.scale.unit, 3) for value in (contour.least, contour.largest))
-    return f'<p class="note">From {least} to {largest}, by facets at their middles.</p>'
 
 
 def _side(gauges: Sequence[Mapping[str, Any]]) -> str:

@@ -92,17 +92,15 @@ class Statement:
     @property
     def seeds(self) -> dict[tuple[int, str], list[float]]:
         """(Place of the run, name of the number) → its value of every seed."""
-        numbers: dict[tuple[int, str], list[float]] = {}
-        for place, name, value in self.found:
-            numbers.setdefault((place, name), []).append(value)
-        return numbers
+        names = dict.fromkeys((place, name) for place, name, _ in self.found)
+        return {key: [value for *other, value in self.found if tuple(other) == key] for key in names}
 
     @property
     def verdict(self) -> str:
         """Confirmed where every number is within the bounds, in nine of ten seeds where there are several; no number where one
         is none and the others are."""
         verdicts = [self.holds_over(values) for values in self.seeds.values()]
-        if not all(verdict is not False for verdict in verdicts):
+        if False in verdicts:
             return CONTRADICTED
         return UNDECIDED if None in verdicts or not verdicts else CONFIRMED
 
@@ -210,11 +208,9 @@ def answer(suite: Suite) -> str:
         return f"<strong>{runs}</strong>."
     parts = []
     for verdict, places in _by_verdict(suite.statements, (CONFIRMED, CONTRADICTED, UNDECIDED)):
-        listed = f" (statement{'s' * (len(places) > 1)} {links('claim', places)})" if verdict != CONFIRMED else ""
-        word = f"<strong>{verdict}</strong>" if verdict != CONFIRMED else verdict
-        parts.append(f"{count(len(places))} {word}{listed}")
-    all_of = len(suite.statements)
-    return f"<strong>{count(all_of)} statement{'s' * (all_of != 1)}</strong>: {', '.join(parts)}; from {runs}."
+        listed = f"<strong>{verdict}</strong> (statement{'s' * (len(places) > 1)} {links('claim', places)})"
+        parts.append(f"{count(len(places))} {verdict if verdict == CONFIRMED else listed}")
+    return f"{_many(suite.statements, 'statement')}: {', '.join(parts)}; from {runs}."
 
 
 def comparisons_answer(suite: Suite) -> str:
@@ -224,8 +220,11 @@ def comparisons_answer(suite: Suite) -> str:
         word = verdict if len(places) == 1 else verdict.replace("holds", "hold")
         listed = f" ({links('comparison', places)})" if verdict != HOLDS else ""
         parts.append(f"{count(len(places))} {word}{listed}")
-    rows = len(suite.comparisons)
-    return f"<strong>{count(rows)} comparison{'s' * (rows != 1)}</strong>: {', '.join(parts)}." if parts else ""
+    return f"{_many(suite.comparisons, 'comparison')}: {', '.join(parts)}." if parts else ""
+
+
+def _many(rows: Sequence[object], name: str) -> str:
+    return f"<strong>{count(len(rows))} {name}{'s' * (len(rows) != 1)}</strong>"
 
 
 def _by_verdict(rows: Sequence[Statement | SourceComparison], verdicts: Sequence[str]) -> list[tuple[str, list[int]]]:
@@ -242,7 +241,21 @@ def statements_table(suite: Suite) -> str:
 
 def comparisons_table(suite: Suite) -> str:
     """A row a comparison, in the order of the source: what it says, and what comes out under its settings and under ours."""
-    rows = [_comparison_row(suite, i, row) for i, row in enumerate(suite.comparisons, start=1)]
+
+    def measured_side(statement: Statement | None) -> str:
+        if statement is None:
+            return "–"
+        words = side(replace(statement, unit=escape(statement.unit)), plain)
+        return f"{words}<br><small>{_runs(suite, statement)}</small>"
+
+    rows = [
+        f'<tr id="comparison-{i}"><td data-label="{COMPARED[0]}">{i}. {escape(row.source)}</td>'
+        f'<th scope="row">{escape(row.says)}</th><td data-label="{COMPARED[2]}">{escape(row.printed) or "–"}</td>'
+        f'<td data-label="{COMPARED[3]}">{measured_side(row.as_printed)}</td>'
+        f'<td data-label="{COMPARED[4]}">{measured_side(row.ours)}</td>'
+        f"<td>{_mark(row.verdict)}{reason(row.verdict, row.why)}</td></tr>"
+        for i, row in enumerate(suite.comparisons, start=1)
+    ]
     return _table("comparisons", "claims comparisons", COMPARED, rows, "Said and measured")
 
 
@@ -342,9 +355,10 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
     wrong = ""
     if statement.verdict != CONFIRMED and len(statement.found) > 1:
         bad = [
-            f"{escape(suite.runs[i].label)}: {escape(name)} {_failed(statement, values)}"
+            f"{escape(suite.runs[i].label)}: {escape(name)} "
+            + (plain(values[0]) if len(values) == 1 else f"holds in {held.count(True)} of {len(values)} seeds")
             for (i, name), values in statement.seeds.items()
-            if statement.holds_over(values) is not True
+            if (held := [*map(statement.holds, values)]) and statement.holds_over(values) is not True
         ]
         wrong = f"<br><small>not in {_few(bad, '; ')}</small>"
     wrong += reason(statement.verdict, statement.why)
@@ -358,28 +372,3 @@ def _row(suite: Suite, index: int, statement: Statement) -> str:
         f'<td data-label="target">{target(safe, plain)}</td>'
         f"<td>{_mark(statement.verdict)}{wrong}</td></tr>"
     )
-
-
-def _failed(statement: Statement, values: Sequence[float]) -> str:
-    """The number, or in how many of its seeds it holds."""
-    if len(values) == 1:
-        return plain(values[0])
-    return f"holds in {sum(statement.holds(value) is True for value in values)} of {len(values)} seeds"
-
-
-def _comparison_row(suite: Suite, index: int, row: SourceComparison) -> str:
-    cells = "".join(
-        f'<td data-label="{label}">{_side(suite, statement)}</td>'
-        for label, statement in zip(COMPARED[3:5], (row.as_printed, row.ours), strict=True)
-    )
-    return (
-        f'<tr id="comparison-{index}"><td data-label="{COMPARED[0]}">{index}. {escape(row.source)}</td>'
-        f'<th scope="row">{escape(row.says)}</th><td data-label="{COMPARED[2]}">{escape(row.printed) or "–"}</td>'
-        f"{cells}<td>{_mark(row.verdict)}{reason(row.verdict, row.why)}</td></tr>"
-    )
-
-
-def _side(suite: Suite, statement: Statement | None) -> str:
-    if statement is None:
-        return "–"
-    return f"{side(replace(statement, unit=escape(statement.unit)), plain)}<br><small>{_runs(suite, statement)}</small>"

@@ -12,10 +12,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray, History
-from strainsight.pages.bench.data import BenchPageRun, BenchSensor
+from strainsight.pages.bench.data import BenchPageRun
 from strainsight.pages.bench.figures import STROKES, line_style, ratio_figure, sensor_figure, unknown_figure
 from strainsight.pages.chart.drawing import MUTED, SERIES, Drawing, figure, styled, svg
-from strainsight.pages.chart.panels import drawable, estimate_figure, legend_above, log_ticks, plain_ticks
+from strainsight.pages.chart.panels import (
+    drawable,
+    estimate_figure,
+    legend_above,
+    log_ticks,
+    plain_ticks,
+    power_of_ten,
+)
 from strainsight.pages.placement.data import Trend
 from strainsight.pages.suite.data import (
     PlacementRun,
@@ -35,7 +42,7 @@ from strainsight.pages.suite.summary import (
     results_of,
     series_of,
 )
-from strainsight.text import SUPERSCRIPTS, number, percent, short
+from strainsight.text import number, percent, short
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -51,23 +58,19 @@ def study_figures(suite: Suite, study: SuiteStudy) -> tuple[Drawing, ...]:
     place = suite.studies.index(study)
     runs = [suite.runs[i] for i in study.runs]
     drawings = [] if study.over is None else _sweeps(f"study-{place}", study, runs)
-    for i, (group, part) in enumerate(
-        _parts([run for run in runs if isinstance(run, BenchPageRun) and run.is_estimated])
-    ):
-        drawings += _pair(f"study-{place}-{i}", group, part)
-    return tuple(drawings)
-
-
-def _parts(runs: Sequence[BenchPageRun]) -> list[tuple[str, Sequence[BenchPageRun]]]:
-    """The runs in handfuls that one figure can hold: by group where there are too many, then in their order."""
-    if len(runs) <= TOGETHER:
-        return [("", runs)] * bool(runs)
-    groups = {name: [run for run in runs if run.group == name] for name in dict.fromkeys(run.group for run in runs)}
-    return [
-        (name, members[start : start + TOGETHER])
-        for name, members in groups.items()
+    estimated = [run for run in runs if isinstance(run, BenchPageRun) and run.is_estimated]
+    groups = {"": estimated}
+    if len(estimated) > TOGETHER:  # by group where there are too many for one figure, then in their order
+        names = dict.fromkeys(run.group for run in estimated)
+        groups = {name: [run for run in estimated if run.group == name] for name in names}
+    parts = [
+        (group, members[start : start + TOGETHER])
+        for group, members in groups.items()
         for start in range(0, len(members), TOGETHER)
     ]
+    for i, (group, part) in enumerate(parts):
+        drawings += _pair(f"study-{place}-{i}", group, part)
+    return tuple(drawings)
 
 
 def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
@@ -83,76 +86,61 @@ def _pair(key: str, group: str, runs: Sequence[BenchPageRun]) -> list[Drawing]:
     for i, name in enumerate(dict.fromkeys(sensor.name for _, sensor in sensors)):
         if shown := [entry for entry in sensors if entry[1].name == name and entry[1].expected is not None]:
             title = f"{name}: measured against estimated{behind}"
-            drawings.append(sensor_figure(f"{key}-sensor-{i}", title, _largest(shown[0][1]), shown))
+            # the component that moves most; a tilt counts as what it is at a metre
+            span = np.ptp(np.nan_to_num(shown[0][1].measured, posinf=0.0, neginf=0.0), axis=0)
+            drawings.append(sensor_figure(f"{key}-sensor-{i}", title, int(np.argmax(span)), shown))
     return drawings
-
-
-def _largest(sensor: BenchSensor) -> int:
-    """The component that moves most; a tilt counts as what it is at a metre."""
-    finite = np.where(np.isfinite(sensor.measured), sensor.measured, 0.0)
-    return int(np.argmax(np.ptp(finite, axis=0)))
 
 
 def _sweeps(key: str, study: SuiteStudy, runs: Sequence[SuiteRun]) -> list[Drawing]:
     """The numbers of the study over the key; the errors of its loads and of its parameters where it names none."""
     if study.numbers:
-        return [_sweep(f"{key}-sweep", study, runs, [(name, None, name) for name in study.numbers])]
+        return [_sweep(f"{key}-sweep", study, runs, study.numbers)]
     kinds = {unknown.name: unknown.kind for run in runs for unknown in run.unknowns}
     drawings = []
     for kind, what in (("input", "loads"), ("parameter", "parameters")):
-        numbers: list[tuple[str, str | None, str]] = [
-            (f"error.{name}", f"std.{name}", f"error of {name}")
-            for name in kinds
-            if kinds[name] == kind and any(run.number(f"error.{name}") is not None for run in runs)
-        ]
-        if numbers:
-            drawings.append(_sweep(f"{key}-sweep-{kind}", study, runs, numbers, what))
+        errors = [f"error.{name}" for name in kinds if kinds[name] == kind]
+        if shown := [name for name in errors if any(run.number(name) is not None for run in runs)]:
+            drawings.append(_sweep(f"{key}-sweep-{kind}", study, runs, shown, what))
     return drawings
 
 
 @styled()
-def _sweep(
-    key: str,
-    study: SuiteStudy,
-    runs: Sequence[SuiteRun],
-    numbers: Sequence[tuple[str, str | None, str]],
-    what: str = "numbers",
-) -> Drawing:
-    """One panel a number over the varied key, one line a group; dotted: the claimed standard deviation."""
+def _sweep(key: str, study: SuiteStudy, runs: Sequence[SuiteRun], numbers: Sequence[str], what: str = "") -> Drawing:
+    """One panel a number over the varied key, one line a group; what: whose errors they are, whose claimed standard deviation is
+    dotted."""
     groups = list(dict.fromkeys(run.group for run in runs))
     at = np.array([np.nan if run.at is None else run.at for run in runs])
     place, zero = _places(at)
     drawn, *panels = figure(1.2 + 1.5 * len(numbers) + 0.1 * len(groups), (1.0,) * len(numbers))
-    for axes, (name, claimed, label) in zip(panels, numbers, strict=True):
-        values = _values(runs, name)
+    texts = []
+    for axes, name in zip(panels, numbers, strict=True):
+        values, label = _values(runs, name), name.replace("error.", "error of ", 1) if what else name
         for g, group in enumerate(groups):
             members = [i for i, run in enumerate(runs) if run.group == group and not np.isnan(at[i])]
             index = np.array(sorted(members, key=lambda i: at[i]), dtype=int)
             style, title = line_style(g), short(group, 30) if group else None
             axes.plot(place[index], values[index], marker="o", ms=4.5, **style, label=title)
-            if claimed is not None:
-                std = _values(runs, claimed)[index]
+            if what:
+                std = _values(runs, name.replace("error.", "std.", 1))[index]
                 axes.plot(place[index], std, color=style["color"], lw=1.1, ls=(0, (1, 1.5)))
         _scale(axes, values[~np.isnan(at)])
-        axes.set_ylabel(f"{short(label, 22)}\n[{'–' if claimed else 'SI'}]")
+        axes.set_ylabel(f"{short(label, 22)}\n[{'–' if what else 'SI'}]")
+        points = (f"{number(x, 3)} {number(v, 2)}" for x, v in zip(at, values, strict=True))
+        texts.append(f"{label}: {', '.join(points)}")
     _over(panels[-1], place, zero)
     panels[-1].set_xlabel(short(study.over or "", 48))
     if any(groups):
         legend_above(panels[0], 2)
-    caption = f"{what.capitalize()} over {study.over}, one line a group of runs."
-    if any(claimed for _, claimed, _ in numbers):
+    caption = f"Numbers over {study.over}, one line a group of runs."
+    if what:
         caption = f"Error of the {what} over {study.over}; dotted: the standard deviation that the filter claims."
-    pairs = [(label, zip(at, _values(runs, name), strict=True)) for name, _, label in numbers]
-    text = "; ".join(
-        f"{label}: " + ", ".join(f"{number(x, 3)} {number(v, 2)}" for x, v in pair) for label, pair in pairs
-    )
-    title = f"{study.name}: {what} over {study.over}"
-    return Drawing(key, title, caption, f"Line chart over {study.over}. {text}.", svg(drawn))
+    title = f"{study.name}: {what or 'numbers'} over {study.over}"
+    return Drawing(key, title, caption, f"Line chart over {study.over}. {'; '.join(texts)}.", svg(drawn))
 
 
 def _values(runs: Sequence[SuiteRun], name: str) -> FloatArray:
-    values = np.array([np.nan if (value := run.number(name)) is None else value for run in runs], dtype=float)
-    return np.where(np.isfinite(values), values, np.nan)
+    return drawable(np.array([run.number(name) for run in runs], dtype=float))
 
 
 def _places(at: FloatArray) -> tuple[FloatArray, float | None]:
@@ -228,8 +216,7 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     end = 10 ** (np.log10(known.max(initial=10.0)) * 1.22 + 0.3)
     low = min(1.0, float(known.min(initial=1.0)))
     drawn, axes = figure(1.1 + 0.2 * len(series) + len(groups) * (0.16 + 0.165 * len(series)))
-    axes.set_xscale("log")
-    axes.set_xlim(low, end)
+    axes.set(xscale="log", xlim=(low, end))
     step = 0.84 / len(series)
     for j, entry in enumerate(series):
         at = np.arange(len(groups)) + (j - (len(series) - 1) / 2) * step
@@ -245,7 +232,7 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
     axes.set_yticks(range(len(groups)), [short(group, 26) for group in groups])
     axes.set_ylim(len(groups) - 0.45, -0.55)
     axes.grid(visible=False, axis="y")
-    axes.xaxis.set_major_formatter(lambda value, _: _power(value))
+    axes.xaxis.set_major_formatter(lambda value, _: number(value) if 0.5 < value < 50 else power_of_ten(value))
     axes.minorticks_off()
     axes.set_xlabel("condition of the scaled PBH matrix at λ = 0 [–]")
     legend_above(axes, columns=1)
@@ -265,9 +252,9 @@ def pbh_figure(series: tuple[ExcitationSeries, ...]) -> Drawing:
 def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     """The error of every unknown of every run on a bar up to where that of a σ that holds ends, the repeats as small dots."""
     drawn, axes = figure(1.0 + 0.3 * len(rows))
-    smallest = min(max(result.error or 0.0, 1e-6) for _, result in rows)
-    smallest = min([smallest, *[result.std for _, result in rows if _reach(result) and result.std]])
-    low = 100 * smallest / 3
+    sizes = [max(result.error or 0.0, 1e-6) for _, result in rows]
+    sizes += [result.std for _, result in rows if _reach(result) and result.std]
+    low = 100 * min(sizes) / 3
     axes.set_xscale("log")
     for y, (_, result) in enumerate(rows):
         assert result.error is not None
@@ -288,8 +275,7 @@ def errors_figure(rows: list[tuple[int, Result]]) -> Drawing:
     axes.set_xlim(left=low)
     axes.grid(visible=False, axis="y")
     plain_ticks(axes, "x")
-    axes.set_xlabel("relative error [%]")
-    axes.set_ylabel("run and unknown")
+    axes.set(xlabel="relative error [%]", ylabel="run and unknown")
     legend_above(axes, columns=2)
     caption = (
         "The bar ends where the error may if the claimed σ holds: one beyond it is no bad luck. Loads are smoothed; strokes "
@@ -305,11 +291,13 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
     """The metric over its value with the whole pool against the gauges left, a line a run; equal lines are drawn once."""
     shared: list[tuple[list[int], PlacementRun, Trend]] = []
     for index, run, trend in lines:
-        same = next((numbers for numbers, _, other in shared if _alike(trend, other)), None)
-        if same is None:
-            shared.append(([index], run, trend))
+        for numbers, _, other in shared:
+            same = trend.metric == other.metric and np.array_equal(trend.count, other.count)
+            if same and np.allclose(trend.value, other.value, rtol=1e-9):
+                numbers.append(index)
+                break
         else:
-            same.append(index)
+            shared.append(([index], run, trend))
     metrics = metrics_of(run for _, run, _ in lines)
     drawn, axes = figure(3.1 + 0.18 * len(shared))
     top = 1.0
@@ -320,14 +308,12 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
         axes.plot(trend.count, curve, color=colour, ls=stroke, lw=1.7, label=label)
         axes.plot([trend.count[-1]], [trend.final / trend.value[0]], "o", color=colour, ms=6)
         top = max(top, float(np.nanmax(curve)))
-    axes.set_xscale("log")
-    axes.set_yscale("log")
+    axes.set(xscale="log", yscale="log")
     if top < 1.05:
         axes.set_ylim(0.97, 1.1)
     plain_ticks(axes, "x")
     plain_ticks(axes, "y")
-    axes.set_xlabel("gauges left [–]")
-    axes.set_ylabel(f"{metric_name(metrics)} over all gauges' [–]")
+    axes.set(xlabel="gauges left [–]", ylabel=f"{metric_name(metrics)} over all gauges' [–]")
     legend_above(axes, columns=1)
     caption = (
         f"{metric_words(metrics)}, while gauges are taken away, read from right to left, over its value with the whole "
@@ -339,11 +325,6 @@ def trends_figure(lines: list[tuple[int, PlacementRun, Trend]]) -> Drawing:
     )
     alt = f"Line chart of the metric's growth: {ends}."
     return Drawing("trends", "What every gauge is worth", caption, alt, svg(drawn))
-
-
-def _alike(one: Trend, other: Trend) -> bool:
-    same = one.metric == other.metric and np.array_equal(one.count, other.count)
-    return same and np.allclose(one.value, other.value, rtol=1e-9)
 
 
 def run_estimate(index: int, run: PlacementRun, history: History) -> Drawing:
@@ -366,14 +347,8 @@ def _rounded(value: float) -> str:
     return number(float(f"{value:.3g}"), 2)
 
 
-def _power(value: float) -> str:
-    """A tick at a power of ten: 1, 10, 10⁶."""
-    power = round(float(np.log10(value)))
-    return f"10{str(power).translate(SUPERSCRIPTS)}" if power not in (0, 1) else str(10**power)
-
-
 def _reach(result: Result) -> float | None:
     """The largest error that the claimed σ allows."""
-    shown = "smoothed" if result.smoothed else "test"
-    claim = next((claim for claim in result.unknown.claims if claim.of == shown), None)
+    claims = {claim.of: claim for claim in result.unknown.claims}
+    claim = claims.get("smoothed" if result.smoothed else "test")
     return claim.band[1] * result.std if claim and result.std and np.isfinite(result.std) else None

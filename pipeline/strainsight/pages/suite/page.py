@@ -107,18 +107,14 @@ def _benches(suite: Suite, places: Sequence[int], name: str, drawn: str = "") ->
             rows.append((f'<span id="run-{i}">{label}</span>{summary.link(run, around=summary.ASIDE)}', run))
             if text := " ".join(filter(None, (run_answer(run), _remarks(run)))):
                 items += f"<li><strong>{label}</strong>: {text}</li>"
-    if not rows:
-        return drawn
-    words = unfolding("Run by run", f"<ul>{items}</ul>") if items else ""
-    return f'<div class="card">{benches_table(name, rows, explained=False)}</div>{drawn}{words}'
+    card = f'<div class="card">{benches_table(name, rows, explained=False)}</div>' if rows else ""
+    return f"{card}{drawn}{unfolding('Run by run', f'<ul>{items}</ul>') if items else ''}"
 
 
 def _remarks(run: SuiteRun) -> str:
     """The note of a run and its warnings."""
-    text = f"<p>{escape(run.note)}</p>" if run.note else ""
-    if run.warnings:
-        text += f"<details><summary>Warnings ({len(run.warnings)})</summary>{bullets(run.warnings)}</details>"
-    return text
+    warnings = f"<details><summary>Warnings ({len(run.warnings)})</summary>{bullets(run.warnings)}</details>"
+    return f"<p>{escape(run.note)}</p>" * bool(run.note) + warnings * bool(run.warnings)
 
 
 def _placements(suite: Suite, cards: Cards) -> str:
@@ -143,34 +139,27 @@ def _placements(suite: Suite, cards: Cards) -> str:
 
 def _facts(suite: Suite) -> str:
     """Configs, how far they went, and the numbers of their models."""
-    tables, names = "", iter(("models", "benches"))
-    if suite.placements:
-        rows = [[*_named(i, run), _modes(run)] for i, run in suite.placements]
-        tables += table(next(names), ("config", "reached", "first modes"), rows)
-    if suite.benches:
+    tables, names, placements, benches = "", iter(("models", "benches")), [], []
+    for i, run in enumerate(suite.runs, start=1):
+        named = f"{i}. {escape(run.name)}", escape(run.reached)
+        if isinstance(run, PlacementRun):
+            modes = ", ".join(measure(value, "Hz") for value in run.frequencies[:3])
+            placements.append([*named, modes or "–"])
+        else:
+            simulated = run.numbers.get("simulate", {})
+            cells = [simulated.get(key) for key in ("coordinates", "constraints", "first_frequency")]
+            shown = ["–" if not isinstance(value, int | float) else plain(float(value), 4) for value in cells]
+            benches.append([*named, *shown, escape(str(run.summary.get("method") or "–"))])
+    if placements:
+        tables += table(next(names), ("config", "reached", "first modes"), placements)
+    if benches:
         head = ("config", "reached", "coordinates", "constraints", "first frequency [Hz]", "correction")
-        rows = [[*_named(i, run), *_of_bench(run)] for i, run in suite.benches]
-        tables += table(next(names), head, rows, numeric=(2, 3, 4))
+        tables += table(next(names), head, benches, numeric=(2, 3, 4))
     provenance = pairs("provenance", suite.provenance.items())
     return (
         f'<h2>What it rests on</h2><section class="card"><h3>Models</h3>{tables}</section>'
         f'<details class="card"><summary>Provenance</summary>{provenance}</details>'
     )
-
-
-def _named(index: int, run: SuiteRun) -> tuple[str, str]:
-    return f"{index}. {escape(run.name)}", escape(run.reached)
-
-
-def _modes(run: PlacementRun) -> str:
-    return ", ".join(measure(value, "Hz") for value in run.frequencies[:3]) or "–"
-
-
-def _of_bench(run: BenchPageRun) -> list[str]:
-    numbers, method = run.numbers.get("simulate", {}), run.summary.get("method")
-    cells = [numbers.get(key) for key in ("coordinates", "constraints", "first_frequency")]
-    shown = ["–" if not isinstance(value, int | float) else plain(float(value), 4) for value in cells]
-    return [*shown, escape(str(method)) if method else "–"]
 
 
 def suite_space(report: Suite) -> str:
@@ -181,8 +170,13 @@ def suite_space(report: Suite) -> str:
     layouts: dict[bytes, tuple[list[int], PictureLayout]] = {}
     placed = [(index, run.layout) for index, run in report.placements if run.layout is not None]
     for index, layout in placed:
-        if _same_structure(layout, placed[0][1]):
-            layouts.setdefault(_look(layout), ([], layout))[0].append(index)
+        first = placed[0][1]
+        if np.array_equal(layout.points, first.points) and np.array_equal(layout.faces, first.faces):
+            grids = [
+                vector for gauge in layout.gauges for position, along, _ in gauge.grids for vector in (position, along)
+            ]
+            look = b"".join(np.asarray(array, dtype=float).tobytes() for array in (*grids, layout.pool))
+            layouts.setdefault(look, ([], layout))[0].append(index)
     label = {index: run.label for index, run in report.placements}
     return space_section(
         [(f"{', '.join(f'{index}.' for index in runs)} {label[runs[0]]}", layout) for runs, layout in layouts.values()]
@@ -209,7 +203,7 @@ def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
     run, runs = dict(report.placements)[numbers[0]], numbered(tuple(numbers))
     title = "<br>".join(f"{index}. {escape(report.runs[index - 1].label)}" for index in numbers)
     closest: dict[frozenset[str], tuple[float, str]] = {}
-    for one, (other, size) in _nearest(run.layout).items():
+    for one, (size, other) in _nearest(run.layout).items():
         closest.setdefault(frozenset((one, other)), (size, f"{one} – {other} {number(1000 * size, 3)}\u00a0mm"))
     near = "; ".join(words for _, words in sorted(closest.values(), key=lambda pair: pair[0]))
     many = f"{run.gauges} gauges of a pool of {run.pool}" if run.gauges is not None else "the gauges"
@@ -219,34 +213,24 @@ def _picture(report: Suite, png: bytes, numbers: list[int]) -> str:
     return f'<figure class="card"><h3>{title}</h3>{shown}<figcaption>{escape(nearest)}</figcaption></figure>'
 
 
-def _nearest(layout: PictureLayout | None) -> dict[str, tuple[str, float]]:
-    """Gauge → its nearest other one and the distance between them [m]."""
-    gauges, nearest = () if layout is None else layout.gauges, {}
-    for gauge in gauges:
-        others = [(float(np.linalg.norm(gauge.position - g.position)), g.label) for g in gauges if g is not gauge]
-        if others:
-            distance, label = min(others)
-            nearest[gauge.label] = (label, distance)
-    return nearest
+def _nearest(layout: PictureLayout | None) -> dict[str, tuple[float, str]]:
+    """Gauge → distance [m] to its nearest other one, and that one."""
+    gauges = () if layout is None or len(layout.gauges) < 2 else layout.gauges
+    return {
+        gauge.label: min(
+            (float(np.linalg.norm(gauge.position - g.position)), g.label) for g in gauges if g is not gauge
+        )
+        for gauge in gauges
+    }
 
 
 def _gauge_rows(index: int, run: PlacementRun, layout: PictureLayout) -> str:
     places, nearest = decimals(layout.points), _nearest(layout)
     rows = []
     for i, gauge in enumerate(layout.gauges):
-        other, size = nearest.get(gauge.label, ("–", None))
+        size, other = nearest.get(gauge.label, (None, "–"))
         numbers = [str(gauge.element), *axes(gauge.position, places)]
-        distance = "–" if size is None else measure(1000 * size, "mm", 3)
+        distance = measure(None if size is None else 1000 * size, "mm", 3)
         row = [cell(badge(gauge.label, i, hollow=gauge.bonded)), *(cell(text, right=True) for text in numbers)]
         rows.append([*row, cell(escape(other)), cell(distance, right=True)])
     return block(f"{index}. {escape(run.label)}", rows)
-
-
-def _same_structure(one: PictureLayout, other: PictureLayout) -> bool:
-    return np.array_equal(one.points, other.points) and np.array_equal(one.faces, other.faces)
-
-
-def _look(layout: PictureLayout) -> bytes:
-    """What two layouts have in common that are drawn alike."""
-    marks = [vector for gauge in layout.gauges for position, along, _ in gauge.grids for vector in (position, along)]
-    return b"".join(np.asarray(array, dtype=float).tobytes() for array in (*marks, layout.pool))

@@ -53,16 +53,23 @@ class ExcitationSeries:
 def series_of(report: Suite) -> tuple[ExcitationSeries, ...]:
     """Every distinct excitation of the runs, in their order; runs with the same one and the same numbers are one series."""
     series: list[ExcitationSeries] = []
-    loads = _loads(report)
+    # one that was only observed does not say which of its names are loads
+    loads = {unknown.name for _, run in report.placements for unknown in run.unknowns if unknown.kind == "input"}
+    loads |= {load.name for _, run in report.placements if run.layout is not None for load in run.layout.loads}
     for index, run in report.placements:
+        # all loads together are "input", as the runs differ in how many they have
+        inputs = loads - {unknown.name for unknown in run.unknowns if unknown.kind == "parameter"}
         for excitation in dict.fromkeys(case.excitation for case in run.cases):
-            cases = {_group(case, run, loads): case for case in run.cases if case.excitation == excitation}
-            for place, other in enumerate(series):
-                if _same(cases, other.cases):
-                    series[place] = replace(other, runs=(*other.runs, index))
-                    break
-            else:
+            cases = {}
+            for case in run.cases:
+                if case.excitation == excitation:
+                    names = dict.fromkeys("input" if name in inputs else name for name in case.unknowns)
+                    cases[" + ".join(names) or "none"] = case
+            same = next((i for i, other in enumerate(series) if _same(cases, other.cases)), None)
+            if same is None:
                 series.append(ExcitationSeries((index,), excitation, run.label, cases))
+            else:
+                series[same] = replace(series[same], runs=(*series[same].runs, index))
     return tuple(series)
 
 
@@ -102,29 +109,16 @@ def observability_section(report: Suite, cards: Mapping[str, str]) -> str:
     return section("What can be distinguished", shown, kind="figures", more=more)
 
 
-def _loads(report: Suite) -> frozenset[str]:
-    """Names that are loads in any run: one that was only observed does not say which of its names are."""
-    inputs = {unknown.name for _, run in report.placements for unknown in run.unknowns if unknown.kind == "input"}
-    drawn = {load.name for _, run in report.placements if run.layout is not None for load in run.layout.loads}
-    return frozenset(inputs | drawn)
-
-
-def _group(case: ObservabilityCase, run: PlacementRun, loads: frozenset[str]) -> str:
-    """The set of unknowns in words: all loads together are "input", as the runs differ in how many they have."""
-    parameters = {unknown.name for unknown in run.unknowns if unknown.kind == "parameter"}
-    parts = ["input" if name in loads and name not in parameters else name for name in case.unknowns]
-    return " + ".join(dict.fromkeys(parts)) or "none"
-
-
 def _same(one: Mapping[str, ObservabilityCase], other: Mapping[str, ObservabilityCase]) -> bool:
+    """Whether the numbers are the same, of singular matrices but for rounding."""
     return one.keys() == other.keys() and all(
-        case.excitation == other[group].excitation and _equal(case.condition, other[group].condition)
+        case.excitation == other[group].excitation
+        and (
+            min(case.condition, other[group].condition) > SINGULAR
+            or math.isclose(case.condition, other[group].condition, rel_tol=1e-6)
+        )
         for group, case in one.items()
     )
-
-
-def _equal(one: float, other: float) -> bool:
-    return (one > SINGULAR and other > SINGULAR) or one == other or math.isclose(one, other, rel_tol=1e-6)
 
 
 NOT_ESTIMATED, UNKNOWN = "not estimated", "not judged"
@@ -158,11 +152,6 @@ class Result:
             return ""
         return ", ".join(self.verdicts) or (self.claim.verdict if self.claim else "no claim")
 
-    @property
-    def sigmas(self) -> float | None:
-        """The error in units of the σ that was claimed for it."""
-        return None if self.error is None or not self.std else self.error / self.std
-
 
 def results_of(run: PlacementRun) -> tuple[Result, ...]:
     """Every unknown of the run, in its order."""
@@ -186,12 +175,8 @@ def counts(report: Suite) -> dict[str, list[int]]:
 
 def without_benefit(report: Suite) -> list[int]:
     """Numbers of the runs, from 1, in which random layouts estimate every unknown as well as the placed one."""
-    return [
-        index
-        for index, run in report.placements
-        if run.unknowns
-        and all(unknown.benefit is not None and unknown.benefit.verdict == "none" for unknown in run.unknowns)
-    ]
+    verdicts = {i: {one.benefit and one.benefit.verdict for one in run.unknowns} for i, run in report.placements}
+    return [index for index, words in verdicts.items() if words == {"none"}]
 
 
 def _words(run: SuiteRun) -> tuple[str, ...]:
@@ -273,7 +258,14 @@ def run_answer(run: PlacementRun) -> str:
         for result in results
     ]
     wrong = "".join(
-        accused(result.unknown.name, [_why(verdict, result) for verdict in result.verdicts]) for result in results
+        accused(
+            result.unknown.name,
+            [
+                f"{why(fault, result.unknown)} {_lost(result) * (fault == DIVERGED)}".rstrip()
+                for fault in result.verdicts
+            ],
+        )
+        for result in results
     )
     return f"{wrong}{no_benefit(run.unknowns)}{gauges} tell {', '.join(parts)}."
 
@@ -288,55 +280,38 @@ ASIDE = '<small class="aside"><br>{}</small>'
 
 
 def _block(index: int, run: PlacementRun, mixed: bool) -> str:
-    """All rows of a run, its own cells once beside those of its unknowns; mixed: runs differ in their metric."""
+    """All rows of a run, its own cells once beside those of its unknowns; mixed: runs differ in their metric. Where there is no
+    estimate: why, and what placement expects as far as it went."""
     heading = f'<a href="#run-{index}">{index}. {escape(run.label)}</a>{link(run, around=ASIDE)}'
+    trend, metric = run.trend, "–"
+    if trend is not None and len(trend.value):  # from the whole pool to the chosen gauges, and how many times that is
+        first = float(trend.value[0])
+        metric = f"{escape(trend.metric.symbol)}: " * mixed + f"{plain(first, 3)} → {plain(trend.final, 3)}"
+        metric += f"<br>× {plain(trend.final / first, 3)}" if first > 0 else ""
     once = (
         f"{count(run.gauges)} of {count(run.pool)}" if run.gauges is not None and run.pool is not None else "–",
-        _metric(run, mixed),
-        "–" if run.trend is None or run.trend.gap is None else share(max(run.trend.gap, 0.0)),
+        metric,
+        "–" if trend is None or trend.gap is None else share(max(trend.gap, 0.0)),
     )
     if run.is_estimated:
-        return block(heading, [[cell(_unknown(result)), *_numbers(result)] for result in results_of(run)], once)
+        return block(heading, list(map(_cells, results_of(run))), once)
     names = ", ".join(escape(unknown.name) for unknown in run.unknowns) or "–"
-    absent = f'<td class="v" colspan="{len(MEASURED)}">{_absent(run)}</td>'
-    return block(heading, [[cell(names), absent]], once)
+    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){': ' * bool(run.note)}{escape(run.note)}"
+    known = [unknown for unknown in run.unknowns if unknown.expected_std is not None]
+    if expected := ", ".join(f"{escape(unknown.name)} ± {share(unknown.expected_std)}" for unknown in known):
+        text += f"<br>expected when placed: {expected}"
+    return block(heading, [[cell(names), f'<td class="v" colspan="{len(MEASURED)}">{text}</td>']], once)
 
 
-def _absent(run: PlacementRun) -> str:
-    """Why there is no estimate, and what placement expects where it went so far."""
-    note = f": {escape(run.note)}" if run.note else ""
-    expected = ", ".join(
-        f"{escape(unknown.name)} ± {share(unknown.expected_std)}"
-        for unknown in run.unknowns
-        if unknown.expected_std is not None
-    )
-    text = f"<strong>not estimated</strong> (ends after {escape(run.reached)}){note}"
-    return text + (f"<br>expected when placed: {expected}" if expected else "")
-
-
-def _metric(run: PlacementRun, mixed: bool) -> str:
-    """From the whole pool to the chosen gauges, and how many times that is."""
-    trend = run.trend
-    if trend is None or not len(trend.value):
-        return "–"
-    first = float(trend.value[0])
-    text = f"{escape(trend.metric.symbol)}: " * mixed + f"{plain(first, 3)} → {plain(trend.final, 3)}"
-    return text + (f"<br>× {plain(trend.final / first, 3)}" if first > 0 else "")
-
-
-def _unknown(result: Result) -> str:
-    name = escape(result.unknown.name)
-    if result.unknown.kind == "parameter":
-        return name
-    zero = ", zero: in % of its amplitude" if result.unknown.zero else ""
-    return f"{name}, load" + ("" if result.smoothed else ", filtered") + zero
-
-
-def _numbers(result: Result) -> list[str]:
-    sigmas, repeats = "–" if result.sigmas is None else plain(result.sigmas, 2), result.unknown.repeats
+def _cells(result: Result) -> list[str]:
+    """The row of an unknown."""
+    unknown, repeats = result.unknown, result.unknown.repeats
+    kind = "" if unknown.kind == "parameter" else ", load" if result.smoothed else ", load, filtered"
+    name = escape(unknown.name) + kind + ", zero: in % of its amplitude" * (bool(kind) and unknown.zero)
+    sigmas = plain(result.error / result.std, 2) if result.error is not None and result.std else "–"
     spread = (None, None) if repeats is None else (rms(repeats.error), repeats.worst)
-    shown = [share(result.error), share(result.std), sigmas, *map(share, spread)]
-    return [*(cell(text, right=True) for text in shown), cell(_verdict(result))]
+    numbers = [share(result.error), share(result.std), sigmas, *map(share, spread)]
+    return [cell(name), *(cell(text, right=True) for text in numbers), cell(_verdict(result))]
 
 
 def _verdict(result: Result) -> str:
@@ -352,13 +327,6 @@ def _verdict(result: Result) -> str:
         text = _measured(result) if verdict == OVERCONFIDENT else _lost(result) if verdict == DIVERGED else ""
         lines.append(verdict_mark(verdict, False) + (f" <small>{text}</small>" if text else ""))
     return "<br>".join(lines)
-
-
-def _why(verdict: str, result: Result) -> str:
-    """The verdict and the number it stands on."""
-    if verdict == DIVERGED:
-        return " ".join(filter(None, (DIVERGED, _lost(result))))
-    return why(verdict, result.unknown)
 
 
 def _measured(result: Result) -> str:

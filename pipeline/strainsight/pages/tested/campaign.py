@@ -22,22 +22,12 @@ FOOTER = (
 
 
 @dataclass(frozen=True)
-class RecordRow:
-    """A record: what its page shows, the file name of that page; inside: share of its innovations within 2σ; verdict in words."""
-
-    report: Findings
-    page: str
-    inside: float
-    verdict: str
-
-
-@dataclass(frozen=True)
 class CampaignFindings:
     """All that the page shows: records one by one, and what they share; damage of all of them, None where it was not asked
     for. Name, unknown parameters, facts and provenance are those of any record."""
 
     title: str
-    records: tuple[RecordRow, ...]
+    records: tuple[Findings, ...]
     shared: CampaignRecord
     warnings: tuple[str, ...]
     damage: Table | None = None
@@ -45,7 +35,7 @@ class CampaignFindings:
     @property
     def first(self) -> Findings:
         """The first record."""
-        return self.records[0].report
+        return self.records[0]
 
     @property
     def parameters(self) -> tuple[TestedUnknown, ...]:
@@ -79,7 +69,7 @@ def _answer(report: CampaignFindings) -> str:
         + ("(σ withheld)" if unknown.std is None else f"(± {share(unknown.relative)})")
         for unknown in report.parameters
     )
-    samples = sum(record.report.file.samples for record in report.records)
+    samples = sum(record.file.samples for record in report.records)
     start = f"<strong>{values}</strong>, from" if values else "From"
     return f"{text}{start} {count(samples)} samples in {count(len(report.records))} records."
 
@@ -91,14 +81,14 @@ def _records(report: CampaignFindings) -> str:
     head += ["innovations within 2σ", "verdict"]
     rows = []
     for record in report.records:
-        findings, tone = record.report, "good" if record.report.consistent else "bad"
-        row = [f'<a href="{escape(record.page)}">{escape(findings.record)}</a>']
-        row += [escape(findings.file.source.date) or "–", measure(findings.file.duration, "s")]
-        for load in findings.loads:
+        row = [f'<a href="{escape(record.page)}">{escape(record.record)}</a>']
+        row += [escape(record.file.source.date) or "–", measure(record.file.duration, "s")]
+        for load in record.loads:
             peak = None if load.peak is None else load.peak.largest[0]
             for value, std in ((peak, load.peak_std), (load.estimate, load.std)):
                 row += [measure(value, load.unit), _std(std, load.unit)]
-        rows.append([*row, share(record.inside), f'<span class="{tone}">{escape(record.verdict)}</span>'])
+        tone = "good" if record.consistent else "bad"
+        rows.append([*row, share(record.inside), f'<span class="{tone}">{escape(record.judged)}</span>'])
     caption = (
         "Each record has a page of its own. Of innovations, measured less foreseen, 95 % are within 2σ where the model "
         "and the stated noise hold."
@@ -120,7 +110,7 @@ def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
         together = [measure(unknown.estimate, unknown.unit), _std(unknown.std, unknown.unit)]
         rows.append([escape(unknown.name), *together, *alone])
     head = ["parameter", "together", "± claimed σ"]
-    head += [f"{escape(record.report.record)} alone" for record in report.records]
+    head += [f"{escape(record.record)} alone" for record in report.records]
     caption = "The most likely value by each record alone stands beside that by all of them that agree with the model."
     text = table("parameters", head, rows, caption=caption, numeric=range(1, len(head)))
     doubts = bullets(doubt for unknown in report.parameters for doubt in unknown.doubts)
@@ -132,8 +122,8 @@ def _parameters(report: CampaignFindings, drawings: tuple[Drawing, ...]) -> str:
 def _files(report: CampaignFindings) -> str:
     rows = []
     for record in report.records:
-        file, source = record.report.file, record.report.file.source
-        cells = [escape(record.report.record), escape(source.file), broken_digest(source.sha256), escape(source.format)]
+        file, source = record.file, record.file.source
+        cells = [escape(record.record), escape(source.file), broken_digest(source.sha256), escape(source.format)]
         rows.append([*cells, plain(file.rate), count(file.samples)])
     text = table("files", ("record", "file", "SHA-256", "format", "rate [Hz]", "samples"), rows, numeric=(4, 5))
     return section("The files of the test", text, "file")

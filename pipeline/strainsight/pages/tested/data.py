@@ -116,7 +116,8 @@ class Findings:
     the config, residuals: their spectra; hold_out: what gauges predict that the filter was not given, empty where none was
     left out; checked: every channel against what the others say of it, damage: hot spots and virtual gauges, None where not asked
     for; moment: None where the mesh has no surface; facts: what was found by which stage; record: its name, where the test
-    has several; beside: (name, page) of what there is to see of the others.
+    has several; beside: (name, page) of what there is to see of the others, page: its own; inside: share of the innovations
+    within 2σ; judged: whether the record agrees with the model and the others, in words.
     """
 
     name: str
@@ -145,6 +146,9 @@ class Findings:
     provenance: Mapping[str, str] = field(default_factory=dict)
     record: str = ""
     beside: tuple[tuple[str, str], ...] = ()
+    page: str = ""
+    inside: float = np.nan
+    judged: str = ""
 
     @property
     def units(self) -> Mapping[str, str]:

@@ -162,8 +162,7 @@ def _cross(reading: Reading) -> Drawing:
     dots(axes, predicted[index], measured[index], "samples")
     axes.plot([-limit, limit], [-limit, limit], color=INK, lw=1, ls=(0, (5, 3)), label="the same")
     axes.set(xlim=(-limit, limit), ylim=(-limit, limit), aspect="equal")
-    axes.set_xlabel(f"predicted {what} [{short(curves.unit)}]")
-    axes.set_ylabel(f"measured {what} [{short(curves.unit)}]")
+    axes.set(xlabel=f"predicted {what} [{short(curves.unit)}]", ylabel=f"measured {what} [{short(curves.unit)}]")
     legend_above(axes)
     caption = f"{label}, measured over predicted; on the dashed line both are the same."
     alt = f"Scatter plot of measured over predicted {what} of {label}, error {_error(reading)} of its RMS."
@@ -224,11 +223,11 @@ def figures_of_test(report: Findings) -> tuple[Drawing, ...]:
     drawings = [reading_figure(entry) for entry in report.readings]
     drawings += hold_out_figures(report.hold_out)
     colours = {entry.label: gauge_colour(entry.gauge) for entry in report.readings}
-    drawings += [residual_figure(entry, colours.get(entry.name, BLUE)) for entry in report.residuals]
+    drawings += [spectrum_figure(entry, colours.get(entry.name, BLUE)) for entry in report.residuals]
     drawings += [load_figure("load", entry, BLUE) for entry in report.histories if entry.name in loads]
     drawings += [load_figure("resultant", entry, BLUE) for entry in report.resultants]
     drawings += [load_figure("known", entry, VERMILION) for entry in report.known]
-    drawings += [load_spectrum_figure(entry) for entry in report.load_spectra]
+    drawings += [spectrum_figure(entry) for entry in report.load_spectra]
     drawings += [estimate_figure(entry) for entry in report.histories if entry.name not in loads]
     drawings += [posterior_figure(name, report.units[name], entry) for name, entry in report.posteriors.items()]
     return tuple(drawings)
@@ -259,66 +258,41 @@ def load_figure(kind: str, history: History, colour: str) -> Drawing:
     return Drawing(f"{kind}-{history.name}", history.name, caption, alt, svg(drawn))
 
 
-def residual_figure(residual: Spectrum, colour: str) -> Drawing:
-    """What is left of a channel: √density over frequency beside that of the noise as stated."""
-    name, root, at = residual.name, np.sqrt(residual.density), _frequency_of_largest(residual)
-    level = None if residual.level is None else float(np.sqrt(residual.level))
-    factor, unit = reading_unit(float(np.max(root, initial=level or 0.0)), residual.unit)
-    if residual.unit == "strain":
-        factor, unit = 1e-9, "nm/m"
-    image = _drawn(residual.frequency, root / factor, f"[{short(unit)}/√Hz]", colour, "left over", level, factor)
-    caption, alt = f"Left over of {name}", f"Spectrum of the residual of {name}"
-    if level is not None:
-        above = float(np.max(root, initial=0.0)) / level if level > 0 else np.inf
-        words = f"at most {number(above, 2)} times the stated noise, at {at}"
-        caption, alt = f"{caption}: {words}", f"{alt}, {words}"
-    return Drawing(f"residual-{name}", name, f"{caption}.", f"{alt}.", image)
-
-
-def load_spectrum_figure(load: Spectrum) -> Drawing:
-    """Of a load: √density over frequency."""
-    name, root, at = load.name, np.sqrt(load.density), _frequency_of_largest(load)
-    top = float(np.max(root, initial=0.0))
-    factor, unit = prefix(top, load.unit)
-    image = _drawn(load.frequency, root / factor, f"[{short(unit)}/√Hz]", BLUE, short(name), None, factor)
-    caption = f"Spectrum of {name}, smoothed: largest at {at}, {quantity(top, load.unit, 3)}/√Hz."
-    alt = f"Spectrum of the load {name}, largest at {at}."
-    return Drawing(f"spectrum-{name}", f"{name}: spectrum", caption, alt, image)
-
-
-def _frequency_of_largest(spectrum: Spectrum) -> str:
-    return f"{number(float(spectrum.frequency[np.argmax(spectrum.density)]), 3)} Hz"
-
-
 @styled()
-def _drawn(
-    frequency: np.ndarray, root: np.ndarray, unit: str, colour: str, label: str, level: float | None, factor: float
-) -> bytes:
-    frequency, root = _thinned(frequency, root)
-    drawn, axes = figure(2.5 if level is not None else 3.4, width=WIDE if level is None else SMALL)
-    positive = root > 0
-    axes.plot(frequency, np.where(positive, root, np.nan), color=colour, lw=1.2, label=label)
+def spectrum_figure(spectrum: Spectrum, colour: str = BLUE) -> Drawing:
+    """√density over frequency: of a load, or of what is left of a channel beside the noise as stated."""
+    name, root, frequency = spectrum.name, np.sqrt(spectrum.density), spectrum.frequency
+    at, top = f"{number(float(frequency[np.argmax(root)]), 3)} Hz", float(np.max(root, initial=0.0))
+    level = None if spectrum.level is None else float(np.sqrt(spectrum.level))
+    if level is None:
+        factor, unit = prefix(top, spectrum.unit)
+        key, title, label = f"spectrum-{name}", f"{name}: spectrum", short(name)
+        caption = f"Spectrum of {name}, smoothed: largest at {at}, {quantity(top, spectrum.unit, 3)}/√Hz."
+        alt = f"Spectrum of the load {name}, largest at {at}."
+    else:
+        factor, unit = reading_unit(max(level, top), spectrum.unit)
+        if spectrum.unit == "strain":
+            factor, unit = 1e-9, "nm/m"
+        key, title, label = f"residual-{name}", name, "left over"
+        words = f"at most {number(top / level if level > 0 else np.inf, 2)} times the stated noise, at {at}."
+        caption, alt = f"Left over of {name}: {words}", f"Spectrum of the residual of {name}, {words}"
+    few = -(-len(root) // LINES)
+    if few > 1:  # the largest of every few neighbours, at its own frequency
+        places = np.array([start + int(np.argmax(root[start : start + few])) for start in range(0, len(root), few)])
+        frequency, root = frequency[places], root[places]
+    root, noise = root / factor, (level or 0.0) / factor
+    drawn, axes = figure(3.4, width=WIDE) if level is None else figure(2.5, width=SMALL)
+    axes.plot(frequency, np.where(root > 0, root, np.nan), color=colour, lw=1.2, label=label)
     if level is not None:
-        axes.axhline(level / factor, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label="noise as stated")
-    if positive.any():
+        axes.axhline(noise, color=VERMILION, ls=(0, (5, 3)), lw=1.3, label="noise as stated")
+    if (root > 0).any():
         axes.set_yscale("log")
-        top = max(float(root.max()), (level or 0.0) / factor)
         low, high = axes.get_ylim()
-        if level:  # a decade to either side at least, so that scatter looks like scatter
-            low, high = min(low, 0.1 * level / factor), max(high, 10 * level / factor)
-        axes.set_ylim(max(low, 1e-5 * top), high)
+        if noise:  # a decade to either side at least, so that scatter looks like scatter
+            low, high = min(low, 0.1 * noise), max(high, 10 * noise)
+        axes.set_ylim(max(low, 1e-5 * max(float(root.max()), noise)), high)
     log_ticks(axes)
-    axes.set_xlabel("frequency [Hz]")
-    axes.set_ylabel(f"√density\n{unit}")
+    axes.set(xlabel="frequency [Hz]", ylabel=f"√density\n[{short(unit)}/√Hz]")
     axes.margins(x=0.01)
     legend_above(axes)
-    return svg(drawn)
-
-
-def _thinned(frequency: np.ndarray, root: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The largest of every few neighbours, at its own frequency."""
-    few = -(-len(root) // LINES)
-    if few <= 1:
-        return frequency, root
-    at = np.array([start + int(np.argmax(root[start : start + few])) for start in range(0, len(root), few)])
-    return frequency[at], root[at]
+    return Drawing(key, title, caption, alt, svg(drawn))

@@ -9,11 +9,13 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from html import escape
+from typing import Any
 
 import numpy as np
 
 from strainsight.pages.arrays import FloatArray, History, Reading, rms
 from strainsight.pages.chart.drawing import Drawing
+from strainsight.pages.page import sections
 from strainsight.pages.page.markup import (
     badge,
     bullets,
@@ -28,22 +30,10 @@ from strainsight.pages.page.markup import (
     share,
     table,
     tile,
+    titled,
 )
-from strainsight.pages.page.sections import (
-    budget_section,
-    caution,
-    damage_section,
-    document,
-    filters_section,
-    first_screen,
-    listing_section,
-    panel,
-    rests_on,
-    section,
-    warnings_section,
-)
-from strainsight.pages.picture.geometry import Scale, areas, scale_bar, scale_of
-from strainsight.pages.picture.layout import PictureLayout
+from strainsight.pages.page.sections import panel
+from strainsight.pages.picture.geometry import areas, scale_bar, scale_of
 from strainsight.pages.space.model import ShownState, contour_of
 from strainsight.pages.space.section import space_section
 from strainsight.pages.tested.data import Findings, Map, TestedUnknown, peak_of
@@ -84,7 +74,7 @@ def findings_screen(report: Findings) -> str:
     good = report.consistent
     words = mark(escape(_sentence(report.verdict)), good)
     verdict = tile("the record and what was stated", "fits" if good else "does not fit", after=words)
-    return first_screen("".join(map(_tile, report.unknowns)) + verdict, _channels(report), _cautions(report))
+    return sections.first_screen("".join(map(_tile, report.unknowns)) + verdict, _channels(report), _cautions(report))
 
 
 def _tile(unknown: TestedUnknown) -> str:
@@ -134,11 +124,13 @@ def _channels(report: Findings) -> str:
 
 
 def _cautions(report: Findings) -> Iterator[str]:
-    if many := len(report.warnings):
-        more = f'<p><a href="#warnings">All {count(many)} warnings</a></p>' if many > SHOWN else ""
-        yield caution("Warnings", bullets(map(_sentence, report.warnings[:SHOWN])) + more, "warnings")
-    if not report.hold_out:
-        yield caution("Not tested", bullets([NOT_TESTED]))
+    more = f'<p><a href="#warnings">All {count(len(report.warnings))} warnings</a></p>'
+    yield sections.caution(
+        "Warnings",
+        bullets(map(_sentence, report.warnings[:SHOWN])) + more * (len(report.warnings) > SHOWN),
+        "warnings",
+    )
+    yield sections.caution("Not tested", bullets([NOT_TESTED] * (not report.hold_out)))
 
 
 def _sentence(text: str) -> str:
@@ -158,7 +150,7 @@ def extremes_section(report: Findings) -> str:
         rows.append(_row(channel.label, "measured", channel, channel.measured))
         rows.append(_row(channel.label, "reconstructed", channel, channel.estimated, channel.std))
     head = ("signal", "what", "least", "at [s]", "largest", "at [s]", "± σ there")
-    return section("Extremes", table("extremes", head, rows, numeric=range(2, 7)) if rows else "")
+    return sections.section("Extremes", table("extremes", head, rows, numeric=range(2, 7)) if rows else "")
 
 
 def _row(
@@ -206,11 +198,12 @@ def page_of_test(
 
     drawings from `figures_of_test`; pictures: PNG of `views_of`, or none with the sentence on why.
     """
-    sections = (
-        _other_records(report),
+    links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.beside)
+    parts = (
+        f'<p class="lead">Record {escape(report.record)}. The others: {links}.</p>' * bool(links),
         findings_screen(report),
-        _readings(drawings),
-        listing_section("Every channel beside the others", report.checked, range(1, 5), CHECKED),
+        folded(chosen(drawings, "reading-"), "multiples", titled("Measured and reconstructed", READINGS)),
+        sections.listing_section("Every channel beside the others", report.checked, range(1, 5), CHECKED),
         hold_out_section(report.hold_out, chosen(drawings, "hold-out-")),
         _residuals(report, drawings),
         figures(chosen(drawings, "load-", "resultant-", "spectrum-", "known-"), "<h2>Loads</h2>"),
@@ -218,27 +211,14 @@ def page_of_test(
         extremes_section(report),
         field_section(report, pictures, problem),
         space_of(report),
-        damage_section(report.damage),
-        budget_section(report.budget),
-        filters_section(report.filters, report.units),
-        warnings_section(report.warnings),
+        sections.damage_section(report.damage),
+        sections.budget_section(report.budget),
+        sections.filters_section(report.filters, report.units),
+        sections.warnings_section(report.warnings),
         _file(report),
-        rests_on(report.facts, report.provenance),
+        sections.rests_on(report.facts, report.provenance),
     )
-    return document("test", report.name, report.title, answer(report), sections, FOOTER, turned=True)
-
-
-def _other_records(report: Findings) -> str:
-    """Which record of a test this is, and where the others are."""
-    if not report.beside:
-        return ""
-    links = ", ".join(f'<a href="{escape(page)}">{escape(name)}</a>' for name, page in report.beside)
-    return f'<p class="lead">Record {escape(report.record)}. The others: {links}.</p>'
-
-
-def _readings(drawings: tuple[Drawing, ...]) -> str:
-    shown = folded(chosen(drawings, "reading-"), "multiples")
-    return f'<h2>Measured and reconstructed</h2><p class="lead">{READINGS}</p>{shown}' if shown else ""
+    return sections.document("test", report.name, report.title, answer(report), parts, FOOTER, turned=True)
 
 
 def _residuals(report: Findings, drawings: tuple[Drawing, ...]) -> str:
@@ -246,7 +226,7 @@ def _residuals(report: Findings, drawings: tuple[Drawing, ...]) -> str:
     known = {spectrum.name for spectrum in report.residuals}
     if missing := ", ".join(channel.label for channel in report.readings if channel.label not in known):
         shown += f'<p class="note">None of {escape(missing)}: too few samples follow one another.</p>'
-    return f'<h2>Spectra of what is left over</h2><p class="lead">{SPECTRA}</p>{shown}' if shown else ""
+    return titled("Spectra of what is left over", SPECTRA) + shown if shown else ""
 
 
 def _file(report: Findings) -> str:
@@ -266,7 +246,7 @@ def _file(report: Findings) -> str:
     channels = table("calibration", ("channel", "measures", "unit in the file", "what was done to it"), rows)
     panels = panel("The file", table("file", (), facts)) + panel("Its channels", channels)
     panels += panel("What was done to the record", bullets(report.notes))
-    return section("The file of the test", panels, "file", "panels")
+    return sections.section("The file of the test", panels, "file", "panels")
 
 
 def broken_digest(sha256: str) -> str:
@@ -276,31 +256,25 @@ def broken_digest(sha256: str) -> str:
 
 def _size_in_words(size: int) -> str:
     """Bytes as people read them."""
-    for factor, unit in ((1e9, "GB"), (1e6, "MB"), (1e3, "kB")):
-        if size >= factor:
-            return f"{number(size / factor, 3)} {unit} ({number(size, 12)} bytes)"
-    return f"{number(size, 12)} bytes"
+    units = ((1e9, "GB"), (1e6, "MB"), (1e3, "kB"))
+    rounded = next((f"{number(size / factor, 3)} {unit}" for factor, unit in units if size >= factor), "")
+    return f"{rounded} ({number(size, 12)} bytes)" if rounded else f"{number(size, 12)} bytes"
 
 
 def _calibration_in_words(source: TestSource, i: int) -> str:
     """What was done to channel i of the file, in the order in which it was done."""
-    unit, parts = source.unit[i], []
-    if source.offset[i]:
-        parts.append(f"less {source.offset[i]:g} {unit}")
-    if source.drift[i]:
-        parts.append(f"less {source.drift[i]:g} {unit} a second")
-    if np.isfinite(source.zero[i]).all():
-        parts.append("less its mean from {:g} to {:g} s".format(*source.zero[i]))
-    if source.sign[i] < 0:
-        parts.append("sign turned")
-    if source.bridge[i]:
-        ratio = "" if np.isnan(source.poisson_ratio[i]) else f", ν {source.poisson_ratio[i]:g}"
-        parts.append(f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}")
-    if source.scale[i] != 1:
-        parts.append(f"times {source.scale[i]:g}")
-    if source.delay[i]:
-        parts.append(f"moved by {abs(source.delay[i]):g} s, {'late' if source.delay[i] > 0 else 'early'} in the file")
-    return "; ".join(parts) or "nothing was done"
+    unit, delay, zero = source.unit[i], source.delay[i], source.zero[i]
+    ratio = "" if np.isnan(source.poisson_ratio[i]) else f", ν {source.poisson_ratio[i]:g}"
+    steps = {
+        f"less {source.offset[i]:g} {unit}": source.offset[i],
+        f"less {source.drift[i]:g} {unit} a second": source.drift[i],
+        f"less its mean from {zero[0]:g} to {zero[1]:g} s": np.isfinite(zero).all(),
+        "sign turned": source.sign[i] < 0,
+        f"{source.bridge[i]} bridge, gauge factor {source.gauge_factor[i]:g}{ratio}": source.bridge[i],
+        f"times {source.scale[i]:g}": source.scale[i] != 1,
+        f"moved by {abs(delay):g} s, {'late' if delay > 0 else 'early'} in the file": delay,
+    }
+    return "; ".join(step for step, done in steps.items() if done) or "nothing was done"
 
 
 SIZE = (1000, 600)
@@ -315,17 +289,9 @@ def views_of(report: Findings) -> tuple[View, ...]:
     panel = f"t = {moment.time:.5g} s, displacement × {moment.factor:g}"
     # Names of loads at one node would stand on one another; the view in space has the arrows.
     bare = replace(report.layout, loads=())
+    style: dict[str, Any] = {"on": FACETS, "size": SIZE, "bar": False}
     return tuple(
-        View(
-            "",
-            bare,
-            (Panel(panel, shown.values, moment.shift),),
-            shown.quantity,
-            shown.unit,
-            FACETS,
-            size=SIZE,
-            bar=False,
-        )
+        View("", bare, (Panel(panel, shown.values, moment.shift),), shown.quantity, shown.unit, **style)
         for shown in moment.maps
     )
 
@@ -336,7 +302,9 @@ def field_section(report: Findings, pictures: Sequence[bytes], problem: str) -> 
     if moment is None:
         return ""
     for shown, png in zip(moment.maps, pictures, strict=False):
-        name, scale = shown.quantity, scale_in(report.layout, shown)
+        # about zero where both signs occur, a peak beyond its ends
+        area = areas(report.layout.points, report.layout.faces)
+        name, scale = shown.quantity, scale_of(shown.quantity, shown.unit, shown.values, area)
         alt = (
             f"{name} of the surface at {number(moment.time)} s, in colours from {number(scale.low, 3)} to "
             f"{number(scale.high, 3)} {shown.unit}."
@@ -349,7 +317,7 @@ def field_section(report: Findings, pictures: Sequence[bytes], problem: str) -> 
         cards = f'<div class="card">{words}{"".join(f"<p>{_extremes(shown)}</p>" for shown in moment.maps)}</div>'
     lead = f"The whole surface at {measure(moment.time, 's')}, the moment of the largest reading "
     lead += f"({escape(moment.label)}), smoothed."
-    return section("Strain and stress of the surface", cards, kind="figures", lead=lead)
+    return sections.section("Strain and stress of the surface", cards, kind="figures", lead=lead)
 
 
 def space_of(report: Findings) -> str:
@@ -364,11 +332,6 @@ def space_of(report: Findings) -> str:
         shapes.append(ShownState(f"{shown.quantity} {when}", contour=contour, group=group))
     moved = ShownState(f"{when}, displacement × {number(moment.factor)}", moment.shift, shapes[0].contour, "Moved")
     return space_section([("", layout)], [*shapes, moved], first=0)
-
-
-def scale_in(layout: PictureLayout, shown: Map) -> Scale:
-    """That of the picture of a map: about zero where both signs occur, a peak beyond its ends."""
-    return scale_of(shown.quantity, shown.unit, shown.values, areas(layout.points, layout.faces))
 
 
 def _extremes(shown: Map) -> str:

@@ -19,35 +19,11 @@ from numpy.typing import NDArray
 
 from strainsight.errors import StrainsightError, UserError
 from strainsight.imports import FOLDER
-from strainsight.pages.arrays import FloatArray, IntArray
+from strainsight.pages.arrays import FloatArray, IntArray, round_factor
 from strainsight.pages.chart.drawing import INK, VERMILION, gauge_colour, ink_on
-from strainsight.pages.picture.geometry import (
-    areas,
-    arrow_mesh,
-    facet_of_triangle,
-    free_end,
-    line_mesh,
-    mesh_lines,
-    scale_of,
-    seen_from,
-    surface_mesh,
-    triangles,
-    views,
-)
+from strainsight.pages.picture import geometry, scene
+from strainsight.pages.picture.geometry import views
 from strainsight.pages.picture.layout import Gauge, PictureLayout
-from strainsight.pages.picture.scene import (
-    CLAMP,
-    CREASES,
-    DRAWN_FACETS,
-    OFF_SCREEN,
-    STEEL,
-    across,
-    aim,
-    answer,
-    draw_apart,
-    last_words,
-    thinned,
-)
 from strainsight.processes import inherited, python
 from strainsight.text import short
 
@@ -92,17 +68,12 @@ def untitled(view: View) -> View:
     return replace(view, title="", panels=tuple(replace(panel, title="") for panel in view.panels))
 
 
-def exaggerated(points: FloatArray, shift: FloatArray, share: float = 0.06) -> float:
-    """By what a displacement (n, 3) [m] is to be multiplied to be seen: a round factor with which the largest is about this
-    share of the structure; 1 where it is larger by itself or nothing moves."""
+def exaggerated(points: FloatArray, shift: FloatArray) -> float:
+    """By what a displacement (n, 3) [m] is to be multiplied to be seen: a round factor with which the largest is about 6 % of the
+    structure; 1 where it is larger by itself or nothing moves."""
     largest = float(np.linalg.norm(shift, axis=1).max(initial=0.0))
-    if not largest > 0:
-        return 1.0
-    factor = share * float(np.linalg.norm(np.ptp(points, axis=0))) / largest
-    if factor <= 1:
-        return 1.0
-    power = 10.0 ** np.floor(np.log10(factor))
-    return float(power * max(step for step in (1, 2, 5) if step * power <= factor * (1 + 1e-9)))
+    factor = 0.06 * float(np.linalg.norm(np.ptp(points, axis=0))) / largest if largest > 0 else 1.0
+    return round_factor(max(factor, 1.0))
 
 
 CHILD = "strainsight.pages.view.viewing"
@@ -110,14 +81,10 @@ TIME_LIMIT = 300.0
 """For a screenshot [s]."""
 
 
-def screenshot(view: View) -> bytes:
-    """PNG of the view on white. Raises StrainsightError that names the Debian packages where nothing can render."""
-    return screenshots([view])[0]
-
-
 def screenshots(views: Sequence[View]) -> list[bytes]:
-    """A picture of each, as `screenshot` makes it, by one child process."""
-    return draw_apart(CHILD, [_sent(view) for view in views], TIME_LIMIT)
+    """PNG of each view on white, by one child process. Raises StrainsightError that names the Debian packages where nothing can
+    render."""
+    return scene.draw_apart(CHILD, [replace(view, layout=scene.thinned(view.layout)) for view in views], TIME_LIMIT)
 
 
 def window(view: View) -> None:
@@ -125,26 +92,27 @@ def window(view: View) -> None:
     if sys.platform.startswith("linux") and not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise _no_display("there is no display to open a window on")
     # By stdin and not by a file: nothing is left behind where this process is interrupted.
-    shown = pickle.dumps(_sent(view))
+    shown = pickle.dumps(replace(view, layout=scene.thinned(view.layout)))
     done = subprocess.run(python(CHILD), env=inherited(), cwd=FOLDER, input=shown, stderr=subprocess.PIPE, check=False)
     if done.returncode == NO_DISPLAY:
         raise _no_display("the display does not answer")
     if done.returncode:
-        text = last_words(done.stderr.decode(errors="replace"))
+        text = scene.last_words(done.stderr.decode(errors="replace"))
         raise StrainsightError(
             f"the window broke off (exit code {done.returncode}{text})",
             remedy="draw it into a file instead: --screenshot FILE.png",
         )
 
 
-def _sent(view: View) -> View:
-    return replace(view, layout=thinned(view.layout))
-
-
 def _no_display(what: str) -> UserError:
     return UserError(what, remedy="draw it into a file: --screenshot FILE.png")
 
 
+BAR = {
+    "color": INK, "vertical": False, "position_x": 0.28, "position_y": 0.02, "width": 0.6, "height": 0.1,
+    "title_font_size": 16, "label_font_size": 14, "n_labels": 4, "fmt": "%.3g",
+}  # fmt: skip
+"""Of a scalar bar."""
 LINES, POOL = "#5d6a79", "#7b8794"
 LENGTH = 0.07
 """Of a gauge's arrow, over the size of the structure."""
@@ -186,23 +154,23 @@ def add_panel(
     size = layout.size
     coloured = _colours(view, panel, bar) if len(panel.values) else None
     if len(triangle):
-        surface = surface_mesh(points, triangle)
+        surface = geometry.surface_mesh(points, triangle)
         if coloured is None or view.on == DOTS:
-            shown = plotter.add_mesh(surface, color=STEEL, ambient=0.45, diffuse=0.55)
+            shown = plotter.add_mesh(surface, color=scene.STEEL, ambient=0.45, diffuse=0.55)
         elif view.on == POINTS:
             shown = plotter.add_mesh(surface, scalars=panel.values, preference="point", **coloured)
         else:
-            values = panel.values[facet_of_triangle(layout.faces)]
+            values = panel.values[geometry.facet_of_triangle(layout.faces)]
             shown = plotter.add_mesh(surface, scalars=values, preference="cell", **coloured)
         # Lines and dots lie in the surface: it is drawn a little behind them.
         shown.mapper.SetResolveCoincidentTopologyToPolygonOffset()
         shown.mapper.SetRelativeCoincidentTopologyPolygonOffsetParameters(2.0, 2.0)
-        if len(layout.faces) <= DRAWN_FACETS:
-            wires = line_mesh(points, mesh_lines(layout.faces))
+        if len(layout.faces) <= scene.DRAWN_FACETS:
+            wires = geometry.line_mesh(points, geometry.mesh_lines(layout.faces))
             plotter.add_mesh(wires, color=LINES, line_width=1, opacity=0.5, lighting=False)
     if len(layout.bars):
-        plotter.add_mesh(line_mesh(points, layout.bars), color=CREASES, line_width=3, lighting=False)
-    for shape, colour, width in ((layout.loose, LINES, 9), (layout.pool, POOL, 5), (layout.fixed, CLAMP, 8)):
+        plotter.add_mesh(geometry.line_mesh(points, layout.bars), color=scene.CREASES, line_width=3, lighting=False)
+    for shape, colour, width in ((layout.loose, LINES, 9), (layout.pool, POOL, 5), (layout.fixed, scene.CLAMP, 8)):
         if len(shape):
             plotter.add_mesh(pv.PolyData(shape), color=colour, point_size=width, lighting=False)
     if view.on == DOTS and coloured is not None and len(view.dots):
@@ -214,14 +182,14 @@ def add_panel(
         for shape in gauge_arrows(gauge, LENGTH * size):
             plotter.add_mesh(shape, color=gauge_colour(i), ambient=0.5)
     for load in layout.loads:
-        plotter.add_mesh(arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
+        plotter.add_mesh(geometry.arrow_mesh(load, layout), color=VERMILION, ambient=0.4)
 
 
 def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
     """How values are coloured, about zero where they have both signs, with a scalar bar of their own; on facets a peak lies
     beyond its ends, and the title says how large it is."""
-    area = areas(view.layout.points, view.layout.faces) if view.on == FACETS else None
-    scale = scale_of(view.quantity, view.unit, panel.values, area)
+    area = geometry.areas(view.layout.points, view.layout.faces) if view.on == FACETS else None
+    scale = geometry.scale_of(view.quantity, view.unit, panel.values, area)
     # VTK keeps one bar a title: spaces, which nobody sees, distinguish the panels' bars. The line feed keeps the title off
     # the numbers.
     ends = np.array([np.nanmin(panel.values), np.nanmax(panel.values)])[[scale.below, scale.above]]
@@ -230,23 +198,11 @@ def _colours(view: View, panel: Panel, bar: int | None) -> dict[str, Any]:
     return {
         "cmap": scale.name,
         "clim": (scale.low, scale.high),
-        "nan_color": STEEL,
+        "nan_color": scene.STEEL,
         "ambient": 0.6,
         "diffuse": 0.4,
         "show_scalar_bar": bar is not None,
-        "scalar_bar_args": {
-            "title": plain(title),
-            "color": INK,
-            "vertical": False,
-            "position_x": 0.28,
-            "position_y": 0.02,
-            "width": 0.6,
-            "height": 0.1,
-            "title_font_size": 16,
-            "label_font_size": 14,
-            "n_labels": 4,
-            "fmt": "%.3g",
-        },
+        "scalar_bar_args": {"title": plain(title)} | BAR,
     }
 
 
@@ -275,7 +231,7 @@ def add_names(plotter: Any, layout: PictureLayout, seen: NDArray[np.bool_], thro
         at = position[i] + size * (0.6 * LENGTH * gauge.channels[0] + 0.02 * normal[i])
         _name(plotter, at, mark, gauge_colour(i), through)
     for load in layout.loads:
-        _name(plotter, free_end(load, layout), short(load.name), VERMILION)
+        _name(plotter, geometry.free_end(load, layout), short(load.name), VERMILION)
 
 
 def _name(plotter: Any, point: FloatArray, text: str, colour: str, through: bool = True) -> None:
@@ -322,7 +278,7 @@ def draw(view: View, off_screen: bool) -> Any:
     """
     import pyvista as pv
 
-    layout, triangle = view.layout, triangles(view.layout.faces)
+    layout, triangle = view.layout, geometry.triangles(view.layout.faces)
     position, normal = layout.places
     corners = views(layout.points, triangle, position, normal)
     if not off_screen or len(view.panels) > 1:
@@ -343,7 +299,11 @@ def draw(view: View, off_screen: bool) -> Any:
     for place, (panel, corner, first) in enumerate(cells):
         plotter.subplot(*divmod(place, columns))
         # What one sees is found on the structure as it is: a place on the displaced one may lie under its facets.
-        seen = seen_from(layout.points, triangle, position, normal, corner) if off_screen else np.ones(len(position))
+        seen = (
+            geometry.seen_from(layout.points, triangle, position, normal, corner)
+            if off_screen
+            else np.ones(len(position))
+        )
         moved = carried(layout, panel)
         add_panel(plotter, view, moved, panel, triangle, place if first and view.bar else None)
         add_names(plotter, moved, seen.astype(bool), through=off_screen)
@@ -366,8 +326,7 @@ def fitting(screen: tuple[int, int], size: tuple[int, int]) -> tuple[int, int]:
 
 def _add_title(plotter: Any, title: str, below: str, size: tuple[int, int]) -> None:
     """One or two lines in the upper left corner, in letters of the same size whatever the panel's (width, height)."""
-    lines = [(text, points) for text, points in ((title, 11), (below, 10)) if text]
-    for i, (text, points) in enumerate(lines, start=1):
+    for i, (text, points) in enumerate(filter(lambda line: line[0], ((title, 11), (below, 10))), start=1):
         words = shorten(text, size[0] // (points + 1), placeholder=" …")
         at = (8 / size[0], 1 - (4 + 24 * i) / size[1])
         plotter.add_text(plain(words), position=at, viewport=True, font_size=points, color=INK, font_file=font())
@@ -384,9 +343,9 @@ def _grid(count: int, points: FloatArray) -> tuple[int, int]:
 
 def _aim(plotter: Any, layout: PictureLayout, corner: FloatArray, size: tuple[int, int]) -> None:
     """Parallel view from a corner, z up, everything inside between title and scalar bar; size: pixels of the panel."""
-    ends = [free_end(load, layout) for load in layout.loads]
+    ends = [geometry.free_end(load, layout) for load in layout.loads]
     shown = np.concatenate([layout.points, np.array(ends, dtype=float).reshape(-1, 3)])
-    axes = across(corner)
+    axes = scene.across(corner)
     spread = shown @ axes
     wide, high = np.ptp(spread, axis=0)
     top, bottom = 64 / size[1], 0.13 + 27 / size[1]
@@ -394,7 +353,7 @@ def _aim(plotter: Any, layout: PictureLayout, corner: FloatArray, size: tuple[in
     scale = 0.5 * max(1.06 * high / (1 - top - bottom), 1.14 * wide * size[1] / size[0])
     centre = (spread.min(axis=0) + spread.max(axis=0)) / 2
     middle = axes @ (centre + np.array([0.0, scale * (top - bottom)])) + (shown.mean(axis=0) @ corner) * corner
-    aim(plotter, middle, corner, float(np.linalg.norm(np.ptp(shown, axis=0))), scale)
+    scene.aim(plotter, middle, corner, float(np.linalg.norm(np.ptp(shown, axis=0))), scale)
 
 
 def show(plotter: Any, title: str, parent: int) -> None:
@@ -416,20 +375,18 @@ def show(plotter: Any, title: str, parent: int) -> None:
 
 def drawn(views: Sequence[View]) -> list[bytes]:
     """A picture of every view."""
-    pictures = []
-    for view in views:
+    pictures = [BytesIO() for _ in views]
+    for view, picture in zip(views, pictures, strict=True):
         plotter = draw(view, off_screen=True)
-        content = BytesIO()
-        plotter.screenshot(content)
+        plotter.screenshot(picture)
         plotter.close()
-        pictures.append(content.getvalue())
-    return pictures
+    return [picture.getvalue() for picture in pictures]
 
 
 def main(asked: str = "") -> None:
     """Show the view that comes by stdin until its window is closed, or draw it off-screen."""
-    if asked == OFF_SCREEN:
-        answer(drawn)
+    if asked == scene.OFF_SCREEN:
+        scene.answer(drawn)
         return
     parent = os.getppid()
     view: View = pickle.load(sys.stdin.buffer)

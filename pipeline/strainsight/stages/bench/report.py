@@ -16,7 +16,7 @@ from strainsight.pages.bench.page import bench_figures, bench_page
 from strainsight.pages.picture.scene import drawn_or_why
 from strainsight.pages.space.model import ShownState
 from strainsight.pages.space.section import space_section
-from strainsight.pages.view.viewing import View, screenshot, untitled
+from strainsight.pages.view.viewing import View, screenshots, untitled
 from strainsight.records.bench import BenchEstimated, BenchPlaced, Simulated, SurfaceInTime
 from strainsight.records.record import read, unit_of
 from strainsight.runner.artefact import Artefact
@@ -158,8 +158,8 @@ def _pictures(views: Mapping[str, View]) -> tuple[list[tuple[str, bytes]], str]:
     shown = [views[what] for what in ("layout", "field") if what in views]
     shown = [view for view in shown if view.layout.gauges or len(view.panels[0].values)]
     # The page says below the picture what it is of: not in it, too.
-    pictures, problem = drawn_or_why(lambda: [(_caption(view), screenshot(untitled(view))) for view in shown])
-    return pictures or [], problem
+    pictures, problem = drawn_or_why(lambda: screenshots([*map(untitled, shown)])) if shown else (None, "")
+    return list(zip(map(_caption, shown), pictures or (), strict=False)), problem
 
 
 def _caption(view: View) -> str:

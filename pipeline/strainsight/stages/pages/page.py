@@ -24,18 +24,7 @@ from strainsight.experiment.structure.mesh_tables import ASSUMES
 from strainsight.experiment.structure.references import on_one_node
 from strainsight.mesh.model import Mesh
 from strainsight.pages.arrays import History, Reading, rms
-from strainsight.pages.placement.data import (
-    Check,
-    Criteria,
-    MetricWords,
-    Noise,
-    ObservabilityCase,
-    PlacementReport,
-    RandomSetErrors,
-    Repeats,
-    Trend,
-    Unknown,
-)
+from strainsight.pages.placement import data
 from strainsight.placement.criteria import Criterion, criterion_of
 from strainsight.records.placed import Observed, Placed, PlacedLayout, metric_key
 from strainsight.records.record import read, unit_of
@@ -52,7 +41,7 @@ STAGES = ("import", "rom", "train", "screen", "place", "validate")
 """Of which the page shows what each came to."""
 
 
-def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Workshop) -> PlacementReport:
+def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Workshop) -> data.PlacementReport:
     """The page's content, from the artefacts; mesh of import.h5; shop: the layout as measured (`workshop_of_run`)."""
     up, config = context.upstream, context.config
     names = [str(name) for name in config.place.estimate]
@@ -61,7 +50,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
     budget = validated.budget or place.budget
     word = "sensor" if set(listed_gauges(up).unit) - {"strain"} else "gauge"
     count = len(place.final.gauge)
-    return PlacementReport(
+    return data.PlacementReport(
         name=config.name,
         title=f"{config.name}: {count} {word}{'s' * (count != 1)} for {listed(names)}",
         unknowns=tuple(unknown_of(name, "input" if name in config.loads else "parameter", up) for name in names),
@@ -155,13 +144,13 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
     return tuple(notes)
 
 
-def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
+def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> data.Unknown:
     validate, place = up["validate"], up["place"]
     validated, placed, summary = read(Validated, validate), read(Placed, place), validate.summary
     truth, beyond, repeats = validated.truth[name], "out_of_range" in summary, repeated(name, validate)
     number = {key: float(summary[f"{key}.{name}"]) for key in ("estimate", "error", "smoothed", "std", "smoothed_std")}
     identified = summary.get(f"identified.{name}") is not False
-    return Unknown(
+    return data.Unknown(
         name=name,
         unit=unit_of(validated, "estimate", name),
         kind=kind,
@@ -178,7 +167,7 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> Unknown:
         claims=() if beyond else claims_of(name, summary, repeats),
         withheld=beyond,
         benefit=benefit_of(number["error"], validated.all.error[name]),
-        repeats=Repeats(*repeats, identified) if len(repeats[0]) > 1 else None,
+        repeats=data.Repeats(*repeats, identified) if len(repeats[0]) > 1 else None,
     )
 
 
@@ -188,13 +177,13 @@ def repeated(name: str, validate: Artefact) -> tuple[np.ndarray, np.ndarray]:
     return repeats.error[name], repeats.std[name]
 
 
-def trend_of(place: Artefact) -> Trend:
+def trend_of(place: Artefact) -> data.Trend:
     summary, removals = place.summary, read(PlacedLayout, place).elimination
     criterion = criterion_of(str(summary["criterion"]))
     key, pool = metric_key(criterion.name), int(summary["pool"])
     value: np.ndarray = getattr(removals, key)
     bound, gap = (float(summary[name]) if name in summary else None for name in ("lower_bound", "gap"))
-    return Trend(
+    return data.Trend(
         count=np.arange(pool, pool - len(value), -1),
         value=value,
         blocks=dict(zip(removals.unknowns, removals.blocks.T, strict=True)),
@@ -211,14 +200,14 @@ def history_of(name: str, validate: Artefact) -> History:
     return History(name, unit_of(record, "estimate", name), record.time, *(column[name] for column in columns))
 
 
-def random_sets_of(names: list[str], validate: Artefact) -> tuple[RandomSetErrors, ...]:
+def random_sets_of(names: list[str], validate: Artefact) -> tuple[data.RandomSetErrors, ...]:
     validated, summary = read(Validated, validate), validate.summary
     pools: tuple[tuple[Literal["all candidates", "screened"], Drawn], ...] = (
         ("all candidates", validated.all),
         ("screened", validated.screened),
     )
     return tuple(
-        RandomSetErrors(name, label, sets.error[name], sets.estimate[name].T, float(summary[f"error.{name}"]))
+        data.RandomSetErrors(name, label, sets.error[name], sets.estimate[name].T, float(summary[f"error.{name}"]))
         for name in names
         for label, sets in pools
         if len(sets.error[name])
@@ -235,20 +224,20 @@ def signals_of(up: Mapping[str, Artefact]) -> tuple[Reading, ...]:
     )
 
 
-def metrics_of(place: Artefact) -> tuple[MetricWords, ...]:
+def metrics_of(place: Artefact) -> tuple[data.MetricWords, ...]:
     """Every criterion, that of the layout first."""
     return tuple(_metric(criterion_of(name), place) for name in read(PlacedLayout, place).criteria.name)
 
 
-def _metric(criterion: Criterion, place: Artefact) -> MetricWords:
+def _metric(criterion: Criterion, place: Artefact) -> data.MetricWords:
     """In words, with the unknowns that it covers where these are not all."""
     layout = read(PlacedLayout, place)
     names = layout.elimination.unknowns
     of = f", of {' and '.join(names)} alone" * (len(names) < len(layout.criteria.std))
-    return MetricWords(criterion.symbol, criterion.meaning + of)
+    return data.MetricWords(criterion.symbol, criterion.meaning + of)
 
 
-def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
+def criteria_of(names: list[str], place: Artefact) -> tuple[data.Criteria, ...]:
     """This layout, then the others by their metric; of the random sets the one in the middle."""
     rules = read(PlacedLayout, place).criteria
     random = sorted((i for i, rule in enumerate(rules.rule) if rule not in RULES), key=lambda i: rules.value[i, 0])
@@ -256,22 +245,24 @@ def criteria_of(names: list[str], place: Artefact) -> tuple[Criteria, ...]:
     if random:
         shown[random[(len(random) - 1) // 2]] = f"random, median of {len(random)}"
     return tuple(
-        Criteria(words, tuple(rules.value[i].tolist()), {name: float(rules.std[name][i]) for name in names})
+        data.Criteria(words, tuple(rules.value[i].tolist()), {name: float(rules.std[name][i]) for name in names})
         for i, words in shown.items()
     )
 
 
-def cases_of(observe: Artefact) -> tuple[ObservabilityCase, ...]:
+def cases_of(observe: Artefact) -> tuple[data.ObservabilityCase, ...]:
     observed = read(Observed, observe)
     condition, raw = observed.condition.tolist(), observed.condition_raw.tolist()
     return tuple(
-        ObservabilityCase(tuple(unknowns.split(", ")), excitation, condition[i][j], raw[i][j], str(observed.lost[i, j]))
+        data.ObservabilityCase(
+            tuple(unknowns.split(", ")), excitation, condition[i][j], raw[i][j], str(observed.lost[i, j])
+        )
         for j, unknowns in enumerate(observed.unknowns)
         for i, excitation in enumerate(observed.excitation)
     )
 
 
-def noise_of(names: list[str], up: Mapping[str, Artefact]) -> Noise:
+def noise_of(names: list[str], up: Mapping[str, Artefact]) -> data.Noise:
     """At the noise as configured, and at that of the study."""
     summary, study = up["validate"].summary, read(Validated, up["validate"]).noise
     level = float(up["screen"].summary["noise_std"]) / float(up["train"].summary["strongest_rms"])
@@ -281,17 +272,15 @@ def noise_of(names: list[str], up: Mapping[str, Artefact]) -> Noise:
         {name: np.append(float(summary.get(f"{key}.{name}", np.nan)), values[name])[order] for name in names}
         for key, values in (("error", study.error), ("std", study.std))
     )
-    return Noise(level * factor[order], error, std)
+    return data.Noise(level * factor[order], error, std)
 
 
-def checks_of(validate: Artefact) -> tuple[Check, ...]:
+def checks_of(validate: Artefact) -> tuple[data.Check, ...]:
     """NEES and NIS of the filter."""
-    names = {"nees": "NEES of the run; band of one instant", "nis": "NIS of the gauges"}
-    checks = []
-    for key, (low, high) in zip(names, read(Validated, validate).consistency.band.tolist(), strict=True):
-        value = float(validate.summary[key])
-        checks.append(Check(names[key], value, (low, high), word_of(value, (low, high))))
-    return tuple(checks)
+    names = {"NEES of the run; band of one instant": "nees", "NIS of the gauges": "nis"}
+    values = [float(validate.summary[key]) for key in names.values()]
+    bands = read(Validated, validate).consistency.band.tolist()
+    return tuple(data.Check(*row, word_of(*row[1:])) for row in zip(names, values, map(tuple, bands), strict=True))
 
 
 def messages(up: Mapping[str, Artefact], stages: Sequence[str]) -> dict[str, str]:

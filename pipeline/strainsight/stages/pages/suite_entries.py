@@ -59,7 +59,19 @@ def _entry(model: SuiteConfig, run: PlannedRun, reached: Sequence[str], wanted: 
     data, entry, study = run.config.data, run.entry, study_of(model, run)
     bench = data["kind"] == "bench"
     shown = [stage for stage in reached if stage in wanted or not bench]
-    return {
+    placement = {}
+    if not bench:
+        loads, parameters = data["loads"], data["parameters"]
+        placement = {
+            "loads": {name: {key: load[key] for key in DRAWN} for name, load in loads.items()},
+            "unknowns": {
+                name: {"kind": "input", "unit": unit_of(loads[name])}
+                if name in loads
+                else {"kind": "parameter", "unit": PARAMETER_UNITS[parameters[name]["property"]]}
+                for name in data["place"]["estimate"]
+            },
+        }
+    return placement | {
         "name": data["name"],
         "label": entry.label,
         "note": entry.note,
@@ -68,19 +80,6 @@ def _entry(model: SuiteConfig, run: PlannedRun, reached: Sequence[str], wanted: 
         "at": None if study is None or study.over is None else value_over(data, study.over),
         "reached": reached[-1],
         "artefacts": {stage: f"{data['name']}/{stage}.h5" for stage in shown},
-    } | ({} if bench else _of_placement(data))
-
-
-def _of_placement(data: Mapping[str, Any]) -> dict[str, Any]:
-    loads, parameters = data["loads"], data["parameters"]
-    return {
-        "loads": {name: {key: load[key] for key in DRAWN} for name, load in loads.items()},
-        "unknowns": {
-            name: {"kind": "input", "unit": unit_of(loads[name])}
-            if name in loads
-            else {"kind": "parameter", "unit": PARAMETER_UNITS[parameters[name]["property"]]}
-            for name in data["place"]["estimate"]
-        },
     }
 
 

@@ -131,13 +131,19 @@ def nearest(time: np.ndarray, at: float) -> int:
     return int(np.argmin(np.abs(time - at)))
 
 
-def modes_view(title: str, layout: PictureLayout, shapes: np.ndarray, captions: list[str], unit: str) -> View:
-    """The first shapes (modes, n, 3) on the deformed structure, side by side; each with a scale of its own."""
-    size = layout.size
+def modes_view(title: str, layout: PictureLayout, shapes: np.ndarray, frequency: np.ndarray) -> View:
+    """The first mass-normalised shapes (modes, n, 3) and frequencies (modes,) [Hz] on the deformed structure, side by side; each
+    with a scale of its own."""
     panels = []
-    for shape, caption in zip(shapes[:MODES], captions, strict=False):
+    for i, (shape, f) in enumerate(zip(shapes[:MODES], frequency, strict=False), start=1):
         length = np.linalg.norm(shape, axis=1)
         # A shape has no size of its own: it is drawn as large as it can be seen beside the structure.
-        shift = shape * (0.06 * size / max(float(length.max(initial=0.0)), np.finfo(float).tiny))
-        panels.append(Panel(caption, length, shift))
-    return View(title, layout, tuple(panels), "size of the shape", unit, POINTS)
+        shift = shape * (0.06 * layout.size / max(float(length.max(initial=0.0)), np.finfo(float).tiny))
+        panels.append(Panel(f"mode {i}, {f:.4g} Hz", length, shift))
+    return View(title, replace(layout, fixed=NOTHING), tuple(panels), "size of the shape", "kg^-1/2", POINTS)
+
+
+def mesh_view(title: str, layout: PictureLayout, mesh: Mesh) -> View:
+    """The structure alone, with the size of its mesh."""
+    elements = sum(len(block.nodes) for block in mesh.elements)
+    return View(f"{title} {elements} elements, {mesh.own_nodes} nodes", layout)

@@ -22,11 +22,20 @@ from strainsight.records.record import read
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Training
 from strainsight.records.validated import Validated
-from strainsight.runner.artefact import Artefact
+from strainsight.runner.artefact import Artefact, missing_in
 from strainsight.sensors.candidates import STRAIN
 from strainsight.sensors.surface import unit_vector
 from strainsight.stages.pages.page_layout import bare, layout_of_page
-from strainsight.stages.view.surface import modes_view, moment_view, strain_view, strains_of, surface_view
+from strainsight.stages.view.surface import (
+    MICRO,
+    NOTHING,
+    mesh_view,
+    modes_view,
+    moment_view,
+    strain_view,
+    strains_of,
+    surface_view,
+)
 
 
 def body_of(config: BenchConfig, asked: str | None) -> str:
@@ -53,8 +62,7 @@ def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artef
     title = f"{config.name}: {body}"
     layout = bare(mesh, {})
     if what == "mesh":
-        elements = sum(len(block.nodes) for block in mesh.elements)
-        return View(f"{title}, {elements} elements, {mesh.own_nodes} nodes", layout)
+        return mesh_view(f"{title},", layout, mesh)
     if what == "modes":
         return _modes(title, layout, mesh, read(ReducedBodies, up["reduce"]).bodies[body])
     if what == "candidates":
@@ -70,12 +78,9 @@ def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artef
 def _modes(title: str, layout: PictureLayout, mesh: Mesh, part: ReducedBody) -> View:
     """The modes with the interfaces held: the first coordinates that move no interface node."""
     still = ~np.any([np.any(rows, axis=0) for rows in part.interface.values()], axis=0)
-    frequency = part.frequency
-    fixed = np.flatnonzero(still)[: len(frequency)]
+    fixed = np.flatnonzero(still)[: len(part.frequency)]
     shapes = np.moveaxis(part.basis[:, fixed].reshape(len(mesh.position), 3, -1), 2, 0)
-    captions = [f"mode {i}, {f:.4g} Hz" for i, f in enumerate(frequency, start=1)]
-    bodies = replace(layout, fixed=np.empty((0, 3)))
-    return modes_view(f"{title}, interfaces held", bodies, shapes, captions, "kg^-1/2")
+    return modes_view(f"{title}, interfaces held", layout, shapes, part.frequency)
 
 
 def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
@@ -85,7 +90,7 @@ def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
     step[removed] = np.arange(1, len(removed) + 1)
     outside = replace(layout, pool=np.delete(position, pool, axis=0))
     title = f"{title}, {len(position)} candidates, {len(pool)} of them in the pool"
-    return _dotted(title, outside, position[pool], step, "removed in step", "–", step)
+    return _dotted(title, outside, position[pool], step, "removed in step", "–")
 
 
 def _dotted(
@@ -95,11 +100,10 @@ def _dotted(
     values: np.ndarray,
     quantity: str,
     unit: str,
-    size: np.ndarray,
     panel: str = "",
 ) -> View:
-    """Dots (d, 3) [m] coloured by values (d,), those of the largest size (d,) drawn last."""
-    order = np.argsort(size, kind="stable")
+    """Dots (d, 3) [m] coloured by values (d,), those of the largest size drawn last."""
+    order = np.argsort(np.abs(values), kind="stable")
     return View(title, layout, (Panel(panel, values[order]),), quantity, unit, DOTS, position[order])
 
 
@@ -120,7 +124,14 @@ def _gauges(config: BenchConfig, body: str, mesh: Mesh, up: Mapping[str, Artefac
         places = [(f"G{i}", x, d) for i, (x, d) in enumerate(_bonded(up, PLACED), start=1)]
     if not places:
         return ()
-    normal = _normals(mesh, np.array([x for _, x, _ in places]))
+    from scipy.spatial import cKDTree
+
+    # the normal of the facet whose middle is nearest: enough to draw an arrow on it
+    corner = mesh.position[exterior_facets(mesh).nodes[:, :3]]
+    nearest = cKDTree(corner.mean(axis=1)).query(np.array([x for _, x, _ in places]))[1]
+    a, b, c = np.moveaxis(corner[nearest], 1, 0)
+    normal = np.cross(b - a, c - a)
+    normal /= np.linalg.norm(normal, axis=1, keepdims=True)
     return tuple(Gauge(label, 0, 0, x, d, n, 0.0) for (label, x, d), n in zip(places, normal, strict=True))
 
 
@@ -130,20 +141,6 @@ def _bonded(up: Mapping[str, Artefact], which: str) -> list[tuple[np.ndarray, np
     return list(zip(layout.position[layout.bonded], layout.direction[layout.bonded], strict=True))
 
 
-def _normals(mesh: Mesh, position: np.ndarray) -> np.ndarray:
-    """The outward normal (k, 3) of the facet whose middle is nearest to each place: enough to draw an arrow on it."""
-    from scipy.spatial import cKDTree
-
-    corner = mesh.position[exterior_facets(mesh).nodes[:, :3]]
-    nearest = cKDTree(corner.mean(axis=1)).query(position)[1]
-    a, b, c = np.moveaxis(corner[nearest], 1, 0)
-    n = np.cross(b - a, c - a)
-    return np.asarray(n / np.linalg.norm(n, axis=1, keepdims=True))
-
-
-MICRO = 1e6
-
-
 def placement_view(
     config: PlacementConfig, what: str, up: Mapping[str, Artefact], at: float | None, record: str | None = None
 ) -> View:
@@ -151,16 +148,16 @@ def placement_view(
     has several, None for the first."""
     name, mesh = str(config.name), mesh_from(up["import"])
     if what == "modes":
-        return _placement_modes(name, mesh, up["rom"])
+        frequency = read(Reduced, up["rom"]).frequency
+        shapes = up["rom"]["/VTKHDF/PointData/mode"].reshape(-1, len(mesh.position), 3)[: len(frequency)]
+        return modes_view(f"{name}: mode shapes at the guess", bare(mesh, {}), shapes, frequency)
     if what == "candidates":
         return _placement_candidates(name, bare(mesh, config.loads), up["train"])
     if what == "strain":
         gauges = layout_of_page(mesh, up, config.loads) if "place" in up else bare(mesh, config.loads)
-        return strain_view(name, replace(gauges, pool=np.empty((0, 3))), strains_of(config, mesh, up))
+        return strain_view(name, replace(gauges, pool=NOTHING), strains_of(config, mesh, up))
     if what == "mesh":
-        elements = sum(len(block.nodes) for block in mesh.elements)
-        title = f"{name}: {elements} elements, {mesh.own_nodes} nodes"
-        return View(title, bare(mesh, config.loads))
+        return mesh_view(f"{name}:", bare(mesh, config.loads), mesh)
     layout = layout_of_page(mesh, up, config.loads)
     title = f"{name}: {len(layout.gauges)} of {len(layout.pool)} places"
     if what == "layout":
@@ -182,10 +179,8 @@ def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | No
             where=str(estimate.path),
             remedy=did_you_mean(record, names, f"there are {', '.join(names)}") if names else "leave it out",
         )
-    estimated = records[shown]
-    title = f"{name}: estimate of the test {estimated.source.file}" + (
-        f", record {shown} of {', '.join(names)}" * bool(shown)
-    )
+    estimated, of = records[shown], f", record {shown} of {', '.join(names)}" * bool(shown)
+    title = f"{name}: estimate of the test {estimated.source.file}{of}"
     if "/VTKHDF/Steps" in estimate:
         return surface_view(title, estimate, layout, at)
     then = estimated.moment
@@ -199,14 +194,6 @@ def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | No
     return moment_view(title, layout, then.von_mises.astype(float), then.displacement.astype(float), when)
 
 
-def _placement_modes(name: str, mesh: Mesh, rom: Artefact) -> View:
-    frequency = read(Reduced, rom).frequency
-    shapes = rom["/VTKHDF/PointData/mode"].reshape(-1, len(mesh.position), 3)[: len(frequency)]
-    captions = [f"mode {i}, {f:.4g} Hz" for i, f in enumerate(frequency, start=1)]
-    layout = replace(bare(mesh, {}), fixed=np.empty((0, 3)))
-    return modes_view(f"{name}: mode shapes at the guess", layout, shapes, captions, "kg^-1/2")
-
-
 def _placement_candidates(name: str, layout: PictureLayout, train: Artefact) -> View:
     training = read(Training, train)
     candidates, grids = training.candidates, training.candidates.grids
@@ -215,16 +202,16 @@ def _placement_candidates(name: str, layout: PictureLayout, train: Artefact) -> 
     rms = training.rms[candidates.channel_of_grid[strains]]
     others = candidates.first[candidates.quantity[candidates.first] != STRAIN]
     title, layout = f"{name}: {candidates.gauges} candidates", replace(layout, pool=candidates.position[others])
-    return _dotted(title, layout, grids.position[strains], rms * MICRO, "RMS training strain", "µm/m", rms)
+    return _dotted(title, layout, grids.position[strains], rms * MICRO, "RMS training strain", "µm/m")
 
 
 def _strain(title: str, layout: PictureLayout, up: Mapping[str, Artefact]) -> View:
     field, candidates = read(Validated, up["validate"]).field, read(Training, up["train"]).candidates
     grids, strain = candidates.grids, field.strain[candidates.channel_of_grid]
     known = np.flatnonzero(np.isfinite(strain) & (grids.quantity == STRAIN))
-    strain, when = strain[known], f"t = {field.instant:.4g} s, largest true strain"
-    layout, quantity = replace(layout, pool=np.empty((0, 3))), "estimated strain of every candidate"
-    return _dotted(title, layout, grids.position[known], strain * MICRO, quantity, "µm/m", np.abs(strain), when)
+    layout, when = replace(layout, pool=NOTHING), f"t = {field.instant:.4g} s, largest true strain"
+    quantity = "estimated strain of every candidate"
+    return _dotted(title, layout, grids.position[known], strain[known] * MICRO, quantity, "µm/m", when)
 
 
 WHAT = ("mesh", "modes", "strain", "candidates", "layout", "field")
@@ -289,14 +276,14 @@ def chosen(offers: Offers, folder: Path, asked: str | None, config_file: str) ->
                 where=config_file,
                 remedy=f"{offers.absent[asked]}; it has {can}",
             )
-        if missing := _missing(offers, folder, asked):
+        if missing := missing_in(folder, offers.stages[asked]):
             raise UserError(
                 f"nothing to show of '{asked}' yet: {folder / missing[0]}.h5 has not been written",
                 where=config_file,
                 remedy=f"run first: strainsight {missing[-1]} {config_file}",
             )
         return asked
-    ready = [what for what in FURTHEST if what in offers.stages and not _missing(offers, folder, what)]
+    ready = [what for what in FURTHEST if what in offers.stages and not missing_in(folder, offers.stages[what])]
     if not ready:
         raise UserError(
             f"there is nothing to show yet in {folder}",
@@ -317,10 +304,6 @@ def opened(stages: Sequence[str], folder: Path) -> dict[str, Artefact]:
                 remedy=f"run it again: strainsight {stage} CONFIG --force",
             )
     return artefacts
-
-
-def _missing(offers: Offers, folder: Path, what: str) -> list[str]:
-    return [stage for stage in offers.stages[what] if not (folder / f"{stage}.h5").is_file()]
 
 
 def view_of(
@@ -347,13 +330,13 @@ def view_of(
         remedy = "leave it out: a bench has one field" if isinstance(config, BenchConfig) else "ask for --what field"
         raise UserError(f"--of {of}: this view has one source only", where=config_file, remedy=remedy)
     shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
-    available = TEST if (folder / f"{STAGE[TEST]}.h5").is_file() else VALIDATION
+    available = VALIDATION if missing_in(folder, [STAGE[TEST]]) else TEST
     offers = offers_of(config, stages, shown, of or available)
     # Whoever names an instant, a record or a source means the field.
     named = any(option is not None for option in (at, of, record))
     picked = chosen(offers, folder, "field" if what is None and named else what, config_file)
     read = offers.stages[picked]
-    if picked == "strain" and offers.gauges and all((folder / f"{stage}.h5").is_file() for stage in offers.gauges):
+    if picked == "strain" and offers.gauges and not missing_in(folder, offers.gauges):
         read = offers.gauges
     up = opened(read, folder)
     if at is not None and not (picked in ("field", "strain") and "/VTKHDF/Steps" in up[read[-1]]):
