@@ -238,7 +238,9 @@ def test_constants_that_are_learned_are_states_of_the_filter():
 
 
 def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged():
-    model = make_filter(make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4)
+    model = make_filter(
+        make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4
+    )
     u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)
     mean, P = np.zeros(model.size), prior(model, 0.05)
     _, y = draw_truth(model, mean, P, u, [2])

@@ -147,7 +147,12 @@ def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
 @pytest.mark.parametrize("learned", [False, *slowly(True)])
 def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
     model = chain(tuple(REFERENCE)[:1])
-    own, mean, first, known = replace(constants(model), learned=learned), believed(model), start_of(6), both_forces()[..., :1]
+    own, mean, first, known = (
+        replace(constants(model), learned=learned),
+        believed(model),
+        start_of(6),
+        both_forces()[..., :1],
+    )
     _, y = draw_truth(model, mean, first, known, [3])
     samples, last = y[:, 0], len(y)
     samples[7, 0], samples[15] = np.nan, np.nan

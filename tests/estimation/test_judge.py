@@ -145,7 +145,9 @@ def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
         slope = (reading(a + one) - reading(a - one))[0] / 2
         np.testing.assert_allclose(at.D[k] @ x + at.E[k] @ end + at.offset[k], slope, atol=1e-12)
     for k, one in enumerate(np.eye(d)[:e]):
-        np.testing.assert_allclose(at.A_nu[:, k] @ x + at.G_nu[:, k] @ w, (step(a + one) - step(a - one)) / 2, atol=1e-12)
+        np.testing.assert_allclose(
+            at.A_nu[:, k] @ x + at.G_nu[:, k] @ w, (step(a + one) - step(a - one)) / 2, atol=1e-12
+        )
 
 
 LOADS = [

@@ -15,7 +15,6 @@ from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import constant_acceleration, constant_step, measure, step, surface_reading
 from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import DrivenModel
-from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.rom.modal_step import simulate
@@ -211,8 +210,8 @@ def test_bank_is_bayes_by_brute_force_and_the_other_filters_are_near():
     assert bank.run.std[-1, 0, 4] == pytest.approx(std, rel=0.01)
     later = smooth_bank(BankRecord(model, np.zeros(5), START, forces(), y, no_nuisances(model)), bank)
     assert later.mean[0, 0, 4] == pytest.approx(mean, abs=0.01 * std)
-    for run in (run_filter, run_sigma_points):
-        other = run(model, np.zeros(5), START, forces(), y)
+    for by_points in (False, True):
+        other = run_filter(model, np.zeros(5), START, forces(), y, by_points=by_points)
         assert other.mean[-1, 0, 4] == pytest.approx(mean, abs=0.3 * std)
         assert other.std[-1, 0, 4] == pytest.approx(std, rel=0.1)
     blind = filter_bank(

@@ -91,7 +91,9 @@ def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise)
     assert peak.evidence == pytest.approx(integral, abs=0.1)
 
 
-@pytest.mark.parametrize(("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), *slowly((0.35, -0.3, 1e-3)), (0.7, 0.5, 2e-2)])
+@pytest.mark.parametrize(
+    ("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), *slowly((0.35, -0.3, 1e-3)), (0.7, 0.5, 2e-2)]
+)
 def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, truth, noise):
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     density = log_density(lambda p: settled_readings(p, phase, 40), y, noise)

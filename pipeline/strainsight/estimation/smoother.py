@@ -135,7 +135,7 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
 
     backwards from λ = 0, Λ = 0 at the last instant.
 
-    run: `run_filter(..., keep="all")` or `run_sigma_points` of the same model, in any form and by any update. A singular
+    run: `run_filter(..., keep="all")` of the same model, in any form and by any update. A singular
     P⁻ (states without process noise) needs no care.
     A nonlinear model is smoothed along the Jacobians, or the regressions, that its filter used.
     Raises ValueError where the run was not kept, or the first one alone of several.
