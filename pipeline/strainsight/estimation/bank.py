@@ -22,11 +22,10 @@ from strainsight.estimation.bank_filters import (
     entered,
     filtered_at,
     on,
-    one_standing,
     passed,
     refuse_lost,
 )
-from strainsight.estimation.columns import first_columns, next_columns
+from strainsight.estimation.columns import columns_for, next_columns
 from strainsight.estimation.lattice import DEPTH, SPACING, Bank, Lattice, first_lattice, next_lattice, one_point
 from strainsight.estimation.mixture import C, Mixture, Weights
 from strainsight.estimation.parallel_filters import KEPT
@@ -164,14 +163,14 @@ def _covered(problem: BankProblem, held: np.ndarray) -> tuple[BankRun, ...]:
     A lattice follows the posterior as the record grows, and few samples may have peaks far from those of all: between resonances,
     or beyond the prior. It keeps hold of the peaks (q, k) of the whole record from its second laying on."""
     if len(problem.model.unknowns.parameters) > FEW:
-        return _filtered(problem, first_columns(problem), next_columns, at_end=True)
+        return _filtered(problem, columns_for(problem, *problem.prior, 0), next_columns, at_end=True)
     first = first_lattice(_bank(problem, held))
     return _filtered(problem, first, lambda problem, now: next_lattice(_bank(problem, held), now))
 
 
 def _bank(problem: BankProblem, held: np.ndarray) -> Bank[LinearStanding[Lattice]]:
     at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
-    return Bank(problem.prior, problem.spacing, problem.depth, at, one_standing, refuse, held=held)
+    return Bank(problem.prior, problem.spacing, problem.depth, at, refuse, held=held)
 
 
 def _filtered(

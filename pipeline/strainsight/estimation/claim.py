@@ -80,8 +80,7 @@ class _Constants:
     def __init__(self, model: FilterModel, nuisances: Nuisances, u: np.ndarray):
         at_guess = np.zeros((1, len(model.unknowns.parameters)))
         self.model, self.linear = model, linear_models(model, at_guess, nuisances)
-        self.unknown = model.unknowns.input_columns(model.model)
-        self.known = [model.model.inputs.index(name) for name in model.known_inputs]
+        self.unknown, self.known = model.columns
         self.ends = known_ends(u[:, :, self.known], nuisances)
 
     def along(self, span: slice, start: np.ndarray, end: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, TypeVar
@@ -11,6 +11,7 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.mixture import Standing
+from strainsight.estimation.parallel_filters import joined
 
 SPACING = 1.0
 """Of a lattice, in standard deviations of the posterior it was laid for."""
@@ -216,14 +217,13 @@ S = TypeVar("S", bound=Standing[Lattice])
 class Bank(Generic[S]):
     """What lattices are laid for: the prior, mean (k,) and covariance (k, k); spacing of a lattice in standard deviations, depth
     below its largest density to which it reaches, and most of its points; at: lattice, step → the filters at its points after
-    so many steps; joined: those of parts of a lattice as one; refuse_lost: raises where a point (k,) is one that nobody means.
+    so many steps; refuse_lost: raises where a point (k,) is one that nobody means.
     held (q, k): points that every lattice but the first has a node next to, whatever the samples so far say."""
 
     prior: tuple[np.ndarray, np.ndarray]
     spacing: float
     depth: float
     at: Callable[[Lattice, int], S]
-    joined: Callable[[Lattice, Sequence[S]], S]
     refuse_lost: Callable[[np.ndarray], None]
     most: int = MOST_POINTS
     held: np.ndarray | None = None
@@ -259,7 +259,7 @@ def _laid(
         log_weight, edge = np.concatenate([part.log_weight for part in parts]), lattice.edge
         heavy = edge & (log_weight > log_weight.max() - bank.depth)
         if not heavy.any():
-            return parts[0] if len(parts) == 1 else bank.joined(lattice, parts)
+            return parts[0] if len(parts) == 1 else replace(joined(parts), cover=lattice)
         best = int(np.argmax(log_weight))
         outside = outside + 1 if edge[best] else 0
         if outside > PATIENCE:

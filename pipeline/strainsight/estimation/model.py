@@ -12,6 +12,7 @@ from scipy.linalg import expm, matrix_balance
 
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
+from strainsight.loads.histories import quadratic_hold
 from strainsight.loads.input_models import RandomWalk, Unknowns, line_intensity
 from strainsight.loads.linearisation import linearise
 from strainsight.rom.modal_step import HOLD, ModalMap, Scheme, acceleration_map, modal_step, parameter_slopes
@@ -93,6 +94,12 @@ class FilterModel:
     def position(self) -> np.ndarray:
         """Where every unknown stands in x* (count,): ũ of every input, then p."""
         return self.unknowns.position(self.model)
+
+    @cached_property
+    def columns(self) -> tuple[list[int], list[int]]:
+        """Columns of the model's input shape that belong to unknown and to known inputs."""
+        known = [self.model.inputs.index(name) for name in self.known_inputs]
+        return self.unknowns.input_columns(self.model), known
 
     @property
     def amplitude(self) -> np.ndarray:
@@ -193,17 +200,19 @@ def theta_of(model: FilterModel, x: np.ndarray) -> dict[str, Any]:
 def inputs_of(model: FilterModel, x: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Hold coefficients (..., HOLD, n_u) of all inputs: known (..., HOLD, n_known), unknown those of ζ in x* (..., n*)."""
     u = np.zeros((*x.shape[:-1], HOLD, len(model.model.inputs)))
-    u[..., [model.model.inputs.index(name) for name in model.known_inputs]] = known
+    at_unknown, at_known = model.columns
+    u[..., at_known] = known
     zeta = x[..., model.input_states]
-    u[..., model.unknowns.input_columns(model.model)] = np.einsum("jik,...k->...ji", model.hold, zeta)
+    u[..., at_unknown] = np.einsum("jik,...k->...ji", model.hold, zeta)
     return u
 
 
 def loads_of(model: FilterModel, x: np.ndarray, known: np.ndarray) -> np.ndarray:
     """All inputs (..., n_u) [N] at an instant: known (..., n_known) there, unknown amplitude·ũ of x* (..., n*) there."""
     u = np.zeros((*x.shape[:-1], len(model.model.inputs)))
-    u[..., [model.model.inputs.index(name) for name in model.known_inputs]] = known
-    u[..., model.unknowns.input_columns(model.model)] = model.amplitude * x[..., model.position[: len(model.amplitude)]]
+    at_unknown, at_known = model.columns
+    u[..., at_known] = known
+    u[..., at_unknown] = model.amplitude * x[..., model.position[: len(model.amplitude)]]
     return u
 
 
@@ -224,7 +233,8 @@ def physical(model: FilterModel, mean: np.ndarray, std: np.ndarray) -> dict[str,
 
 def input_transition(unknowns: Unknowns, h: float) -> np.ndarray:
     """exp(A_u h) (k, k) of ζ of all inputs."""
-    return np.eye(len(unknowns.inputs)) if _all_walk(unknowns) else expm(unknowns.rate_matrix() * h)
+    walks = all(isinstance(unknowns.model_of(name), RandomWalk) for name in unknowns.inputs)
+    return np.eye(len(unknowns.inputs)) if walks else expm(unknowns.rate_matrix() * h)
 
 
 def input_hold(unknowns: Unknowns, h: float) -> np.ndarray:
@@ -240,7 +250,7 @@ def input_hold(unknowns: Unknowns, h: float) -> np.ndarray:
     left[range(inputs), first] = unknowns.scale[:inputs]
     middle = left @ input_transition(unknowns, 0.5 * h)
     right = left @ input_transition(unknowns, h)
-    return np.stack([left, -3 * left + 4 * middle - right, 2 * left - 4 * middle + 2 * right])
+    return quadratic_hold(np.stack([left, middle, right]))[0]
 
 
 def process_covariance(F: np.ndarray, Q: np.ndarray, h: float) -> np.ndarray:
@@ -273,10 +283,6 @@ def process_covariance(F: np.ndarray, Q: np.ndarray, h: float) -> np.ndarray:
 
 PART = 0.5
 """Radians that the fastest state may turn in the part of a step that `process_covariance` begins with."""
-
-
-def _all_walk(unknowns: Unknowns) -> bool:
-    return all(isinstance(unknowns.model_of(name), RandomWalk) for name in unknowns.inputs)
 
 
 class StepModel(Protocol):
@@ -328,17 +334,6 @@ class StepModel(Protocol):
         """Which runs (B,) have left what the model holds for, x (B, n)."""
 
 
-def constant_step(model: FilterModel) -> ModalMap | None:
-    """The modal step once and for all where no parameter is estimated; otherwise None."""
-    return None if model.unknowns.parameters else modal_step(model.model, model.fixed, model.h, model.scheme)
-
-
-def constant_acceleration(model: FilterModel) -> ModalMap | None:
-    """The acceleration once and for all where no parameter is estimated and an accelerometer measures."""
-    wanted = model.accelerometers is not None and not model.unknowns.parameters
-    return acceleration_map(model.model, model.fixed) if wanted else None
-
-
 def step(
     model: FilterModel, x: np.ndarray, known: np.ndarray, constant: ModalMap | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -346,7 +341,8 @@ def step(
 
         [q, q̇]⁺ = A(θ)[q, q̇] + Σⱼ Bⱼ(θ)uⱼ,   ζ⁺ = exp(A_u h)ζ,   p⁺ = p
 
-    x (B, n*); known (HOLD, n_known) or (B, HOLD, n_known) hold coefficients [N]; constant: `constant_step(model)`.
+    x (B, n*); known (HOLD, n_known) or (B, HOLD, n_known) hold coefficients [N]; constant: the modal step, where no parameter is
+    estimated.
     Returns x*⁺ (B, n*) and A* (B, n*, n*), or (1, n*, n*) where no parameter is estimated.
     """
     theta = theta_of(model, x)
@@ -366,7 +362,7 @@ def measure(
         strain, displacement   H(θ) x*
         acceleration           φ(θ) M(θ)⁻¹(S u − C(θ)q̇ − K(θ)q)
 
-    x (B, n*); known (n_known,) or (B, n_known) [N] at that instant; constant: `constant_acceleration(model)`.
+    x (B, n*); known (n_known,) or (B, n_known) [N] at that instant; constant: the acceleration there, as of `step`.
     Returns y (B, m) and J (B, m, n*), or (1, m, n*) where it is the same for every run.
     """
     if not model.curved:
@@ -422,8 +418,10 @@ def measured_jacobian(
     H = H if H.ndim > 2 else H[None]
     J, q = H, state[..., None, :n]
     if model.accelerometers is not None and modal is not None:
-        moving = model.accelerometers[..., None]
-        J = np.where(moving, H[..., :n] @ _rates(model, modal, theta, state, u), H)
+        moving, loads = model.accelerometers[..., None], len(model.amplitude)
+        rows = np.zeros((1, loads, model.input_states.stop - model.input_states.start))
+        rows[0, range(loads), model.position[:loads] - model.input_states.start] = model.amplitude
+        J = np.where(moving, H[..., :n] @ _map_jacobian(model, modal, theta, state, u, rows), H)
         q = np.where(moving, _mapped(modal, state, u)[..., None, :], q)
     free = [name for name in model.unknowns.parameters if name in model.change.parameters]
     if free:
@@ -435,16 +433,6 @@ def measured_jacobian(
     return J
 
 
-def _rates(
-    model: FilterModel, modal: ModalMap, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray
-) -> np.ndarray:
-    """∂q̈/∂x* (..., n, n*)."""
-    inputs = np.zeros((1, len(model.amplitude), model.input_states.stop - model.input_states.start))
-    columns = model.position[: len(model.amplitude)] - model.input_states.start
-    inputs[0, range(len(columns)), columns] = model.amplitude
-    return _map_jacobian(model, modal, theta, state, u, inputs)
-
-
 def _map_jacobian(
     model: FilterModel, modal: ModalMap, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray, hold: np.ndarray
 ) -> np.ndarray:
@@ -453,7 +441,7 @@ def _map_jacobian(
     batch = state.shape[:-1] if names else (1,)
     J = np.zeros((*batch, modal.transition.shape[-2], model.size))
     J[..., model.motion] = modal.transition
-    inputs = modal.input[..., model.unknowns.input_columns(model.model)]
+    inputs = modal.input[..., model.columns[0]]
     held = hold.shape[0] * hold.shape[1]
     J[..., model.input_states] = inputs.reshape(*inputs.shape[:-2], held) @ hold.reshape(held, -1 if held else 0)
     if names:

@@ -7,8 +7,9 @@ from functools import cached_property
 
 import numpy as np
 
-from strainsight.estimation.model import FilterModel, StepModel, constant_acceleration, constant_step, measure, step
+from strainsight.estimation.model import FilterModel, StepModel, measure, step
 from strainsight.estimation.update import apply
+from strainsight.rom.modal_step import acceleration_map, modal_step
 
 LOST = 10.0
 """A run diverges when a parameter has left its guess by a factor of exp(LOST)."""
@@ -88,14 +89,14 @@ class DrivenModel:
     def _linear_step(self) -> tuple[np.ndarray, np.ndarray]:
         """A* (1, n*, n*) and what the known loads add in every step (T, n*)."""
         model, rest = self.model, np.zeros((len(self.known), self.model.size))
-        drive, A = step(model, rest, self.known, constant_step(model))
+        drive, A = step(model, rest, self.known, modal_step(model.model, model.fixed, model.h, model.scheme))
         return A, drive
 
     @cached_property
     def _linear_measurement(self) -> tuple[np.ndarray, np.ndarray | None]:
         """J (b, m, n*) and what the known loads add to accelerometers in every step (T, b, m)."""
         model = self.model
-        sensed = constant_acceleration(model)
+        sensed = None if model.accelerometers is None else acceleration_map(model.model, model.fixed)
         J = measure(model, np.zeros((1, model.size)), np.zeros(self.known.shape[-1]), sensed)[1]
         if sensed is None or not self.known.size:
             return J, None
