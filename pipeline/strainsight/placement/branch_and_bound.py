@@ -9,11 +9,10 @@ from heapq import heapify, heappop, heappush
 from time import monotonic
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.mesh.unjoined import component_labels
 from strainsight.ordering import TIE, tied_order
 from strainsight.placement.certificate import Bound, Cut, certify, cut_at, detects, lowest
 from strainsight.placement.elimination import eliminate_from
@@ -216,8 +215,7 @@ def _near(points: np.ndarray) -> np.ndarray:
     """Points (m, c, k) replaced by a number each (m, c, 1), the same where they are at most `TWIN` apart."""
     different, place = np.unique(points.reshape(-1, points.shape[2]), axis=0, return_inverse=True)
     pairs = cKDTree(different).query_pairs(TWIN, output_type="ndarray")
-    apart = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(different),) * 2)
-    label = connected_components(apart, directed=False)[1]
+    label = component_labels(len(different), *pairs.T)
     return np.asarray(label[place.ravel()], dtype=float).reshape(*points.shape[:2], 1)
 
 

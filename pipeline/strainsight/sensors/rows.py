@@ -13,7 +13,7 @@ from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import STEEPEST, STRAIN, Candidates, tangents
-from strainsight.sensors.surface import by_kind, carried, facet_points, normals, turned
+from strainsight.sensors.surface import by_kind, carried, facet_points, normals, tangent, turned
 from strainsight.sensors.walk import Skin, Trail, local_at, skin_of, walk
 
 GAUSS = 0.5 + np.sqrt(1 / 12) * np.array([-1.0, 1.0])
@@ -191,10 +191,8 @@ def installation_axes(candidates: Candidates) -> tuple[np.ndarray, np.ndarray]:
     along `tangents` where d is within 10° of n."""
     first = candidates.take(candidates.first)
     n = first.normal
-    e1 = first.direction - np.sum(first.direction * n, axis=1)[:, None] * n
-    upright = np.linalg.norm(e1, axis=1) < np.sin(np.deg2rad(STEEPEST))
-    e1 = np.where(upright[:, None], tangents(n), e1)
-    e1 /= np.linalg.norm(e1, axis=1)[:, None]
+    upright = np.abs(np.sum(first.direction * n, axis=1)) > np.cos(np.deg2rad(STEEPEST))
+    e1 = tangent(np.where(upright[:, None], tangents(n), first.direction), n)
     return e1, np.cross(n, e1)
 
 
