@@ -37,16 +37,10 @@ class TextFormat:
     key: str | None = None
 
     def __post_init__(self) -> None:
-        if self.decimal not in (".", ","):
-            raise UserError(f"a decimal mark {self.decimal!r}", remedy="give '.' or ','")
-        if self.delimiter is not None and not _can_delimit(self.delimiter):
-            raise UserError(f"a delimiter {self.delimiter!r}", remedy="give ',', ';' or a tab")
         if self.delimiter == self.decimal:
             raise UserError(
                 "the comma is both delimiter and decimal mark", remedy="write the file with ';' between the columns"
             )
-        if self.header_line is not None and self.header_line < 1:
-            raise UserError(f"names in line {self.header_line}", remedy="lines count from 1")
 
     def stating(self, name: str, value: str, otherwise: str) -> str:
         """A remedy: which key takes which value, or in other words where no key is known."""
@@ -193,10 +187,6 @@ def _name_and_unit(cell: str, time: str | None) -> tuple[str, str | None]:
     else:
         holds = known_unit(unit) is not None or (seconds_in(unit) is not None and time in (name, cell))
     return (name, unit) if holds else (cell, None)
-
-
-def _can_delimit(sign: str) -> bool:
-    return len(sign) == 1 and sign.isascii() and not sign.isalnum() and sign not in '"\r\n.+-'
 
 
 def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str, otherwise: str = "") -> int:
