@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class RemovedGauge:
         parts, increments = bounds.copy(), []
         for i, (pool, loop) in enumerate(zip(self.pools, self.loops, strict=True)):
             s, block = pool.scenario, pool.rows[self.left.index[at]]
-            D = removal(s.F, s.Q, loop, block, partial(_rest, pool, self.left, at), pool.modes)
+            D = removal(s.F, s.Q, loop, block, lambda pool=pool: pool.stacked(self.left.without(at)), pool.modes)
             if D is None:
                 return np.inf, None, i + 1
             increments.append(D)
@@ -174,11 +174,6 @@ def known_to_go(step: RemovedGauge, gauge: int) -> Choice:
         rises.append(pool.metric.rise(loop.P, increments[-1]))
     rise = aggregated(step.costs + rises, step.aggregate) - aggregated(step.costs, step.aggregate)
     return Choice(gauge, at, increments, float(rise), ())
-
-
-def _rest(pool: Pool, left: Remaining, at: int) -> np.ndarray:
-    """Rows (m − 1, c, n*) of the gauges left but the one at this place."""
-    return pool.rows[left.without(at)]
 
 
 @dataclass(frozen=True)
