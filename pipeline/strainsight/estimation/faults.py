@@ -72,6 +72,12 @@ class Fault:
         return replace(self, spans=tuple((j, first + samples, behind + samples) for j, first, behind in self.spans))
 
     @property
+    def beside(self) -> tuple[Fault, ...]:
+        """Delays by a sample less and more; none of another fault."""
+        amounts = (self.amount - 1, self.amount + 1) if self.kind == "late" else ()
+        return tuple(replace(self, amount=amount) for amount in amounts if amount)
+
+    @property
     def family(self) -> tuple[str, int, float, bool]:
         """The same for faults that are one and the same to whoever has to correct it: delays of one channel, turns of one."""
         amount = 0.0 if self.kind in ("late", "angle", "shift") else abs(self.amount)

@@ -152,10 +152,7 @@ def tried_of_loads(innovations: Innovations) -> list[Fault]:
     as_it_is = innovations.density(None)
     ranked = sorted(((innovations.density(fault), k) for k, fault in enumerate(faults)), reverse=True)
     wanted = [faults[k] for density, k in ranked if density > as_it_is][:CLOSELY]
-    for fault in list(wanted):
-        if fault.kind == "late":
-            wanted += [replace(fault, amount=fault.amount + k) for k in (-1, 1) if fault.amount + k]
-    return wanted
+    return wanted + [other for fault in wanted for other in fault.beside]
 
 
 SHARE = 0.8

@@ -290,9 +290,10 @@ def recording_of(
     where: str,
     time_unit: str | None,
     rate: float | None = None,
+    lines: np.ndarray | None = None,
 ) -> Recording:
     """The recording of signals and their units, that of the time first; where: the place of the time; rate: of the samples [Hz],
-    in place of the first signal.
+    in place of the first signal; lines: as of `Recording`.
 
     Raises UserError where the time has no unit or a sample none.
     """
@@ -306,7 +307,8 @@ def recording_of(
         )
     units = {name: said for name, (_, said) in zip(channels, found[1:], strict=True)}
     values = {name: read for name, (read, _) in zip(channels, found[1:], strict=True)}
-    return Recording(t * factor, values, units, str(path))
+    no_lines = np.zeros((0, 2), np.int64)
+    return Recording(t * factor, values, units, str(path), no_lines if lines is None else lines)
 
 
 def check_no_counter(time: np.ndarray, name: str, unit: str | None, where: str) -> None:

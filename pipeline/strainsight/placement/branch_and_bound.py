@@ -100,7 +100,7 @@ class Search:
         Empties, too, a node whose gauges lose an unknown all together, and scores one that holds a single set.
         """
         inside, outside, cuts = node.inside, node.outside, list(node.cuts)
-        if self._loses(~outside):
+        if not all(detects(pool, pool.stacked(~outside)) for pool in self.pools):
             return []
         centre, level, low = node.centre, np.inf, None
         history = [bound]
@@ -178,9 +178,6 @@ class Search:
         planes = np.array([cut.offset + cut.slope[:, chosen].sum(axis=1) for cut in cuts])
         if aggregated(planes.max(axis=0), self.aggregate) < self.target:
             self.offer(chosen)
-
-    def _loses(self, gauges: np.ndarray) -> bool:
-        return not all(detects(pool, pool.stacked(gauges)) for pool in self.pools)
 
 
 def _within(w: np.ndarray, inside: np.ndarray, free: np.ndarray, limits: Limits) -> np.ndarray:

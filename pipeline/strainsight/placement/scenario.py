@@ -141,6 +141,11 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
     return Pool(balanced, balanced.rows, d, P, residual, marginal_modes(balanced.F))
 
 
+def solved(names: Sequence[str], scenario: Scenario) -> Pool:
+    """`solve_pool` as a task of a sweep."""
+    return solve_pool(scenario, names)
+
+
 def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> InfeasibleError:
     """What does not decay and is reached by no process noise, in words; directions w (n*, k): wᵀF = λwᵀ, wᵀQ = 0.
 
