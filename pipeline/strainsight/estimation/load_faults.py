@@ -49,9 +49,8 @@ def without_load_fault(record: R, load: np.ndarray, fault: Fault) -> R:
         if W is not None:
             tones[..., wrong] *= np.exp(1j * W.frequency * record.model.h * steps)[:, None, None]
     else:
-        factor = -1.0 if fault.kind == "sign" else 1 / fault.amount
-        held[..., wrong] *= factor
-        tones[..., wrong] *= factor
+        held[..., wrong] *= fault.factor
+        tones[..., wrong] *= fault.factor
     return replace(record, known=held, samples=samples, settled=None if W is None else replace(W, held=tones))
 
 
@@ -90,7 +89,7 @@ class Innovations:
                 acting[i] = np.roll(acting[i], -n, axis=1)
                 acting[i][:, slice(-n, None) if n > 0 else slice(-n)] = 0.0
             else:
-                acting[i] = -acting[i] if fault.kind == "sign" else acting[i] / fault.amount
+                acting[i] = acting[i] * fault.factor
         return self.unloaded + np.sum(acting, axis=0)
 
     def density(self, fault: Fault | None) -> float:

@@ -54,8 +54,6 @@ class Matern:
 
     def __post_init__(self) -> None:
         _positive(self.bandwidth, "the bandwidth of a Matérn input")
-        if self.smoothness not in (0.5, 1.5, 2.5):
-            raise ConfigError(f"smoothness {self.smoothness} of a Matérn input", remedy="choose 0.5, 1.5 or 2.5")
 
 
 @dataclass(frozen=True)

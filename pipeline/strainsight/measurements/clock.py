@@ -101,8 +101,6 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
     sample as it stands, without averaging: the filter's measurement is that of an instant. Nothing is interpolated.
     Raises UserError where the ratio is not whole: to SAME_STEP, or to JITTER of a step at the end of the record.
     """
-    if not 0 < step < np.inf:
-        raise UserError(f"a time step of {step:g} s", remedy="give a positive time step")
     ratio = step / clock.step
     k = round(max(ratio, 1 / ratio))
     if abs(max(ratio, 1 / ratio) / k - 1) > max(SAME_STEP, JITTER / clock.count):

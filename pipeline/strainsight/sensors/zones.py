@@ -203,7 +203,7 @@ def admissible(
             yield "mesh.file", "that nothing lies on", ~lies
         if not on_constraints:
             tied = constrained_nodes(mesh, references=True)[facets.nodes] & (facets.nodes >= 0)
-            yield f"{key}.surface", "away from constrained nodes", ~tied.any(axis=1)
+            yield f"{key}.surface", "away from constrained nodes", ~np.any(tied, axis=1)
         if include:
             with blame(f"{key}.include"):
                 zones = [inside(zone, mesh, facets, centre, normal) for zone in include]
