@@ -243,11 +243,9 @@ def _descend(
     left = Remaining(pools, limits.fixed, None if limits.plain else limits.alike)
     loops = [close_loop(p.scenario.F, left.information(i), p.P) for i, p in enumerate(pools)]
     residual = max(p.residual for p in pools)
-    removed: list[int] = []
+    removed: list[tuple[int, float, tuple[int, ...]]] = []
     solves: list[int] = []
-    ties: list[tuple[int, ...]] = []
     costs = np.array([p.metric.value(p.P) for p in pools])
-    rises: list[float] = []
     cost, blocks = [float(aggregated(costs, aggregate))], [_blocks(pools, loops, costs, aggregate)]
     spent = 0
     while left.count > limits.keep if guard is None else guard.broken:
@@ -272,21 +270,19 @@ def _descend(
             residual = max(residual, relative_residual(pool.scenario.F, pool.scenario.Q, G, P))
             loops[i] = close_loop(pool.scenario.F, G, P)
             costs[i] = pool.metric.value(P)
-        removed.append(found.gauge)
-        rises.append(found.rise)
+        removed.append((found.gauge, found.rise, found.ties))
         solves.append(spent)
         spent = 0
-        ties.append(found.ties)
         cost.append(float(aggregated(costs, aggregate)))
         blocks.append(_blocks(pools, loops, costs, aggregate))
     return Elimination(
         kept=left.gauges,
-        removed=np.array(removed, dtype=int),
+        removed=np.array([gauge for gauge, _, _ in removed], dtype=int),
         cost=np.array(cost),
-        rise=np.array(rises),
+        rise=np.array([rise for _, rise, _ in removed]),
         blocks=np.array(blocks),
         solves=np.array(solves, dtype=int),
-        ties=tuple(ties),
+        ties=tuple(ties for _, _, ties in removed),
         residual=residual,
         pools=pools,
     )

@@ -72,16 +72,8 @@ def points_of(
     """
     spread = candidates.length > 0
     at = np.flatnonzero(~spread)
-    single = ChannelPoints(
-        at,
-        candidates.element[at],
-        candidates.kind[at],
-        candidates.nodes[at],
-        candidates.local[at],
-        candidates.direction[at],
-        candidates.quantity[at],
-        np.ones(len(at)),
-    )
+    columns = (getattr(candidates, entry.name)[at] for entry in fields(ChannelPoints)[1:-1])
+    single = ChannelPoints(at, *columns, np.ones(len(at)))
     well = np.ones(len(candidates), dtype=bool)
     if not spread.any():
         return single, well
