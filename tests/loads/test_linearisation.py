@@ -302,12 +302,12 @@ def test_raw_condition_is_of_the_thesis_and_depends_on_units():
     strain = np.abs(H[:, : model.size] @ x[: model.size]).max()
     found = observability(
         F,
-        H,
+        H / strain,
         names=names,
         frequency=omega,
         state_amplitude=energy,
-        largest_strain=strain,
         raw_scale=np.array([theta["E"]]),
+        raw_rows=H,
     )
     F[:, -1] /= theta["E"]
     sigma = np.linalg.svd(np.vstack([F, H]), compute_uv=False)
@@ -321,15 +321,14 @@ def test_scaled_condition_does_not_depend_on_the_units_of_mass_length_or_time():
     omega = np.sqrt(np.diag(chain_of().stiffness.at(theta)))
     n = len(omega)
     common = {"names": ("tip", "E"), "raw_scale": np.ones(2)}
-    here = observability(F, H, frequency=omega, state_amplitude=3e3, largest_strain=2.0, **common)
+    here = observability(F, H / 2.0, frequency=omega, state_amplitude=3e3, **common)
     length, time = 1e3, 1e-2
     d = np.concatenate([np.full(n, length), np.full(n, length / time), np.ones(2)])
     there = observability(
         F * d[:, None] / d / time,
-        H / d * 7.0,
+        H / d * 7.0 / 14.0,
         frequency=omega / time,
         state_amplitude=3e3 * length / time,
-        largest_strain=14.0,
         **common,
     )
     np.testing.assert_allclose(there.condition, here.condition, rtol=1e-8)

@@ -89,7 +89,7 @@ class _Relaxation:
         self.relaxed, self.used = np.inf, 0
 
     def descend(self, w: np.ndarray, temperature: float, budget: int) -> np.ndarray:
-        """Spectral projected gradient at one temperature, from w (pool,), until the bound closes, or up to so many evaluations."""
+        """Spectral projected gradient at one temperature, from w (pool,), until the bound closes or the budget is used."""
         value, slope, cost, bound = self.evaluate(w, temperature)
         self.relaxed = min(self.relaxed, cost)
         recent = [value]
