@@ -297,8 +297,7 @@ def filter_runs(
             calm = calm + 1 if b == 1 and model.linear and H is not None and _unmoved(last, P, prior.covariance) else 0
         record.state(k + 1, x, latest)
         record.readings(k, *model.measure(x, k), latest)
-        record.linearised(k, A, H, adjusted)
-        record.noises(k, process, R)
+        record.linearised(k, A, H, adjusted, process, R)
         if watch is not None:
             watch(k + 1, x, P)
     return record.finished(P, measured)

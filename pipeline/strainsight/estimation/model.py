@@ -13,7 +13,7 @@ from scipy.linalg import expm, matrix_balance
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
 from strainsight.loads.histories import quadratic_hold
-from strainsight.loads.input_models import RandomWalk, Unknowns, line_intensity
+from strainsight.loads.input_models import RandomWalk, Unknowns, line_intensity, positive_of
 from strainsight.loads.linearisation import linearise
 from strainsight.rom.modal_step import HOLD, ModalMap, Scheme, acceleration_map, modal_step, parameter_slopes
 from strainsight.rom.model import ReducedModel
@@ -151,7 +151,8 @@ class FilterModel:
         (`line_intensity`), however it was stated to move."""
         Q, unknowns = self.Q.copy(), self.unknowns
         for name, end in zip(unknowns.inputs, self.input_states.start + np.cumsum(unknowns.lengths), strict=True):
-            line = line_intensity(unknowns.model_of(name), unknowns.frequency_of(name), steps * self.h)
+            frequency = positive_of(unknowns.frequency, name, "frequency")
+            line = line_intensity(unknowns.model_of(name), frequency, steps * self.h)
             Q[..., end - 1, end - 1] = np.maximum(Q[..., end - 1, end - 1], line)
         return replace(self, Q=Q)
 

@@ -67,7 +67,8 @@ def regression(
     J[..., parameters] = 0.0
     mean, middle = np.tensordot(w, f, 1), np.tensordot(w, J, 1)
     along = np.einsum("i,ibr,ik->brk", w, f - mean, z)
-    slope = middle + (along - middle @ C) @ transposed(_wide(inverse, parameters, n))
+    slope = middle.copy()
+    slope[..., parameters] += (along - middle @ C) @ transposed(inverse)
     off = f - mean - np.einsum("brk,ik->ibr", along, z)
     turned = J - middle
     rest = np.einsum("i,ibr,ibs->brs", w, off, off) + np.tensordot(
@@ -145,10 +146,3 @@ def _inverse_factor(P: np.ndarray) -> np.ndarray:
     spread = values > P.shape[-1] * np.finfo(float).eps
     inverse = np.where(spread, 1 / np.sqrt(np.where(spread, values, 1.0)), 0.0)
     return np.asarray(vectors / size[:, :, None] * inverse[:, None])
-
-
-def _wide(inverse: np.ndarray, parameters: slice, n: int) -> np.ndarray:
-    """W (B, k, k) as rows of x (B, n, k)."""
-    whole = np.zeros((len(inverse), n, inverse.shape[-1]))
-    whole[:, parameters] = inverse
-    return whole

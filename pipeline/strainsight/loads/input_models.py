@@ -233,10 +233,6 @@ class Unknowns:
         """The model of one input."""
         return self.models.get(name, RANDOM_WALK)
 
-    def frequency_of(self, name: str) -> float:
-        """Typical frequency [Hz] of one input. Raises ConfigError where none is given."""
-        return positive_of(self.frequency, name, "frequency")
-
     def rate_matrix(self) -> np.ndarray:
         """A_u of all inputs (Σk, Σk) [1/s], block by block."""
         return block_diag(np.zeros((0, 0)), *(rate_matrix(self.model_of(name)) for name in self.inputs))

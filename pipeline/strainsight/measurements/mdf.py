@@ -47,7 +47,8 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
         wanted = {name: at[chosen(name, places, path)] for name in channels if name is not None}
         clock: np.ndarray
         unit: str | None
-        if time is None or time in _master_names(file) - {place.name for place in places}:
+        masters = {file.groups[group].channels[number].name for group, number in file.masters_db.items()}
+        if time is None or time in masters - {place.name for place in places}:
             clock, unit = _master_clock(file, rules, wanted, path)
         else:
             clock, unit = _time_channel(file, rules, time, at[chosen(time, places, path)], wanted, path)
@@ -119,10 +120,6 @@ def _places(file: Any) -> tuple[list[Place], list[tuple[int, int]]]:
     return places, at
 
 
-def _master_names(file: Any) -> set[str]:
-    return {file.groups[group].channels[number].name for group, number in file.masters_db.items()}
-
-
 def _master_group(file: Any, group: int) -> int:
     """The group that holds the master channel: another one where columns are stored by themselves, as MDF 4.2 may."""
     other = getattr(file.groups[group].channel_group, "cg_master_index", None)
@@ -136,7 +133,7 @@ def _master_clock(file: Any, rules: Rules, wanted: dict[str, tuple[int, int]], p
     for name, group in masters.items():
         if group in clocks:
             continue
-        _check_size(file, group, name, path)
+        check_count(file.groups[group].channel_group.cycles_nr, name, str(path))
         if (number := file.masters_db.get(group)) is None:
             raise UserError(
                 f"the group of {name!r} has no master channel, which would be its time",
@@ -173,12 +170,8 @@ def _time_channel(
     return _values(file, rules, time, *at, path)
 
 
-def _check_size(file: Any, group: int, name: str, path: Path) -> None:
-    check_count(file.groups[group].channel_group.cycles_nr, name, str(path))
-
-
 def _values(file: Any, rules: Rules, name: str, group: int, number: int, path: Path) -> tuple[np.ndarray, str | None]:
-    _check_size(file, group, name, path)
+    check_count(file.groups[group].channel_group.cycles_nr, name, str(path))
     channel = file.groups[group].channels[number]
     samples, invalid = file.get(group=group, index=number, raw=True, samples_only=True, ignore_invalidation_bits=True)
     samples = np.asarray(samples)

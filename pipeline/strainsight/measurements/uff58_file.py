@@ -135,11 +135,6 @@ def function_of(
     )
 
 
-def is_si(record: bytes) -> bool:
-    """Does the first record of dataset 164 say SI, metre and newton (code 1)?"""
-    return record[:10].strip() == b"1"
-
-
 def _byte_order(identifier: str, where: str) -> str:
     """ "" for text; "<" or ">" for 58b, whose line has the form (I6,1A1,I6,I6,I12,I12,…)."""
     if identifier[6:7].lower() != "b":
@@ -293,7 +288,7 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
                 )
             yield function
         elif kind == b"164":
-            si = is_si(lines.next())
+            si = lines.next()[:10].strip() == b"1"  # metre and newton
         elif not kind.isdigit():
             raise UserError(
                 f"{plain(decoded(identifier.strip()))} is no number of a dataset", where=where, remedy=DAMAGED
