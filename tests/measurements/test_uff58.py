@@ -199,7 +199,7 @@ def test_faults_are_named_with_their_place(read, fault):
 
 
 def test_channels_of_two_clocks_are_refused(read):
-    with pytest.raises(UserError, match="the channels have 2 sampling rates: 1000 Hz .'12:3'., 500 Hz .'13:3'."):
+    with pytest.raises(UserError, match=r"the channels have 2 sampling rates: 1000 Hz .'12:3'., 500 Hz .'13:3'."):
         read(TEXT + text(A, node=13, step=2e-3), ["12:3", "13:3"])
     with pytest.raises(UserError, match="no channel was asked for"):
         read(TEXT, [])

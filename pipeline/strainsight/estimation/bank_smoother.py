@@ -12,10 +12,9 @@ from strainsight.estimation.conditional import conditional_states, damped, discr
 from strainsight.estimation.consider_smoother import Start, consider_errors, consider_smoothed, smoothed_pieces
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.mixture import KERNEL, removed_of
-from strainsight.estimation.model import StepModel
 from strainsight.estimation.parallel_filters import Data, LinearModels
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import driven_with_offsets
+from strainsight.estimation.reduced import StepModel, driven_with_offsets
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import Kept, Smoothed, WantedCovariances, smooth, smoother_errors
 from strainsight.estimation.update import covariance_factor, standard_deviation

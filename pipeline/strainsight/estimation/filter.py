@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.model import FilterModel, StepModel
-from strainsight.estimation.reduced import driven_with_offsets
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import StepModel, driven_with_offsets
 from strainsight.estimation.run import FilterRun, Keep, RunArrays
 from strainsight.estimation.sigma_point import SigmaPoints, sigma_points
 from strainsight.estimation.update import Form, Transition, apply, belief_of, transposed, whiten

@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.model import StepModel
+from strainsight.estimation.reduced import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
 Keep = Literal["parameters", "mean", "first", "all"]

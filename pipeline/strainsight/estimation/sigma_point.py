@@ -8,8 +8,8 @@ from itertools import product
 
 import numpy as np
 
-from strainsight.estimation.model import FilterModel, StepModel
-from strainsight.estimation.reduced import driven_with_offsets
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import StepModel, driven_with_offsets
 from strainsight.estimation.update import symmetric, transposed
 
 Outcome = tuple[np.ndarray, np.ndarray]

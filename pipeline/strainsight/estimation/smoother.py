@@ -9,8 +9,8 @@ from math import isqrt
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from strainsight.estimation.model import FilterModel, StepModel
-from strainsight.estimation.reduced import DrivenModel
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import DrivenModel, StepModel
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.update import (
     apply,
