@@ -17,7 +17,7 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import Nuisances, considers, linear_models, no_nuisances, tuned
-from strainsight.estimation.lattice import DEPTH, SPACING, one_point
+from strainsight.estimation.lattice import one_point
 from strainsight.estimation.mixture import C, Standing, log_normal
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import (
@@ -180,8 +180,8 @@ which it is nothing to them."""
 
 @dataclass(frozen=True)
 class BankProblem:
-    """What a bank has to solve: records that follow one another, with one mean and covariance at t = 0; spacing and depth of a
-    lattice, keep and progress as of `filter_bank`.
+    """What a bank has to solve: records that follow one another, with one mean and covariance at t = 0; keep and progress
+    as of `filter_records`.
 
     Parameters and ν are the same in all records. Motion, loads and offsets begin anew in each, as mean and covariance say.
     judged: whether parameters beside unknown loads are judged by what no load could cause, and not by how likely the readings
@@ -191,8 +191,6 @@ class BankProblem:
     """
 
     records: tuple[BankRecord, ...]
-    spacing: float = SPACING
-    depth: float = DEPTH
     keep: Keep = "all"
     progress: Callable[[float], None] | None = None
     judged: bool = False

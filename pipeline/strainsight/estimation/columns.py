@@ -17,7 +17,7 @@ from scipy.special import logsumexp
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.bank_filters import BankProblem, LinearStanding, filtered_at, refuse_lost
-from strainsight.estimation.lattice import LEFT, NARROW
+from strainsight.estimation.lattice import DEPTH, LEFT, NARROW, SPACING
 from strainsight.estimation.parallel_filters import joined
 
 FINE = 0.1
@@ -221,7 +221,7 @@ def columns_for(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, 
     direction, each about its own largest density."""
     mean, covariance = _summit(problem, mean, covariance, step)
     along, across = weakest(covariance, problem.prior[1])
-    stride = problem.spacing * along
+    stride = SPACING * along
     parts = [_centred(problem, mean, across, step)]
     top = _weights(parts[0]).column_mass[0, 0]
     for forward in (True, False):
@@ -235,7 +235,7 @@ def columns_for(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, 
             parts = [*parts, part] if forward else [part, *parts]
             mass = _weights(part).column_mass[0, 0]
             top = max(top, mass)
-            if mass < top - problem.depth:
+            if mass < top - DEPTH:
                 break
             if len(parts) > MOST_COLUMNS:
                 raise NumericalError(

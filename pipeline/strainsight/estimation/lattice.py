@@ -215,14 +215,11 @@ S = TypeVar("S", bound=Standing[Lattice])
 
 @dataclass(frozen=True)
 class Bank(Generic[S]):
-    """What lattices are laid for: the prior, mean (k,) and covariance (k, k); spacing of a lattice in standard deviations, depth
-    below its largest density to which it reaches, and most of its points; at: lattice, step → the filters at its points after
-    so many steps; refuse_lost: raises where a point (k,) is one that nobody means.
-    held (q, k): points that every lattice but the first has a node next to, whatever the samples so far say."""
+    """What lattices are laid for: the prior, mean (k,) and covariance (k, k); at: lattice, step → the filters at its points after
+    so many steps; refuse_lost: raises where a point (k,) is one that nobody means; most points of a lattice; held (q, k): points
+    that every lattice but the first has a node next to, whatever the samples so far say."""
 
     prior: tuple[np.ndarray, np.ndarray]
-    spacing: float
-    depth: float
     at: Callable[[Lattice, int], S]
     refuse_lost: Callable[[np.ndarray], None]
     most: int = MOST_POINTS
@@ -257,7 +254,7 @@ def _laid(
     parts, outside = [bank.at(lattice, step)], 0
     while True:
         log_weight, edge = np.concatenate([part.log_weight for part in parts]), lattice.edge
-        heavy = edge & (log_weight > log_weight.max() - bank.depth)
+        heavy = edge & (log_weight > log_weight.max() - DEPTH)
         if not heavy.any():
             return parts[0] if len(parts) == 1 else replace(joined(parts), cover=lattice)
         best = int(np.argmax(log_weight))
@@ -280,7 +277,7 @@ def _laid(
 
 def _lattice(bank: Bank[S], mean: np.ndarray, covariance: np.ndarray, other: np.ndarray | None) -> Lattice:
     """About a guess, with the nodes next to other points (q, k)."""
-    lattice = lattice_about(mean, covariance, bank.spacing, np.sqrt(2 * bank.depth))
+    lattice = lattice_about(mean, covariance, SPACING, np.sqrt(2 * DEPTH))
     return lattice if other is None or not len(other) else lattice.with_nodes(lattice.nearest(other))
 
 
@@ -292,12 +289,12 @@ def next_lattice(bank: Bank[S], now: S) -> S:
         while True:
             top = float(now.log_weight.max())
             # beyond the digits of a logarithm no depth of a lattice is left below its largest value
-            if not np.isfinite(now.log_weight).any() or not top - bank.depth < top:
+            if not np.isfinite(now.log_weight).any() or not top - DEPTH < top:
                 raise NumericalError(
                     "the readings are beyond what the model can make at any parameters",
                     remedy="check the units and scales of the channels",
                 )
-            first, *others = lattice.peaks(share * now.log_weight, bank.depth)
+            first, *others = lattice.peaks(share * now.log_weight, DEPTH)
             mean, covariance, narrow = _spread(bank, lattice, first, share * now.log_weight[first])
             if narrow >= COLLAPSED:
                 break
@@ -326,7 +323,7 @@ def _spread(
     """
 
     def least(covariance: np.ndarray) -> float:
-        return float(lattice.spread(covariance).min(initial=np.inf) * bank.spacing**2)
+        return float(lattice.spread(covariance).min(initial=np.inf) * SPACING**2)
 
     _, mean, plain = moments(lattice.point[which], log_weight)
     squared = 2 * moments(lattice.point[which], 2 * log_weight)[2]
@@ -338,7 +335,7 @@ def _spread(
 def _sharpened(bank: Bank[S], now: S, other: np.ndarray) -> S:
     """The lattice laid anew, as finely as its highest peak asks for and MOST_FINE allows."""
     for _ in range(MOST_LAID):
-        narrow = now.cover.width(now.log_weight).min(initial=np.inf) * bank.spacing**2
+        narrow = now.cover.width(now.log_weight).min(initial=np.inf) * SPACING**2
         if narrow >= FRESH:
             return now
         frame = now.cover.frame / now.cover.spacing

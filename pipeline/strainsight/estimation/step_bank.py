@@ -15,7 +15,7 @@ from typing import ClassVar
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.estimation.lattice import DEPTH, SPACING, Bank, Lattice, first_lattice, next_lattice
+from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice
 from strainsight.estimation.mixture import Standing, log_normal
 from strainsight.estimation.run import FilterRun
 
@@ -85,14 +85,9 @@ class StepBankRun:
 
 
 def filter_constants(
-    bank: StepBank,
-    samples: np.ndarray,
-    *,
-    spacing: float = SPACING,
-    depth: float = DEPTH,
-    progress: Callable[[int], None] | None = None,
+    bank: StepBank, samples: np.ndarray, *, progress: Callable[[int], None] | None = None
 ) -> StepBankRun:
-    """Posterior of ξ and of all states along samples (T, m), NaN where missing; spacing, depth as of `filter_bank`.
+    """Posterior of ξ and of all states along samples (T, m), NaN where missing.
 
     The lattice begins at the prior, and is laid anew about the posterior whenever that has narrowed or moved to its edge; its
     filters begin at t = 0. progress: called with the steps done.
@@ -101,7 +96,7 @@ def filter_constants(
     """
     _refuse_known(bank)
     laying = Bank[Followed](
-        bank.prior, spacing, depth, lambda lattice, step: _followed(bank, samples, lattice, step),
+        bank.prior, lambda lattice, step: _followed(bank, samples, lattice, step),
         lambda point: _refuse_far(bank, point), MOST_POINTS,
     )  # fmt: skip
     now, laid, T, n = first_lattice(laying), 1, len(samples), len(bank.mean)

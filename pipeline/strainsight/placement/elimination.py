@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -106,7 +106,7 @@ class RemovedGauge:
         parts, increments = bounds.copy(), []
         for i, (pool, loop) in enumerate(zip(self.pools, self.loops, strict=True)):
             s, block = pool.scenario, pool.rows[self.left.index[at]]
-            D = removal(s.F, s.Q, loop, block, lambda pool=pool: pool.stacked(self.left.without(at)), pool.modes)
+            D = removal(s.F, s.Q, loop, block, partial(pool.stacked, self.left.without(at)), pool.modes)
             if D is None:
                 return np.inf, None, i + 1
             increments.append(D)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -200,7 +201,7 @@ def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: np.nd
     swapped = []
     for number, (pool, loop) in enumerate(zip(pools, loops, strict=True), start=1):
         s, rows = pool.scenario, pool.stacked(rest)
-        D = removal(s.F, s.Q, loop, pool.rows[out], lambda rows=rows: rows, pool.modes)
+        D = removal(s.F, s.Q, loop, pool.rows[out], partial(np.asarray, rows), pool.modes)
         if D is None:
             return None, number
         swapped.append(loop_of(pool, rest, refined(pool, information(rows), loop.P + D)))

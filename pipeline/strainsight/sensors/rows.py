@@ -73,7 +73,7 @@ def points_of(
     spread = candidates.length > 0
     at = np.flatnonzero(~spread)
     columns = (getattr(candidates, entry.name)[at] for entry in fields(ChannelPoints)[1:-1])
-    single = ChannelPoints(at, *columns, np.ones(len(at)))
+    single = ChannelPoints(at, *columns, weight=np.ones(len(at)))
     well = np.ones(len(candidates), dtype=bool)
     if not spread.any():
         return single, well
