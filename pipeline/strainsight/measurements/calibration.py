@@ -13,14 +13,14 @@ from strainsight.measurements.csv_rows import check_marks
 from strainsight.measurements.records import SI, Recording, known_unit, required_unit, spelling
 
 ARRANGEMENTS: Mapping[str, Callable[[float], tuple[float, float, float, float]]] = {
-    "quarter": lambda nu: (1.0, 0.0, 0.0, 0.0),
-    "half": lambda nu: (1.0, -1.0, 0.0, 0.0),
-    "half-opposite": lambda nu: (1.0, 0.0, 1.0, 0.0),
-    "half-poisson": lambda nu: (1.0, -nu, 0.0, 0.0),
-    "full": lambda nu: (1.0, -1.0, 1.0, -1.0),
-    "full-bending-poisson": lambda nu: (1.0, -1.0, nu, -nu),
-    "full-poisson": lambda nu: (1.0, -nu, 1.0, -nu),
-    "sum": lambda nu: (0.25, -0.25, 0.25, -0.25),
+    "quarter": lambda nu: (1.0, 0.0, 0.0, 0.0),  # one gauge
+    "half": lambda nu: (1.0, -1.0, 0.0, 0.0),  # tension and compression side of a beam: bending
+    "half-opposite": lambda nu: (1.0, 0.0, 1.0, 0.0),  # both sides of a beam: axial
+    "half-poisson": lambda nu: (1.0, -nu, 0.0, 0.0),  # one along, one across
+    "full": lambda nu: (1.0, -1.0, 1.0, -1.0),  # bending, or torsion at ±45°
+    "full-bending-poisson": lambda nu: (1.0, -1.0, nu, -nu),  # both sides, along and across: bending
+    "full-poisson": lambda nu: (1.0, -nu, 1.0, -nu),  # both sides, along and across: axial
+    "sum": lambda nu: (0.25, -0.25, 0.25, -0.25),  # ε is the signed sum of the arms, wherever they sit
 }
 """Arrangement → ν → strains of arms 1 to 4 in parts of the strain under gauge 1."""
 SUM = "sum"
@@ -33,17 +33,7 @@ class Bridge:
     """How the gauges of one channel sit in its bridge; arrangement: of ARRANGEMENTS; gauge factor GF > 0; Poisson's ratio ν,
     −1 < ν < ½, where gauges lie across.
 
-    Strains of arms 1 to 4 in parts of ε, the strain under gauge 1; arms 1 and 3 raise the output, 2 and 4 lower it:
-
-        quarter                1   0   0   0     one gauge
-        half                   1  −1   0   0     tension and compression side of a beam: bending
-        half-opposite          1   0   1   0     both sides of a beam: axial
-        half-poisson           1  −ν   0   0     one along, one across
-        full                   1  −1   1  −1     bending, or torsion at ±45°
-        full-bending-poisson   1  −1   ν  −ν     both sides, along and across: bending
-        full-poisson           1  −ν   1  −ν     both sides, along and across: axial
-        sum                    ¼  −¼   ¼  −¼     ε is the signed sum of the arms, wherever they sit
-
+    Arms 1 and 3 raise the output, 2 and 4 lower it.
     sum: ε_B = ε₁ − ε₂ + ε₃ − ε₄ = 4 r/GF, linear in r, which alone does not say what each arm reads. Of any arms it is
 
         r = (x₁ − x₂)/(2(2 + x₁ + x₂)) + (x₃ − x₄)/(2(2 + x₃ + x₄)),     x = GF ε

@@ -62,25 +62,6 @@ def surface_of(position: np.ndarray, candidates: Candidates, facets: Facets | Sk
     return skin_of(position, facets)
 
 
-def points_of(
-    position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None
-) -> tuple[ChannelPoints, np.ndarray]:
-    """The points of every channel of one grid, and which channels (m,) have a grid that stays on the surface.
-
-    A channel without a grid has the point of its ξ. A grid is walked from its centre both ways, and every piece of it on one
-    facet has the two points of Gauss, so that the jumps of strain from facet to facet are averaged and not sampled.
-    """
-    spread = candidates.length > 0
-    at = np.flatnonzero(~spread)
-    columns = (getattr(candidates, entry.name)[at] for entry in fields(ChannelPoints)[1:-1])
-    single = ChannelPoints(at, *columns, weight=np.ones(len(at)))
-    well = np.ones(len(candidates), dtype=bool)
-    if not spread.any():
-        return single, well
-    grid, well[spread] = _grids(surface_of(position, candidates, facets), candidates, np.flatnonzero(spread))
-    return ChannelPoints.joined([single, grid]), well
-
-
 def stays(skin: Skin, candidates: Candidates) -> np.ndarray:
     """Which gauges (gauges,) have all their grids on the surface, not over a sharp edge or its end."""
     which = np.flatnonzero(candidates.length > 0)
@@ -266,18 +247,28 @@ def channel_matrix(
 
 
 def points_within(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> ChannelPoints:
-    """The points that every channel sums or averages over. Raises InfeasibleError as `channel_matrix`."""
+    """The points that every channel sums or averages over.
+
+    A channel without a grid has the point of its ξ. A grid is walked from its centre both ways, and every piece of it on one
+    facet has the two points of Gauss, so that the jumps of strain from facet to facet are averaged and not sampled.
+    Raises InfeasibleError as `channel_matrix`.
+    """
     grids = candidates.grids
-    points, well = points_of(position, grids, facets)
-    if not well.all():
-        first = int(np.argmin(well))
-        raise InfeasibleError(
-            f"the grid of {np.count_nonzero(~well)} of {len(well)} channels runs over a sharp edge "
-            f"(element {grids.element[first]}, facet {grids.facet[first]}, "
-            f"grid {grids.length[first]:.3g} m long)",
-            remedy="a shorter grid, or none near edges: "
-            f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}]",
-        )
+    at, which = (np.flatnonzero(each) for each in (grids.length == 0, grids.length > 0))
+    columns = (getattr(grids, entry.name)[at] for entry in fields(ChannelPoints)[1:-1])
+    points = ChannelPoints(at, *columns, weight=np.ones(len(at)))
+    if len(which):
+        along, well = _grids(surface_of(position, grids, facets), grids, which)
+        if not well.all():
+            first = int(which[np.argmin(well)])
+            raise InfeasibleError(
+                f"the grid of {np.count_nonzero(~well)} of {len(grids)} channels runs over a sharp edge "
+                f"(element {grids.element[first]}, facet {grids.facet[first]}, "
+                f"grid {grids.length[first]:.3g} m long)",
+                remedy="a shorter grid, or none near edges: "
+                f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}]",
+            )
+        points = ChannelPoints.joined([points, along])
     if candidates.arms is None:
         return points
     weight = points.weight * candidates.sign_of_grid[points.channel]
