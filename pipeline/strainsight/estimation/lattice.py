@@ -12,6 +12,7 @@ import numpy as np
 from strainsight.errors import NumericalError
 from strainsight.estimation.mixture import Standing
 from strainsight.estimation.parallel_filters import joined
+from strainsight.mesh.unjoined import component_labels
 
 SPACING = 1.0
 """Of a lattice, in standard deviations of the posterior it was laid for."""
@@ -67,8 +68,8 @@ class Lattice:
 
     def beside(self, which: np.ndarray) -> np.ndarray:
         """Neighbours z (any, k) of some points (B,) of bool that are not in the lattice, each once, in order."""
-        present = {tuple(z) for z in self.node.tolist()}
-        wanted = {tuple(node) for z in self.node[which] for node in _beside(z).tolist()} - present
+        present, unit = {tuple(z) for z in self.node.tolist()}, np.eye(self.node.shape[1], dtype=int)
+        wanted = {tuple(z) for way in (*unit, *-unit) for z in (self.node[which] + way).tolist()} - present
         return np.array(sorted(wanted), dtype=int).reshape(-1, self.node.shape[1])
 
     def width(self, log_weight: np.ndarray) -> np.ndarray:
@@ -103,21 +104,13 @@ class Lattice:
 
     def peaks(self, log_weight: np.ndarray, depth: float) -> list[np.ndarray]:
         """Points within exp(−depth) of the largest density that hang together, indices by peak, the highest first."""
-        heavy = log_weight > log_weight.max() - depth
-        left, each = set(np.flatnonzero(heavy).tolist()), []
-        for start in np.argsort(-log_weight).tolist():
-            if start not in left:
-                continue
-            left.discard(start)
-            peak, open_ = [start], [start]
-            while open_:
-                for other in self.neighbour[open_.pop()].ravel().tolist():
-                    if other in left:
-                        left.discard(other)
-                        peak.append(other)
-                        open_.append(other)
-            each.append(np.array(sorted(peak)))
-        return each
+        heavy, ahead = log_weight > log_weight.max() - depth, self.neighbour[:, 0]
+        i, axis = np.nonzero(heavy[:, None] & (ahead >= 0) & heavy[ahead])
+        label = component_labels(len(heavy), i, ahead[i, axis])
+        falling = np.argsort(-log_weight)
+        return [
+            np.flatnonzero(heavy & (label == peak)) for peak in dict.fromkeys(label[falling][heavy[falling]].tolist())
+        ]
 
     def nearest(self, point: np.ndarray) -> np.ndarray:
         """Nodes (any, k) nearest to points (q, k), each once, in order."""
@@ -188,12 +181,6 @@ def moments(point: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.n
     mean = w @ point
     off = point - mean[..., None, :]
     return w, mean, np.swapaxes(off * w[..., None], -1, -2) @ off
-
-
-def _beside(z: np.ndarray) -> np.ndarray:
-    """The 2k neighbours of a node along the axes."""
-    unit = np.eye(len(z), dtype=int)
-    return np.concatenate([z + unit, z - unit])
 
 
 FRESH = 0.4

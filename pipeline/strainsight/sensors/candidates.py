@@ -30,10 +30,7 @@ class Arms:
 
     def index_of(self, channels: np.ndarray) -> np.ndarray:
         """Those of some channels (k,), one channel's behind the other's."""
-        first, last = (np.searchsorted(self.channel, channels, side=side) for side in ("left", "right"))
-        return np.concatenate(
-            [np.arange(a, b) for a, b in zip(first, last, strict=True)] or [np.zeros(0, dtype=np.int64)]
-        )
+        return _ranges(*(np.searchsorted(self.channel, channels, side=side) for side in ("left", "right")))
 
     def of(self, channels: np.ndarray) -> Arms | None:
         """Those of some channels (k,), which are then numbered in their order; None where none of them is a bridge."""
@@ -42,6 +39,11 @@ class Arms:
             return None
         count = np.searchsorted(self.channel, channels, side="right") - np.searchsorted(self.channel, channels)
         return Arms(np.repeat(np.arange(len(channels)), count), self.sign[index], self.grid.take(index))
+
+
+def _ranges(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """All whole numbers from each first to before its last."""
+    return np.concatenate([np.zeros(0, dtype=np.int64), *map(np.arange, first, last)])
 
 
 STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
@@ -125,8 +127,8 @@ class Candidates:
 
     def channels(self, gauges: np.ndarray) -> np.ndarray:
         """The channels of some gauges, in the order of those."""
-        start = np.append(self.first, len(self))
-        return np.concatenate([np.arange(start[g], start[g + 1]) for g in gauges] or [np.zeros(0, dtype=np.int64)])
+        start, which = np.append(self.first, len(self)), np.asarray(gauges, dtype=np.int64)
+        return _ranges(start[which], start[which + 1])
 
     def take(self, index: np.ndarray) -> Candidates:
         """The channels at `index`, in its order; neighbours of one gauge remain one."""
