@@ -15,6 +15,7 @@ from strainsight.errors import ConfigError, NumericalError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
 from strainsight.loads.input_models import Unknowns
 from strainsight.loads.linearisation import Sensed, linearisation_instants, linearise
+from strainsight.mesh.unjoined import component_labels
 from strainsight.rom.model import ReducedModel, modal_basis
 
 MARGINAL = 1e-9
@@ -226,16 +227,9 @@ def undetectable_in_words(directions: np.ndarray, names: Sequence[str]) -> str:
 
 
 def _groups(values: np.ndarray, distance: float) -> list[np.ndarray]:
-    """The values in clusters: a value within `distance` of a member belongs to it."""
-    left, groups = list(values), []
-    while left:
-        group = [left.pop()]
-        for member in group:
-            near = [v for v in left if abs(v - member) <= distance]
-            left = [v for v in left if abs(v - member) > distance]
-            group += near
-        groups.append(np.array(group))
-    return groups
+    """The values in clusters, the last one's first: a value within `distance` of a member belongs to it."""
+    label = component_labels(len(values), *np.nonzero(np.abs(values[:, None] - values) <= distance))
+    return [values[label == group] for group in dict.fromkeys(label[::-1].tolist())]
 
 
 def _ratio(sigma: np.ndarray) -> float:

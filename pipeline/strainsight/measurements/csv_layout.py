@@ -93,15 +93,11 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
             remedy="write a line of names above the numbers, or "
             + form.stating("header_line", "LINE", "say in which line it is"),
         )
-    names, units = [], []
-    for cell in cells:
-        name, unit = _name_and_unit(cell, time)
-        names.append(name)
-        units.append(unit)
+    names, units = zip(*(_name_and_unit(cell, time) for cell in cells), strict=True)
     columns = [_column(name, cells, names, where) for name in channels]
     if time is not None:
         columns.insert(0, _column(time, cells, names, where, NO_TIME))
-    return Layout(delimiter, tuple(names), tuple(units), tuple(columns), where, time is not None)
+    return Layout(delimiter, names, units, tuple(columns), where, time is not None)
 
 
 def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:

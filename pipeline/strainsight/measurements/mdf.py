@@ -110,14 +110,10 @@ def _take_rules(file: Any) -> Rules:
 
 def _places(file: Any) -> tuple[list[Place], list[tuple[int, int]]]:
     """The channels that are no master, and their group and channel numbers."""
-    places, at = [], []
-    for g, group in enumerate(file.groups):
-        label = getattr(group.channel_group, "acq_name", "") or ""
-        for c, channel in enumerate(group.channels):
-            if file.masters_db.get(g) != c:
-                places.append(Place(label, channel.name, g))
-                at.append((g, c))
-    return places, at
+    groups = list(enumerate(file.groups))
+    at = [(g, c) for g, group in groups for c in range(len(group.channels)) if file.masters_db.get(g) != c]
+    labels = [getattr(group.channel_group, "acq_name", "") or "" for _, group in groups]
+    return [Place(labels[g], file.groups[g].channels[c].name, g) for g, c in at], at
 
 
 def _master_group(file: Any, group: int) -> int:

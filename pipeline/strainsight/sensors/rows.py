@@ -256,7 +256,7 @@ def points_within(position: np.ndarray, candidates: Candidates, facets: Facets |
     grids = candidates.grids
     at, which = (np.flatnonzero(each) for each in (grids.length == 0, grids.length > 0))
     columns = (getattr(grids, entry.name)[at] for entry in fields(ChannelPoints)[1:-1])
-    points = ChannelPoints(at, *columns, weight=np.ones(len(at)))
+    points = ChannelPoints(*(at, *columns, np.ones(len(at))))
     if len(which):
         along, well = _grids(surface_of(position, grids, facets), grids, which)
         if not well.all():
