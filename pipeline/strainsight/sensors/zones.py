@@ -97,7 +97,14 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
                 "the mesh has no solids, shells or beams, and so no surface that a zone could be on",
                 remedy="give a near_set, or a box",
             )
-        return _facets_of(zone, mesh, facets)[_facets_below(mesh, facets, centre, normal)]
+        match zone:
+            case On():
+                on = on_surface(mesh, facets, zone.name)
+            case ShellFace():
+                on = facets.of(mesh.shells) & (facets.facet == zone.facet)
+            case OnElements():
+                on = facets.of(mesh.of_kind(zone.kind))
+        return on[_facets_below(mesh, facets, centre, normal)]
     match zone:
         case Box():
             return np.all((centre >= np.asarray(zone.minimum)) & (centre <= np.asarray(zone.maximum)), axis=1)
@@ -112,17 +119,6 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
         case NearSet():
             distance, _ = cKDTree(mesh.position[_nodes(mesh, zone.name)]).query(centre)
             return np.asarray(distance < zone.distance)
-
-
-def _facets_of(zone: On | ShellFace | OnElements, mesh: Mesh, facets: Facets) -> np.ndarray:
-    """Which facets (f,) are in such a zone."""
-    match zone:
-        case On():
-            return on_surface(mesh, facets, zone.name)
-        case ShellFace():
-            return facets.of(mesh.shells) & (facets.facet == zone.facet)
-        case OnElements():
-            return facets.of(mesh.of_kind(zone.kind))
 
 
 def _facets_below(mesh: Mesh, facets: Facets, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
