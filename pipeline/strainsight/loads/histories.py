@@ -349,7 +349,9 @@ def _derivative(signal: Signal, t: np.ndarray, order: int) -> np.ndarray:
             cycles = signal.start * swept + 0.5 * rate * swept**2 + signal.stop * (t - swept)
             w = 2 * np.pi * (signal.start + rate * swept)
             bend = np.where(t < signal.duration, 2 * np.pi * rate, 0.0)
-            return signal.amplitude * _of_phase(2 * np.pi * cycles + signal.phase, w, bend, order)
+            phase = 2 * np.pi * cycles + signal.phase
+            waves = np.sin(phase), w * np.cos(phase), bend * np.cos(phase) - w**2 * np.sin(phase)
+            return signal.amplitude * waves[order]
     # one line at a time: a long history by many lines would not fit as one table
     lines = ((2j * np.pi * f, amplitude) for f, amplitude in _lines(signal))
     return np.asarray(sum(_tone(iw, iw**order * amplitude, t) for iw, amplitude in lines))
@@ -358,15 +360,6 @@ def _derivative(signal: Signal, t: np.ndarray, order: int) -> np.ndarray:
 def _tone(iw: complex, amplitude: complex, t: np.ndarray) -> np.ndarray:
     """Re U exp(iωt), as the sine that is exactly zero where it begins."""
     return np.abs(amplitude) * np.sin(iw.imag * t + np.angle(1j * amplitude))
-
-
-def _of_phase(phase: np.ndarray, rate: np.ndarray, bend: np.ndarray, order: int) -> np.ndarray:
-    """Derivatives of sin Φ(t)."""
-    if order == 0:
-        return np.sin(phase)
-    if order == 1:
-        return rate * np.cos(phase)
-    return bend * np.cos(phase) - rate**2 * np.sin(phase)
 
 
 def _integral(signal: Signal, t: np.ndarray) -> np.ndarray:
