@@ -13,7 +13,6 @@ from __future__ import annotations
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -26,7 +25,6 @@ from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.experiment.structure.problem import filter_model, initial_covariance, problem_of
 from strainsight.experiment.structure.structure import Structure
 
@@ -75,10 +73,10 @@ def by_bank(model: FilterModel, P: np.ndarray, known: np.ndarray, y: np.ndarray)
     return mean[:, model.parameter_states], std[:, model.parameter_states]
 
 
-def by(filter_: Callable[..., object], model: FilterModel, P: np.ndarray, known: np.ndarray, y: np.ndarray) -> Found:
-    run = filter_(model, np.zeros(model.size), P, known, y)
+def by(model: FilterModel, P: np.ndarray, known: np.ndarray, y: np.ndarray, *, points: bool = False) -> Found:
+    run = run_filter(model, np.zeros(model.size), P, known, y, by_points=points)
     states = model.parameter_states
-    return run.mean[-1][:, states], run.std[-1][:, states]  # type: ignore[attr-defined]
+    return run.mean[-1][:, states], run.std[-1][:, states]
 
 
 def main(words: list[str]) -> None:
@@ -89,9 +87,9 @@ def main(words: list[str]) -> None:
     truth, y = draw_truth(model, np.zeros(model.size), P, known, range(draws))
     true = truth[-1][:, model.parameter_states]
     filters = {
-        "sigma-point, constant": lambda: by(run_sigma_points, model, P, known, y),
-        "extended, constant": lambda: by(run_filter, model, P, known, y),
-        "extended, δ = 0.05/√s": lambda: by(run_filter, drifting(model), P, known, y),
+        "sigma-point, constant": lambda: by(model, P, known, y, points=True),
+        "extended, constant": lambda: by(model, P, known, y),
+        "extended, δ = 0.05/√s": lambda: by(drifting(model), P, known, y),
         "bank": lambda: by_bank(model, P, known, y[:, :fewer]),
     }
     print("| filter | unknown | RMS error | RMS σ | ratio | within 2σ | ms a draw |\n|---|---|---|---|---|---|---|")

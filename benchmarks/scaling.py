@@ -200,7 +200,7 @@ def gauges(job: Mapping[str, Any]) -> dict[str, float]:
     first = scenarios[0]
     seen = partial(
         observability, first.F, first.H, names=names, frequency=np.ones(modes),
-        state_amplitude=1.0, largest_strain=1.0, raw_scale=np.ones(len(names)),
+        state_amplitude=1.0, raw_scale=np.ones(len(names)),
     )  # fmt: skip
     timed("observability", seen)
     timed("solve", lambda: [solve_pool(scenario) for scenario in scenarios])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from unittest.mock import patch
 
 import numpy as np
 from scipy.linalg import eigh, expm
@@ -127,3 +128,8 @@ def start():
 
 def driven_start():
     return np.delete(np.delete(start(), 4, axis=0), 4, axis=1)
+
+
+def finer(spacing, depth):
+    """Lattices of this spacing [σ] that reach so far below their largest density [ln]."""
+    return patch.multiple("strainsight.estimation.lattice", SPACING=spacing, DEPTH=depth)

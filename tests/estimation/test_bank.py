@@ -26,6 +26,7 @@ from .chain import (
     continuous,
     driven_chain,
     driven_start,
+    finer,
     forces,
     joint,
     log_normal,
@@ -46,7 +47,8 @@ def measured():
 def square(measured):
     """Bayes by brute force: log of prior times likelihood on a square of points, 0.8 σ apart."""
     model, P, _, y = measured
-    found = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model)), spacing=0.6, depth=20.0)
+    with finer(0.6, 20.0):
+        found = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model)))
     mean, std = found.run.mean[-1, 0, 5:], found.run.std[-1, 0, 5:]
     axis = 0.8 * np.arange(-9, 10)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -129,7 +131,8 @@ def crescent():
 
 def test_a_curved_posterior_is_laid_as_often_as_it_narrows_and_not_at_every_step(monkeypatch):
     quiet, P, slow, y = crescent()
-    fine = filter_bank(BankRecord(quiet, np.zeros(7), P, slow, y, no_nuisances(quiet)), spacing=0.5, depth=10.0)
+    with finer(0.5, 10.0):
+        fine = filter_bank(BankRecord(quiet, np.zeros(7), P, slow, y, no_nuisances(quiet)))
     expected, std = fine.posterior[0], np.sqrt(np.diag(fine.posterior[1]))
     for few, off, wider in ((bank.FEW, 0.05, 0.05), (1, 0.1, 0.1)):
         monkeypatch.setattr(bank, "FEW", few)
@@ -214,12 +217,12 @@ def test_constants_that_are_learned_are_states_of_the_filter():
     learned = Nuisances(
         ("first", "second"), np.zeros((2, 2, 5)), np.zeros((2, 2, 1)), offset, damping=0.0, stiffness=0.0, learned=True
     )
-    options = {"spacing": 0.6, "depth": 20.0}
-    bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, learned), **options)
     whole = np.diag(np.concatenate([np.diag(P), std**2]))
-    states = filter_bank(
-        BankRecord(model, np.zeros(9), whole, forces(), y, no_nuisances(model), biased=np.arange(2)), **options
-    )
+    with finer(0.6, 20.0):
+        bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, learned))
+        states = filter_bank(
+            BankRecord(model, np.zeros(9), whole, forces(), y, no_nuisances(model), biased=np.arange(2))
+        )
     scale = np.sqrt(np.diag(P))
     np.testing.assert_allclose(bank.run.mean[:, 0] / scale, states.run.mean[:, 0, :7] / scale, atol=2e-6)
     np.testing.assert_allclose(bank.run.std[1:, 0] / states.run.std[1:, 0, :7], 1.0, atol=1e-5)
@@ -238,7 +241,9 @@ def test_constants_that_are_learned_are_states_of_the_filter():
 
 
 def test_a_discrepancy_is_noise_of_its_share_by_which_innovations_are_not_judged():
-    model = make_filter(make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4)
+    model = make_filter(
+        make_beam(modes=4), inputs=(), parameters=("E",), known=("tip",), q_parameter=0.0, q_velocity=1e-4
+    )
     u = sine(model.h * np.arange(80), model.h, 1e4, 20.0)
     mean, P = np.zeros(model.size), prior(model, 0.05)
     _, y = draw_truth(model, mean, P, u, [2])
@@ -309,11 +314,10 @@ def test_a_constant_force_that_acts_otherwise_is_an_unknown_load(column, paramet
     P = driven_start()[:states, :states]
     wider = np.diag(np.insert(np.diag(P), 4, 25.0))
     _, y = draw_truth(other, np.zeros(states + 1), wider, force, [3])
-    options, there = {"spacing": 0.8, "depth": 14.0}, np.delete(np.arange(states + 1), 4)
-    found = filter_bank(BankRecord(one, np.zeros(states), P, force, y[:, 0], nuisances), **options)
-    expected = filter_bank(
-        BankRecord(other, np.zeros(states + 1), wider, force, y[:, 0], no_nuisances(other)), **options
-    )
+    there = np.delete(np.arange(states + 1), 4)
+    with finer(0.8, 14.0):
+        found = filter_bank(BankRecord(one, np.zeros(states), P, force, y[:, 0], nuisances))
+        expected = filter_bank(BankRecord(other, np.zeros(states + 1), wider, force, y[:, 0], no_nuisances(other)))
     std = expected.run.std[1:, 0, there]
     np.testing.assert_allclose(found.run.mean[1:, 0] / std, expected.run.mean[1:, 0, there] / std, atol=1e-4)
     np.testing.assert_allclose(found.run.std[1:, 0] / std, 1.0, atol=1e-4)

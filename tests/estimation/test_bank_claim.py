@@ -131,9 +131,7 @@ def test_it_is_that_of_least_squares_on_everything_at_once(parameters, learned):
         np.testing.assert_allclose(claim.budget[name][-1], part, rtol=1e-5, atol=1e-9 * part.max(), err_msg=name)
 
 
-@pytest.mark.parametrize(
-    ("learned", "free"), [(False, False), *slowly((False, True), (True, False)), (True, True)]
-)
+@pytest.mark.parametrize(("learned", "free"), [(False, False), *slowly((False, True), (True, False)), (True, True)])
 def test_it_is_what_the_bank_claims_of_readings_without_noise(learned, free):
     model = replace(chain(("k1", "k2")), free_loads=free)
     own = replace(constants(model), learned=learned)
@@ -196,7 +194,15 @@ def test_the_claim_of_many_gauges_is_that_of_the_filter_with_all_of_them():
 def test_the_claim_along_a_motion_holds_for_accelerometers_and_input_models():
     beam, h, steps = make_beam(modes=5, graded=True, load_nodes=(16, 8)), 5e-4, 240
     model = make_filter(
-        beam, ("tip",), ("E",), ("middle",), h, models={"tip": Oscillator(20.0)}, accelerometers=2, every=3, q_velocity=0.1
+        beam,
+        ("tip",),
+        ("E",),
+        ("middle",),
+        h,
+        models={"tip": Oscillator(20.0)},
+        accelerometers=2,
+        every=3,
+        q_velocity=0.1,
     )
     u = np.zeros((steps, 3, 2))
     u[:, :, 1:] = sine(h * np.arange(steps), h, 1e4, 20.0)
@@ -315,7 +321,9 @@ def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(loaded):
     beam, model, mean, P, u, x = loaded
     size, shape, channels, moving = 1e-4, beam.model.input_shape, len(model.H), model.accelerometers
     changes = 0.02 * np.stack([shape * [1, 0], shape * [0, 1], shape[:, ::-1], shape[::-1] * [1, -1]])
-    strain = 1e-9 * np.arange(8.0 * channels).reshape(4, channels, 2) * ~moving[:, None] * (changes.any(axis=1))[:, None]
+    strain = (
+        1e-9 * np.arange(8.0 * channels).reshape(4, channels, 2) * ~moving[:, None] * (changes.any(axis=1))[:, None]
+    )
 
     def estimate(change, at_once):
         inner = replace(beam.model, input_shape=shape + change)
@@ -335,5 +343,7 @@ def test_what_a_load_elsewhere_adds_is_the_slope_of_the_error(loaded):
     nuisances = Nuisances(source, D, E, np.zeros((4, channels)), shape=changes)
     found = covariance_recursion(model, x, u, P, nuisances).budget
     for name, change, at_once in zip(source, changes, strain, strict=True):
-        total = ((estimate(size * change, size * at_once) - estimate(-size * change, -size * at_once)) / (2 * size)) ** 2
+        total = (
+            (estimate(size * change, size * at_once) - estimate(-size * change, -size * at_once)) / (2 * size)
+        ) ** 2
         np.testing.assert_allclose(found[name] / total.max(axis=0), total / total.max(axis=0), atol=1e-4, err_msg=name)

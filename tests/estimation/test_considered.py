@@ -22,7 +22,7 @@ from strainsight.estimation.smoother import WantedCovariances, smooth
 from strainsight.fem.affine import AffineOperator
 
 from ..shared import slowly
-from .chain import ROWS, STIFFNESS, continuous, forces, gathered, joint, loaded_chain, log_normal, start, states
+from .chain import ROWS, STIFFNESS, continuous, finer, forces, gathered, joint, loaded_chain, log_normal, start, states
 from .chain import STEPS as LONG
 from .chain import H as STEP
 from .chain import chain as unknown_chain
@@ -147,7 +147,12 @@ def test_a_smoothed_state_is_never_less_sure_than_a_filtered_one():
 @pytest.mark.parametrize("learned", [False, *slowly(True)])
 def test_a_long_record_in_pieces_is_smoothed_as_a_whole(monkeypatch, learned):
     model = chain(tuple(REFERENCE)[:1])
-    own, mean, first, known = replace(constants(model), learned=learned), believed(model), start_of(6), both_forces()[..., :1]
+    own, mean, first, known = (
+        replace(constants(model), learned=learned),
+        believed(model),
+        start_of(6),
+        both_forces()[..., :1],
+    )
     _, y = draw_truth(model, mean, first, known, [3])
     samples, last = y[:, 0], len(y)
     samples[7, 0], samples[15] = np.nan, np.nan
@@ -198,7 +203,8 @@ def test_parameters_and_drifts_are_those_of_bayes_by_brute_force():
     """All readings are one Gaussian at every θ: drifts are one more covariance of it, and one more regression."""
     model, y = measured()
     P, columns = start(), FELT.reshape(3, -1).T
-    bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, drifts()), spacing=0.6, depth=20.0)
+    with finer(0.6, 20.0):
+        bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, drifts()))
     mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
     axis = 0.7 * np.arange(-11, 12)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)

@@ -183,7 +183,9 @@ def test_the_band_of_a_mean_square_is_that_of_tables():
     means = np.mean(rng.standard_normal((20000, 10, 4)) ** 2, axis=(1, 2))
     low, high = chi_square_band(4, 10, 0.95)
     assert np.mean((means > low) & (means < high)) == pytest.approx(0.95, abs=0.01)
-    assert chi_square_band(1, level=0.95) == pytest.approx((0.000982, 5.0239), rel=1e-3)  # Abramowitz and Stegun, table 26.8
+    assert chi_square_band(1, level=0.95) == pytest.approx(
+        (0.000982, 5.0239), rel=1e-3
+    )  # Abramowitz and Stegun, table 26.8
 
 
 @pytest.mark.parametrize("draws", [1, 30])
@@ -285,7 +287,9 @@ def test_starts_must_agree_within_what_one_draw_may_be_off():
     np.testing.assert_array_equal(not_identified(estimate, std), [False, True, True, True])
     np.testing.assert_array_equal(not_identified(estimate, 2 * std), [False, True, True, False])
     edge = band_of(1)[1]
-    np.testing.assert_array_equal(not_identified(np.array([[0.0, 0.0], [0.99 * edge, 1.01 * edge]]), np.ones((2, 2))), [0, 1])
+    np.testing.assert_array_equal(
+        not_identified(np.array([[0.0, 0.0], [0.99 * edge, 1.01 * edge]]), np.ones((2, 2))), [0, 1]
+    )
 
 
 def test_a_layout_that_is_like_random_ones_is_rarely_called_better():
@@ -339,8 +343,18 @@ WRONG, BEYOND = "the measurements are inconsistent", {"E": "E is beyond"}
         (Decision(accept=True), "", "", 0),
         (Decision(WRONG), f"σ is not to be trusted: {WRONG}", f"σ is not to be trusted: {WRONG}", 3),
         (Decision(WRONG, accept=True), "", f"accepted: {WRONG}", 0),
-        (Decision(WRONG, "", False, ("no load",), BEYOND, "widen"), f"σ is not to be trusted: {WRONG}; E is beyond", None, 3),
-        (Decision("", "", False, ("no load", ""), BEYOND, "widen"), "σ is withheld: no load; E is beyond: widen", None, 0),
+        (
+            Decision(WRONG, "", False, ("no load",), BEYOND, "widen"),
+            f"σ is not to be trusted: {WRONG}; E is beyond",
+            None,
+            3,
+        ),
+        (
+            Decision("", "", False, ("no load", ""), BEYOND, "widen"),
+            "σ is withheld: no load; E is beyond: widen",
+            None,
+            0,
+        ),
     ],
 )
 def test_decision_withholds_sigma_and_sets_the_exit_code(decision, withheld, message, code):

@@ -23,7 +23,7 @@ from strainsight.loads.input_models import (
     line_intensity,
 )
 
-from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, forces, joint, log_normal, start
+from .chain import KAPPA, NOISE, REFERENCE, ROWS, STEPS, H, chain, finer, forces, joint, log_normal, start
 from .conftest import plain_models
 from .truth import draw_truth, plain_motion
 
@@ -57,7 +57,8 @@ def case():
 def test_they_are_judged_by_what_no_load_could_cause(case):
     """A square of points 0.9 σ apart, each of one dense density of all readings."""
     model, P, y = case
-    bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model)), spacing=0.8, depth=16.0)
+    with finer(0.8, 16.0):
+        bank = filter_bank(BankRecord(model, np.zeros(7), P, forces(), y, no_nuisances(model)))
     mean, std = bank.run.mean[-1, 0, 5:], bank.run.std[-1, 0, 5:]
     axis = 0.9 * np.arange(-6, 7)
     point = mean + std * np.stack(np.meshgrid(axis, axis, indexing="ij"), axis=-1).reshape(-1, 2)
@@ -145,7 +146,9 @@ def test_linear_about_nu_it_has_the_values_and_slopes_of_what_is_bilinear():
         slope = (reading(a + one) - reading(a - one))[0] / 2
         np.testing.assert_allclose(at.D[k] @ x + at.E[k] @ end + at.offset[k], slope, atol=1e-12)
     for k, one in enumerate(np.eye(d)[:e]):
-        np.testing.assert_allclose(at.A_nu[:, k] @ x + at.G_nu[:, k] @ w, (step(a + one) - step(a - one)) / 2, atol=1e-12)
+        np.testing.assert_allclose(
+            at.A_nu[:, k] @ x + at.G_nu[:, k] @ w, (step(a + one) - step(a - one)) / 2, atol=1e-12
+        )
 
 
 LOADS = [

@@ -83,7 +83,9 @@ def case(request):
         w = np.exp(density - density.max())
         w /= w.sum()
         own = w @ point
-    nuisances = replace(no_nuisances(model), **({"damping": DAMPING} if kind == "damping" else {"frequency": FREQUENCY}))
+    nuisances = replace(
+        no_nuisances(model), **({"damping": DAMPING} if kind == "damping" else {"frequency": FREQUENCY})
+    )
     return kind, model, P, nuisances, y, w, point, motion
 
 

@@ -12,10 +12,9 @@ from strainsight.estimation.bank import filter_bank
 from strainsight.estimation.bank_smoother import smooth_bank
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.filter import run_filter
-from strainsight.estimation.model import constant_acceleration, constant_step, measure, step, surface_reading
+from strainsight.estimation.model import measure, step, surface_reading
 from strainsight.estimation.record import BankRecord
 from strainsight.estimation.reduced import DrivenModel
-from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.fem.affine import NO_CHANGE, AffineOperator, Coefficient, Newton
 from strainsight.loads.input_models import IntegratedRandomWalk, Matern, Oscillator
 from strainsight.rom.modal_step import simulate
@@ -59,10 +58,11 @@ def test_without_noise_the_step_is_the_simulation_of_the_reduced_model():
 def test_matrices_computed_once_make_the_same_step_and_readings():
     model = make_filter(make_beam(modes=4), ("tip",), models={"tip": Oscillator(9.0)}, accelerometers=1)
     x, nothing, at_end = np.random.default_rng(0).normal(size=(3, model.size)), np.zeros((3, 0)), np.zeros(0)
-    once = *step(model, x, nothing, constant_step(model)), *measure(model, x, at_end, constant_acceleration(model))
-    for one, again in zip(once, (*step(model, x, nothing), *measure(model, x, at_end)), strict=True):
-        np.testing.assert_array_equal(one, again)
-    assert constant_step(make_filter(make_beam(), parameters=("E",), known=("tip",))) is None
+    core = DrivenModel(model, nothing[None])
+    for one, again in zip(core.step(x, 0), step(model, x, nothing), strict=True):
+        np.testing.assert_allclose(one, again, rtol=1e-12, atol=1e-12 * np.abs(again).max())
+    for one, again in zip(core.measure(x, 0), measure(model, x, at_end), strict=True):
+        np.testing.assert_allclose(one, again, rtol=1e-12, atol=1e-12 * np.abs(again).max())
 
 
 def differences(function, x, scale):
@@ -211,8 +211,8 @@ def test_bank_is_bayes_by_brute_force_and_the_other_filters_are_near():
     assert bank.run.std[-1, 0, 4] == pytest.approx(std, rel=0.01)
     later = smooth_bank(BankRecord(model, np.zeros(5), START, forces(), y, no_nuisances(model)), bank)
     assert later.mean[0, 0, 4] == pytest.approx(mean, abs=0.01 * std)
-    for run in (run_filter, run_sigma_points):
-        other = run(model, np.zeros(5), START, forces(), y)
+    for by_points in (False, True):
+        other = run_filter(model, np.zeros(5), START, forces(), y, by_points=by_points)
         assert other.mean[-1, 0, 4] == pytest.approx(mean, abs=0.3 * std)
         assert other.std[-1, 0, 4] == pytest.approx(std, rel=0.1)
     blind = filter_bank(

@@ -17,7 +17,7 @@ from strainsight.estimation.record import BankRecord, Settled, start_errors
 from strainsight.rom.model import Damping
 
 from ..shared import slowly
-from .chain import RATIO, REFERENCE, ROWS, STIFFNESS, H, continuous, driven_chain
+from .chain import RATIO, REFERENCE, ROWS, STIFFNESS, H, continuous, driven_chain, finer
 
 STD = 0.3
 VALUES = np.linspace(-1.2, 1.2, 2001)
@@ -91,7 +91,9 @@ def test_the_peak_is_the_highest_of_all_however_far_from_the_guess(truth, noise)
     assert peak.evidence == pytest.approx(integral, abs=0.1)
 
 
-@pytest.mark.parametrize(("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), *slowly((0.35, -0.3, 1e-3)), (0.7, 0.5, 2e-2)])
+@pytest.mark.parametrize(
+    ("phase", "truth", "noise"), [(0.7, -0.2, 1e-3), *slowly((0.35, -0.3, 1e-3)), (0.7, 0.5, 2e-2)]
+)
 def test_a_settled_start_has_the_posterior_on_either_side_of_a_resonance(phase, truth, noise):
     y = settled_readings([truth], phase, 40)[0] + noise * np.random.default_rng(3).standard_normal((40, 2))
     density = log_density(lambda p: settled_readings(p, phase, 40), y, noise)
@@ -170,7 +172,7 @@ def test_a_scan_covers_the_prior_with_a_bounded_number_of_points(parameters):
 
 STEPS, LEAD = 40, 400
 NOISE, GAIN = 2e-4, 0.02
-EXACT = {"spacing": 0.5, "depth": 24.0}
+EXACT = 0.5, 24.0
 ZETA, DECAY = 0.2, 3.0
 """Damping ratio, and the least decay of the slower mode [1/s]: what a start from rest has set off is 1e-10 after LEAD steps."""
 
@@ -250,8 +252,9 @@ def test_filter_and_smoother_are_those_that_waited_from_rest(learned):
     waited = np.concatenate([np.full((LEAD, 2), np.nan), y])
     still, moving, zero = settled_prior(model, 1e-9), settled_prior(model, 1.0), np.zeros(5)
     known, longer = force(np.arange(STEPS)), force(np.arange(-LEAD, STEPS))
-    found = filter_bank(BankRecord(model, zero, moving, known, y, nuisances, settled=SETTLED), **EXACT)
-    expected = filter_bank(BankRecord(model, zero, still, longer, waited, nuisances), **EXACT)
+    with finer(*EXACT):
+        found = filter_bank(BankRecord(model, zero, moving, known, y, nuisances, settled=SETTLED))
+        expected = filter_bank(BankRecord(model, zero, still, longer, waited, nuisances))
     for one, other in zip(found.posterior, expected.posterior, strict=True):
         np.testing.assert_allclose(one, other, rtol=1e-6)
     smoothed = smooth_bank(BankRecord(model, zero, moving, known, y, nuisances, settled=SETTLED), found)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from contextlib import nullcontext
 from dataclasses import replace
 
 import numpy as np
@@ -14,7 +15,7 @@ from strainsight.estimation.bank_smoother import bank_paths, smooth_bank
 from strainsight.estimation.conditional import Nuisances, each_its_own, no_nuisances
 from strainsight.estimation.record import BankRecord
 
-from .chain import NOISE, ROWS, STEPS, H, chain, driven_chain, driven_start, forces, loaded_chain, start, states
+from .chain import NOISE, ROWS, STEPS, H, chain, driven_chain, driven_start, finer, forces, loaded_chain, start, states
 from .truth import draw_truth
 
 LENGTHS = 10, 14
@@ -84,7 +85,8 @@ def campaign(model, P, y, own, **more):
 @pytest.fixture(scope="module")
 def square(measured):
     """Bayes by brute force on a square of parameters 0.8 σ apart."""
-    banks = campaign(chain(), start(), measured, nuisances(), spacing=0.4, depth=24.0)
+    with finer(0.4, 24.0):
+        banks = campaign(chain(), start(), measured, nuisances())
     mean, covariance = banks[0].posterior
     std = np.sqrt(np.diag(covariance))
     axis = 0.8 * np.arange(-9, 10)
@@ -181,14 +183,15 @@ def test_histories_have_the_moments_of_the_smoother_and_the_constants_in_common(
 def test_the_order_of_records_does_not_matter(measured):
     model = chain()
 
-    def posterior(order, **more):
+    def posterior(order):
         first = model, np.zeros(7), start()
         records = [BankRecord(*first, held_of(r), measured[r], nuisances()[i]) for i, r in enumerate(order)]
-        mean, covariance = filter_records(records, **more)[0].posterior
+        mean, covariance = filter_records(records)[0].posterior
         return mean, np.sqrt(np.diag(covariance))
 
-    for more, close in (({"spacing": 0.5, "depth": 20.0}, 1e-6), ({}, 1e-2)):
-        (one, std), (other, other_std) = posterior((0, 1), **more), posterior((1, 0), **more)
+    for grid, close in ((finer(0.5, 20.0), 1e-6), (nullcontext(), 1e-2)):
+        with grid:
+            (one, std), (other, other_std) = posterior((0, 1)), posterior((1, 0))
         np.testing.assert_allclose(one / std, other / std, atol=close)
         np.testing.assert_allclose(std, other_std, rtol=close)
 
@@ -286,9 +289,9 @@ def test_a_record_beyond_the_model_is_refused():
 def test_a_birge_ratio_of_root_two_makes_one_record_of_two_equal_ones(measured):
     """ln p(y, y | θ) / 2 = ln p(y | θ)."""
     record = BankRecord(chain(), np.zeros(7), start(), held_of(0), measured[0], no_nuisances(chain()))
-    options = {"spacing": 0.5, "depth": 14.0}
-    one = filter_records([record], **options)[0]
-    two = filter_records([record, record], **options, birge_ratio=np.sqrt(2))[0]
+    with finer(0.5, 14.0):
+        one = filter_records([record])[0]
+        two = filter_records([record, record], birge_ratio=np.sqrt(2))[0]
     assert two.laid < FOLLOWED
     std = np.sqrt(np.diag(one.posterior[1]))
     np.testing.assert_allclose(two.posterior[0], one.posterior[0], atol=2e-3 * std.min())

@@ -11,7 +11,7 @@ import pytest
 from strainsight.errors import NumericalError
 from strainsight.estimation.filter import run_filter
 from strainsight.estimation.reduced import DrivenModel, driven_with_offsets
-from strainsight.estimation.sigma_point import points_of, regression, run_sigma_points
+from strainsight.estimation.sigma_point import points_of, regression
 from strainsight.estimation.smoother import smooth
 
 from .chain import REFERENCE, ROWS, H, chain, continuous, forces, gathered, start, step_at
@@ -84,7 +84,7 @@ def test_every_step_of_the_filter_is_brute_force():
     model, P = chain(), start()
     u = forces()
     _, y = draw_truth(model, np.zeros(7), P, u, [5])
-    run = run_sigma_points(model, np.zeros(7), P, u, y[:, 0], keep="all")
+    run = run_filter(model, np.zeros(7), P, u, y[:, 0], keep="all", by_points=True)
     noise = np.zeros((7, 7))
     noise[:5, :5] = gathered(continuous(REFERENCE)[0], np.diag([0, 0, 1e-4, 1e-4, 30.0]))
     rows, R = np.hstack([ROWS, np.zeros((2, 5))]), np.diag(model.r / H)
@@ -111,7 +111,7 @@ def test_an_accelerometer_is_brute_force():
     P[4, 5] = P[5, 4] = 0.5 * 0.04
     u = sine(1e-3 * np.arange(1), 1e-3, 1e4, 13.0)
     nothing = np.full((1, 3), np.nan)
-    ahead = run_sigma_points(model, np.zeros(7), P, u, nothing, keep="all")
+    ahead = run_filter(model, np.zeros(7), P, u, nothing, keep="all", by_points=True)
     x, P1 = ahead.mean[1, 0], ahead.covariance[1, 0]
     node, weight = np.polynomial.hermite_e.hermegauss(20)
     z, w = np.array(list(product(node, repeat=2))), np.array([np.prod(own) for own in product(weight, repeat=2)])
@@ -135,7 +135,7 @@ def test_an_accelerometer_is_brute_force():
     mean, after = x + K @ (sample - expected), P1 - K @ S @ K.T
     std = np.sqrt(np.diag(after))
     for form in ("joseph", "square_root"):
-        run = run_sigma_points(model, np.zeros(7), P, u, sample[None], keep="all", form=form)
+        run = run_filter(model, np.zeros(7), P, u, sample[None], keep="all", form=form, by_points=True)
         np.testing.assert_allclose(run.mean[1, 0] / std, mean / std, atol=1e-3)
         np.testing.assert_allclose(run.covariance[1, 0] / np.outer(std, std), after / np.outer(std, std), atol=1e-3)
         np.testing.assert_allclose(run.whitened[0, 0], [0.7, -1.0, 0.4], atol=1e-3)
@@ -155,7 +155,7 @@ def test_is_the_kalman_filter_where_parameters_are_known_exactly(form, accelerom
     y[20:23], y[40, 0, 1] = np.nan, np.nan
     wide = np.zeros((n + 2, n + 2))
     wide[:n, :n] = P
-    found = run_sigma_points(with_parameters, np.zeros(n + 2), wide, u, y, keep="all", form=form)
+    found = run_filter(with_parameters, np.zeros(n + 2), wide, u, y, keep="all", form=form, by_points=True)
     known = run_filter(without, np.zeros(n), np.stack([P, P]), u, y, keep="all")
     std = known.std[1:].max(axis=(0, 1))
     np.testing.assert_allclose(found.mean[:, :, :n] / std, known.mean / std, atol=1e-9)
@@ -181,10 +181,10 @@ def test_channels_of_each_run_are_its_own():
     H_, quantity, r = (np.stack([own[one] for one in order]) for own in (model.H, model.quantity, model.r))
     y = np.stack([y[:, b, one] for b, one in enumerate(order)], axis=1)
     y[10:14, 1, 0] = np.nan
-    both = run_sigma_points(replace(model, H=H_, quantity=quantity, r=r), np.zeros(9), P, u, y, keep="all")
+    both = run_filter(replace(model, H=H_, quantity=quantity, r=r), np.zeros(9), P, u, y, keep="all", by_points=True)
     for b in range(2):
         alone = replace(model, H=H_[b], quantity=quantity[b], r=r[b])
-        one = run_sigma_points(alone, np.zeros(9), P, u, y[:, b], keep="all")
+        one = run_filter(alone, np.zeros(9), P, u, y[:, b], keep="all", by_points=True)
         std = one.std[1:].max(axis=(0, 1))
         np.testing.assert_allclose(both.mean[:, b] / std, one.mean[:, 0] / std, atol=1e-8)
         np.testing.assert_allclose(both.std[:, b] / std, one.std[:, 0] / std, atol=1e-8)
@@ -204,7 +204,7 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel():
     offset = np.array([1])
     wide = np.zeros((7, 7))
     wide[:6, :6], wide[6, 6] = P, 1e-10
-    run = run_sigma_points(model, np.zeros(7), wide, u, y[:, 0], keep="all", biased=offset)
+    run = run_filter(model, np.zeros(7), wide, u, y[:, 0], keep="all", biased=offset, by_points=True)
     found = smooth(driven_with_offsets(model, u, offset), run, covariance=True)
     x, S = run.mean[-1, 0], run.covariance[-1, 0]
     scale = run.std.max(axis=(0, 1))
@@ -222,10 +222,12 @@ def test_the_smoother_is_that_of_rauch_tung_and_striebel():
         x = run.mean[k, 0] + gain @ (x - predicted)
         S = own + gain @ (S - ahead * np.outer(scale, scale)) @ gain.T
         np.testing.assert_allclose(found.mean[k, 0] / scale, x / scale, atol=1e-5)
-        np.testing.assert_allclose(found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5)
+        np.testing.assert_allclose(
+            found.covariance[k, 0] / np.outer(scale, scale), S / np.outer(scale, scale), atol=1e-5
+        )
 
 
 def test_a_filter_whose_runs_all_diverge_says_so():
     model, mean, P, u, _, y = drawn(make_filter, make_beam(modes=3), sine, (), ("E",), steps=60)
     with pytest.raises(NumericalError, match="diverged"):
-        run_sigma_points(model, mean, 1e4 * P, u, 1e9 * y)
+        run_filter(model, mean, 1e4 * P, u, 1e9 * y, by_points=True)

@@ -20,6 +20,7 @@ from strainsight.estimation.parallel_filters import Data, advance, filters_of
 from strainsight.estimation.step_bank import StepBank, filter_constants
 from strainsight.runner.where import Where, opened
 
+from .chain import finer
 from .conftest import StepToy, plain_models
 from .truth import plain_motion
 from .two_masses import REFERENCE, chain, constants
@@ -134,7 +135,8 @@ def test_where_the_step_is_linear_at_fixed_constants_the_bank_is_bayes_by_brute_
     model = replace(WEAKLY_SEEN, known=WEAKLY_SEEN.known[:40], sigma=0.02)
     mean, P = start(model.walk)
     _, y = model.drawn(mean, P, np.random.default_rng(4))
-    found = filter_constants(bank_of(mean, P, runs_of(model, **how)), y, spacing=0.5, depth=20.0)
+    with finer(0.5, 20.0):
+        found = filter_constants(bank_of(mean, P, runs_of(model, **how)), y)
     grid = found.mean[-1, XI] + found.std[-1, XI] * np.arange(-7, 7.01, 0.5)
     log = np.array([joint_density(model, mean, P, xi, y) for xi in grid]) - 0.5 * grid**2 / PRIOR**2
     w = np.exp(log - log.max())

@@ -68,7 +68,10 @@ def test_F_is_the_jacobian_of_the_augmented_motion(damping, inputs, parameters, 
         K = model.stiffness
         third = Newton("E", (0.0, 0.0, 0.0), theta["E"] ** (2 / 3))
         model = replace(
-            model, stiffness=replace(K, terms={"E^3": K.terms["E"]}, coefficients={"E^3": Coefficient((third,), np.eye(4)[3])})
+            model,
+            stiffness=replace(
+                K, terms={"E^3": K.terms["E"]}, coefficients={"E^3": Coefficient((third,), np.eye(4)[3])}
+            ),
         )
     if on_mass:  # loads proportional to a density, in part
         model = replace(model, input_slope={"rho": 0.7 * model.input_shape[::-1] / model.reference["rho"]})
@@ -298,7 +301,13 @@ def test_raw_condition_is_of_the_thesis_and_depends_on_units():
     energy = np.linalg.norm(np.concatenate([omega, np.ones(model.size)]) * x)
     strain = np.abs(H[:, : model.size] @ x[: model.size]).max()
     found = observability(
-        F, H, names=names, frequency=omega, state_amplitude=energy, largest_strain=strain, raw_scale=np.array([theta["E"]])
+        F,
+        H / strain,
+        names=names,
+        frequency=omega,
+        state_amplitude=energy,
+        raw_scale=np.array([theta["E"]]),
+        raw_rows=H,
     )
     F[:, -1] /= theta["E"]
     sigma = np.linalg.svd(np.vstack([F, H]), compute_uv=False)
@@ -312,15 +321,14 @@ def test_scaled_condition_does_not_depend_on_the_units_of_mass_length_or_time():
     omega = np.sqrt(np.diag(chain_of().stiffness.at(theta)))
     n = len(omega)
     common = {"names": ("tip", "E"), "raw_scale": np.ones(2)}
-    here = observability(F, H, frequency=omega, state_amplitude=3e3, largest_strain=2.0, **common)
+    here = observability(F, H / 2.0, frequency=omega, state_amplitude=3e3, **common)
     length, time = 1e3, 1e-2
     d = np.concatenate([np.full(n, length), np.full(n, length / time), np.ones(2)])
     there = observability(
         F * d[:, None] / d / time,
-        H / d * 7.0,
+        H / d * 7.0 / 14.0,
         frequency=omega / time,
         state_amplitude=3e3 * length / time,
-        largest_strain=14.0,
         **common,
     )
     np.testing.assert_allclose(there.condition, here.condition, rtol=1e-8)
@@ -358,7 +366,13 @@ def along(chain_of, theta, quantity, inputs=(), parameters=("E",), still=False, 
     at, loads = F.shape[-1] - len(parameters), 2 * n + np.arange(len(inputs))
     motion = slice(2 * n)
     found = unseen_along(
-        F[0, motion, motion], F[0, motion, loads].T, H[0, :, motion], H[0][:, loads], F[:, motion, at:], H[:, :, at:], 1e-3
+        F[0, motion, motion],
+        F[0, motion, loads].T,
+        H[0, :, motion],
+        H[0][:, loads],
+        F[:, motion, at:],
+        H[:, :, at:],
+        1e-3,
     )
     frozen = undetectable_directions(F[7], H[7])
     return frozen, *found

@@ -169,7 +169,6 @@ def test_the_rate_of_an_integrated_walk_gains_its_amplitude_in_one_period():
         (lambda: IntegratedRandomWalk(0.0), "frequency of an integrated random walk is 0"),
         (lambda: IntegratedRandomWalk(1.0, -1.0), "kappa of an integrated random walk is -1"),
         (lambda: Matern(np.inf), "bandwidth of a Matérn input is inf"),
-        (lambda: Matern(1.0, 1.0), "smoothness 1.0"),
         (lambda: Oscillator(-3.0), "frequency of an oscillator"),
         (lambda: Oscillator(3.0, 0.0), "damping of an oscillator"),
     ],

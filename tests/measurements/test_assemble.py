@@ -88,7 +88,9 @@ def late_record(gap=()):
     return Recording(time, channels, {"a": "m/m", "b": "m/m"}, "rig.csv")
 
 
-@pytest.mark.parametrize("delay", [Delay(samples=LATE), Delay(seconds=LATE * STEP), Delay(seconds=LATE * STEP * 1.0005)])
+@pytest.mark.parametrize(
+    "delay", [Delay(samples=LATE), Delay(seconds=LATE * STEP), Delay(seconds=LATE * STEP * 1.0005)]
+)
 def test_a_channel_that_is_written_late_is_put_at_its_own_time(delay):
     found = assemble(late_record(), {"a": ChannelSettings("m/m"), "b": ChannelSettings("m/m", delay=delay)})
     np.testing.assert_allclose(found.values[:-LATE, 1], found.values[:-LATE, 0], atol=1e-12)

@@ -55,7 +55,11 @@ def grown(rng, depth):
         if rng.random() < 0.3:
             return f"pow({a} , {b})", ATOM, lambda x: mpmath.power(f(x), g(x))
         power = rng.choice(["^", "**"])
-        return f"{held(a, strength, ATOM, rng)}{power}{held(b, other, SIGN, rng)}", POWER, lambda x: mpmath.power(f(x), g(x))
+        return (
+            f"{held(a, strength, ATOM, rng)}{power}{held(b, other, SIGN, rng)}",
+            POWER,
+            lambda x: mpmath.power(f(x), g(x)),
+        )
     sign = rng.choice(["+", "-"] if choice < 6 else ["*", "/"])
     level = SUM if choice < 6 else PRODUCT
     space = rng.choice(["", " "])
@@ -88,7 +92,7 @@ def formulas(count):
 
 
 HOSTILE = [
-    "(*(eval('open(\"{marker}\",\"w\").write(\"x\")') for k in (1,)),)",
+    '(*(eval(\'open("{marker}","w").write("x")\') for k in (1,)),)',
     "__import__('os').system('touch {marker}')",
     "[c for c in ().__class__.__base__.__subclasses__()]",
     "X1.__class__",
@@ -186,7 +190,9 @@ def test_formulas_are_evaluated_or_refused_and_none_is_executed(tmp_path):
         for (text, right), value in zip(expected.items(), values[1:], strict=True):
             np.testing.assert_allclose(value, right, rtol=1e-12, err_msg=text)
     for text, (what, remedy) in zip(HOSTILE, refusals, strict=True):
-        assert re.match(r"'G1' has (the conversion formula '|no physical value at sample 1: its conversion ')", what), text
+        assert re.match(r"'G1' has (the conversion formula '|no physical value at sample 1: its conversion ')", what), (
+            text
+        )
         assert remedy
     np.testing.assert_allclose(clock[0], 2e-3 * np.arange(len(X)) + 1, rtol=1e-15)
     assert refused_clock[0].startswith("'time' has the conversion formula 'open(")

@@ -53,7 +53,10 @@ def test_a_scale_that_is_not_known_is_refused(tmp_path, holder):
     scale = {"NI_Number_Of_Scales": np.int32(1), "NI_Scale[0]_Scale_Type": "Reciprocal"}
     values, properties = waveform(B)
     for status in ("unscaled", "scaled"):
-        more = {name: scale | {"NI_Scaling_Status": status} if name == holder else {} for name in ("channel", "group", "file")}
+        more = {
+            name: scale | {"NI_Scaling_Status": status} if name == holder else {}
+            for name in ("channel", "group", "file")
+        }
         with TdmsWriter(tmp_path / "a.tdms") as file:
             channel = ChannelObject("rig", "G1", values, properties | more["channel"])
             file.write_segment([RootObject(more["file"]), GroupObject("rig", more["group"]), channel])
@@ -137,7 +140,7 @@ def test_an_index_beside_the_file_is_not_believed(tmp_path):
 def test_a_record_that_stops_in_the_middle_is_refused(tmp_path):
     path = tdms(tmp_path / "a.tdms", {"rig/G1": waveform(), "rig/G2": waveform()})
     path.write_bytes(path.read_bytes()[:-1000])
-    with expect_refusal(UserError, r"the file ends in the middle of its last segment.*G2", remedy="save what there is anew"):
+    with expect_refusal(
+        UserError, r"the file ends in the middle of its last segment.*G2", remedy="save what there is anew"
+    ):
         read(path, ["G1"])
-
-

@@ -33,8 +33,15 @@ class Beam:
 
 
 @cache
-def beam_of(gauges: int, modes: int = 10, *, frequency: float = 20.0, seed: int = 0, ratio: float = 0.01,
-              foundation: float = 0.0) -> Beam:
+def beam_of(
+    gauges: int,
+    modes: int = 10,
+    *,
+    frequency: float = 20.0,
+    seed: int = 0,
+    ratio: float = 0.01,
+    foundation: float = 0.0,
+) -> Beam:
     """`gauges` on the top and bottom faces; tip loads Fz (sine at `frequency`, 1e4 N) and Fy (40 Hz, 1e3 N)."""
     elements = 24
     inertia = WIDTH * HEIGHT**3 / 12, HEIGHT * WIDTH**3 / 12

@@ -131,6 +131,7 @@ SEVEN = [
 FOUNDATION = 1e5
 """Stiffness of every unknown displacement and rotation to the ground [N/m, N m]."""
 
+
 def algorithm_2(cost, count, keep):
     """Order, traces, and how close the second candidate came, relative to the rise; every candidate evaluated."""
     left = list(range(count))
@@ -313,4 +314,6 @@ def test_on_a_pool_of_redundant_gauges_the_printed_algorithm_keeps_the_worst(cos
     assert printed == [10, 11]
     # tr P = √(q / Σ 1/r): the metric of twelve is that of both pairs times a root
     information = 1 / noise
-    np.testing.assert_allclose(cost(printed) / cost([0, 1]), np.sqrt(information[:2].sum() / information[10:].sum()), rtol=1e-8)
+    np.testing.assert_allclose(
+        cost(printed) / cost([0, 1]), np.sqrt(information[:2].sum() / information[10:].sum()), rtol=1e-8
+    )

@@ -9,6 +9,7 @@ import pytest
 from strainsight.errors import InfeasibleError, NumericalError
 from strainsight.placement import riccati
 from strainsight.placement.riccati import (
+    Information,
     adjoint_lyapunov,
     balance,
     close_loop,
@@ -53,7 +54,9 @@ PRECISE = [  # strain noise, share of the unknowns' acceleration that is noise
 
 
 @pytest.mark.parametrize(("inputs", "parameters", "noise", "precision"), PRECISE)
-def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digits(inputs, parameters, noise, precision):
+def test_accelerometers_of_extreme_precision_beside_strain_agree_with_sixty_digits(
+    inputs, parameters, noise, precision
+):
     # the sum HᵀR⁻¹H alone left errors of 3e-8 to 1e-3 here, or no solution within 1e-10
     (strain,) = scenarios_of(beam_of(12, 2), inputs, parameters, noise=noise)
     pool = solve_pool(with_accelerometers(strain, 2, precision))
@@ -93,15 +96,14 @@ def test_residual_of_21_to_31_states_is_below_1e10(noise, modes, inputs, paramet
 
 def test_one_state_has_its_closed_form():
     for f, q, g in [(0.0, 1e-8, 1e12), (-3.0, 2.0, 5.0), (4.0, 1e-3, 1e3)]:
-        P = solve_care(np.array([[f]]), np.array([[q]]), np.array([[g]]))
+        P = solve_care(np.array([[f]]), np.array([[q]]), Information(np.array([[g]])))
         np.testing.assert_allclose(P[0, 0], (f + np.sqrt(f * f + q * g)) / g, rtol=1e-12)
 
 
 def test_the_residual_is_a_share_of_what_is_added_up():
     """f = −3, q = 2, g = 5 and P = 1, where nothing cancels by chance: |2fP + q − gP²| / (2|fP| + q + gP²) = 9/13."""
-    assert relative_residual(*(np.array([[value]]) for value in (-3.0, 2.0, 5.0, 1.0))) == pytest.approx(
-        9 / 13, rel=1e-14
-    )
+    F, Q, G, P = (np.array([[value]]) for value in (-3.0, 2.0, 5.0, 1.0))
+    assert relative_residual(F, Q, Information(G), P) == pytest.approx(9 / 13, rel=1e-14)
 
 
 def test_without_any_gauge_what_decays_is_known_by_its_own_spread():
@@ -109,19 +111,19 @@ def test_without_any_gauge_what_decays_is_known_by_its_own_spread():
     omega, zeta, q = 7.0, 0.03, 2.5
     F, Q = np.array([[0, 1], [-(omega**2), -2 * zeta * omega]]), np.diag([0, q])
     spread = np.diag([q / (4 * zeta * omega**3), q / (4 * zeta * omega)])
-    np.testing.assert_allclose(solve_care(F, Q, np.zeros((2, 2))), spread, atol=1e-12 * spread.max())
+    np.testing.assert_allclose(solve_care(F, Q, Information(np.zeros((2, 2)))), spread, atol=1e-12 * spread.max())
     pool = solve_pool(Scenario(F, Q, np.array([[1.0, 0]]), np.array([1e-3]), np.ones(2)))
     P = subset_covariance(pool, []) * np.outer(pool.scale, pool.scale)
     np.testing.assert_allclose(P, spread, atol=1e-9 * spread.max())
     with pytest.raises(NumericalError, match="not stable: an error grows at 1 1/s"):
-        solve_care(np.array([[1.0]]), np.array([[1.0]]), np.zeros((1, 1)))
+        solve_care(np.array([[1.0]]), np.array([[1.0]]), Information(np.zeros((1, 1))))
 
 
 def test_what_no_noise_reaches_keeps_a_share_of_the_largest_scale_whatever_that_is():
     """Two states that decay, of which noise of intensity q reaches the first: var x = q/2 without a gauge."""
     F = np.diag([-1.0, -1.0])
     for q in (1e-12, 1.0, 1e12):
-        d, P = balance(F, np.diag([q, 0.0]), np.zeros((2, 2)))
+        d, P = balance(F, np.diag([q, 0.0]), Information(np.zeros((2, 2))))
         np.testing.assert_allclose(d, np.sqrt(q / 2) * np.array([1, 1e-8]), rtol=1e-6)
         np.testing.assert_allclose(P, np.diag([1.0, 0.0]), atol=1e-6)
 
@@ -169,7 +171,7 @@ def test_coordinates_that_do_not_settle_still_belong_to_their_covariance(monkeyp
 def test_lyapunov_solutions_satisfy_their_equations_and_are_adjoint():
     rng = np.random.default_rng(4)
     A = rng.normal(size=(9, 9)) - 5 * np.eye(9)
-    loop = close_loop(A, np.zeros((9, 9)), np.zeros((9, 9)))
+    loop = close_loop(A, Information(np.zeros((9, 9))), np.zeros((9, 9)))
     S, W = (m @ m.T for m in rng.normal(size=(2, 9, 9)))
     Y, X = lyapunov(loop, S), adjoint_lyapunov(loop, W)
     np.testing.assert_allclose(A @ Y + Y @ A.T, -S, atol=1e-12)
@@ -181,7 +183,7 @@ def test_lyapunov_solutions_satisfy_their_equations_and_are_adjoint():
 
 def test_a_filter_without_process_noise_is_refused():
     with pytest.raises(NumericalError, match="process noise is zero"):
-        solve_care(np.array([[0.0]]), np.zeros((1, 1)), np.eye(1))
+        solve_care(np.array([[0.0]]), np.zeros((1, 1)), Information(np.eye(1)))
 
 
 def test_an_undamped_motion_without_process_noise_has_no_steady_filter():

@@ -13,7 +13,7 @@ from strainsight.placement.criteria import CRITERIA, Metric
 from strainsight.placement.elimination import RemovedGauge, known_to_go, least_missed
 from strainsight.placement.failure import robust_set
 from strainsight.placement.limits import limits_of
-from strainsight.placement.riccati import CANCELLED, Information, as_information, information
+from strainsight.placement.riccati import CANCELLED, Information, information
 from strainsight.placement.scenario import Scenario, fewest_gauges, loop_of, refined, solve_pool, subset_covariance
 from strainsight.placement.score import score, scores
 from strainsight.placement.witness import Remaining
@@ -152,8 +152,7 @@ def test_the_factor_is_no_larger_than_the_states_and_its_square_is_the_sum(count
 
 
 def test_a_sum_alone_has_no_factor():
-    alone = as_information(np.eye(3))
-    assert as_information(alone) is alone
+    alone = Information(np.eye(3))
     block = np.ones((1, 3))
     for known in (alone, alone.scaled(np.ones(3)), alone.with_rows(block)):
         assert known.factor is None

@@ -37,7 +37,10 @@ def surface(
     off = shake * inside[..., None] * np.random.default_rng([nx, ny]).uniform(-1, 1, (*inside.shape, 2))
     off[-1] = off[0] if closed else off[-1]
     for a, b in ((1, 0), (0, 1), (1, 1)):
-        ends = [off[2 * k * a : len(off) - 2 * (1 - k) * a : 2, 2 * k * b : off.shape[1] - 2 * (1 - k) * b : 2] for k in (0, 1)]
+        ends = [
+            off[2 * k * a : len(off) - 2 * (1 - k) * a : 2, 2 * k * b : off.shape[1] - 2 * (1 - k) * b : 2]
+            for k in (0, 1)
+        ]
         off[a::2, b::2] = 0.2 * off[a::2, b::2] + 0.5 * sum(ends)
     parts = np.array(HALVES if kind.startswith("tri") else SQUARE)[:, : len(FACETS[KINDS.index(kind)].nodes)]
     grid = (2 * np.stack(np.indices((nx, ny)), axis=-1).reshape(-1, 1, 1, 2) + parts).reshape(-1, parts.shape[1], 2)

@@ -157,6 +157,7 @@ LUG = Path(__file__).parents[2] / "meshes" / "lug.bdf.gz"
 
 def half_disc(rise, kind="hex8"):
     """Half a disc, radius 1 to 5 m, 2 m thick, with a bore along z; `rise` cells of 1 m on its outer ring, above it."""
+
     def chart(u, v, w):
         return (1 + u) * np.cos(np.pi * v / 12), (1 + u) * np.sin(np.pi * v / 12), w
 

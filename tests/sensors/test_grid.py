@@ -48,7 +48,9 @@ def waves(x: np.ndarray) -> np.ndarray:
     return np.column_stack([np.sin(0.8 * x[:, 0] + 0.3 * x[:, 1]), np.cos(0.7 * x[:, 1]), x[:, 0] * x[:, 1] / 10])
 
 
-@pytest.mark.parametrize(("kind", "shake"), [("tri3", 0.2), pytest.param("tri6", 0.2, marks=pytest.mark.slow), ("quad8", 0.2)])
+@pytest.mark.parametrize(
+    ("kind", "shake"), [("tri3", 0.2), pytest.param("tri6", 0.2, marks=pytest.mark.slow), ("quad8", 0.2)]
+)
 def test_on_a_plate_the_mean_strain_is_the_stretch_of_the_grid_over_its_length(kind, shake):
     """∫ d·(∂z/∂s) ds = d·(z(end) − z(begin)) whatever the field; through corners of cells (45°) and along their edges, too."""
     position, facets = plate(kind, 7, 5, shake)

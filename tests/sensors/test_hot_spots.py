@@ -175,7 +175,10 @@ def plate(n):
     count, radius, half = n, 0.01, 0.1
 
     def chart(u, v, w):
-        angle, out = 0.5 * np.pi * (1 - u / count), np.interp(v, np.arange(count + 1), (np.arange(count + 1) / count) ** 2)
+        angle, out = (
+            0.5 * np.pi * (1 - u / count),
+            np.interp(v, np.arange(count + 1), (np.arange(count + 1) / count) ** 2),
+        )
         way = np.array([np.cos(angle), np.sin(angle)])
         outer = half * way / np.abs(way).max()
         return *((1 - out) * radius * way + out * outer), 0.01 * w / 1
@@ -291,5 +294,3 @@ def test_an_edge_far_round_a_bent_face_is_none_to_measure_across_to(half, there)
         assert found.distance[0, 1] == pytest.approx(4 * np.sin(np.deg2rad(half / 2)), rel=1e-6)
     else:
         assert np.isnan(found.distance[0, 1])
-
-

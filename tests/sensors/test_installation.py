@@ -54,7 +54,12 @@ def test_everything_is_drawn_with_its_own_standard_deviation_and_independently()
     assert within(drawn.transverse[straining], STD.transverse)
     assert within(drawn.offset[straining], STD.offset)
     assert within(drawn.drift[straining], STD.drift)
-    for nothing in (drawn.tilt[straining[first]], drawn.transverse[sensing], drawn.offset[sensing], drawn.drift[sensing]):
+    for nothing in (
+        drawn.tilt[straining[first]],
+        drawn.transverse[sensing],
+        drawn.offset[sensing],
+        drawn.drift[sensing],
+    ):
         assert not nothing.any()
     table = np.column_stack([drawn.place, drawn.angle, drawn.gain[first]])
     correlation = np.corrcoef(table.T) - np.eye(4)
@@ -196,8 +201,6 @@ def test_small_errors_of_installation_change_readings_by_their_sensitivities():
         left.append(np.abs(rows - exact - first).max())
         assert np.abs(rows - exact).max() > 20 * left[-1]
     assert left[1] == pytest.approx(left[0] / 100, rel=0.2)
-
-
 
 
 @pytest.mark.parametrize("kind", KINDS)

@@ -56,9 +56,7 @@ def test_the_turn_is_the_finite_difference_of_turned_gauges_also_with_grids(leng
     field = quadratic(position, 3)
     found = sensitivity_rows(position, gauges, field, 0.0, facets=facets)
     h = 0.01
-    ways = [
-        misplaced_rows(position, gauges, field, facets, rotation=np.full(gauges.gauges, way)) for way in (h, -h)
-    ]
+    ways = [misplaced_rows(position, gauges, field, facets, rotation=np.full(gauges.gauges, way)) for way in (h, -h)]
     slope = (ways[0] - ways[1]) / np.deg2rad(2 * h)
     np.testing.assert_allclose(found.angle, slope, atol=1e-6 * np.abs(slope).max())
     np.testing.assert_array_equal(found.along, np.zeros_like(slope))
@@ -138,9 +136,7 @@ def test_the_mean_of_turned_gauges_is_that_of_mohrs_circle():
     G = np.random.default_rng(3).standard_normal((3, 3))
     field, sigma = (position @ G.T).reshape(-1, 1), np.deg2rad(2.0)
     node, weight = np.polynomial.hermite_e.hermegauss(9)
-    turned = [
-        misplaced_rows(position, gauges, field, facets, rotation=np.full(gauges.gauges, 2.0 * x)) for x in node
-    ]
+    turned = [misplaced_rows(position, gauges, field, facets, rotation=np.full(gauges.gauges, 2.0 * x)) for x in node]
     exact = np.einsum("k,kmr->mr", weight / weight.sum(), turned) - channel_rows(position, gauges, field, facets=facets)
     mean = InstallationStd(angle=sigma).mean(sensitivity_rows(position, gauges, field, 0.0, facets=facets))
     np.testing.assert_allclose(mean, exact, rtol=2 * sigma**2)

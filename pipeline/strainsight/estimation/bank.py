@@ -22,12 +22,11 @@ from strainsight.estimation.bank_filters import (
     entered,
     filtered_at,
     on,
-    one_standing,
     passed,
     refuse_lost,
 )
-from strainsight.estimation.columns import first_columns, next_columns
-from strainsight.estimation.lattice import DEPTH, SPACING, Bank, Lattice, first_lattice, next_lattice, one_point
+from strainsight.estimation.columns import columns_for, next_columns
+from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice, one_point
 from strainsight.estimation.mixture import C, Mixture, Weights
 from strainsight.estimation.parallel_filters import KEPT
 from strainsight.estimation.peak import best_points, density_of, peaks_of_problem
@@ -83,26 +82,23 @@ class BankRun:
         return mean, np.einsum("b,bdk->dk", self.weight, self.left) + (off * self.weight[:, None]).T @ off
 
 
-def filter_bank(record: BankRecord, keep: Keep = "all", *, spacing: float = SPACING, depth: float = DEPTH) -> BankRun:
+def filter_bank(record: BankRecord, keep: Keep = "all") -> BankRun:
     """Posterior of the parameters, which are constant, and of all states along the samples.
 
-    keep: "all" keeps the covariance of every instant, "parameters" nothing but these, in half the time; spacing of the lattice
-    in standard deviations of the posterior, and how far below its largest density it reaches, in logarithms.
+    keep: "all" keeps the covariance of every instant, "parameters" nothing but these, in half the time.
     The lattice begins at the prior. It is laid anew about the posterior, and filtered again from the start, whenever that has
     narrowed or moved to its edge. Over more than FEW parameters there are `Columns` in place of it. Beside a damping, a frequency
     or free loads readings are linear about the ν that all samples speak for at the most likely parameters, and at their mean
     (`about_samples`). Raises NumericalError where a lattice would need more than MOST_POINTS points, where no columns follow the
     posterior, and where that leaves the guess by a factor of exp(LOST).
     """
-    return filter_records([record], keep, spacing=spacing, depth=depth)[0]
+    return filter_records([record], keep)[0]
 
 
 def filter_records(
     records: Sequence[BankRecord],
     keep: Keep = "all",
     *,
-    spacing: float = SPACING,
-    depth: float = DEPTH,
     progress: Callable[[float], None] | None = None,
     birge_ratio: float = 1.0,
 ) -> tuple[BankRun, ...]:
@@ -119,7 +115,7 @@ def filter_records(
     Other arguments as of `filter_bank`.
     """
     along = keep != "parameters"
-    problem = BankProblem(tuple(records), spacing, depth, keep, progress, True, along, birge_ratio)
+    problem = BankProblem(tuple(records), keep, progress, True, along, birge_ratio)
     if problem.bilinear:
         problem = _centred(problem)
     ends = replace(problem, along=False)
@@ -164,14 +160,14 @@ def _covered(problem: BankProblem, held: np.ndarray) -> tuple[BankRun, ...]:
     A lattice follows the posterior as the record grows, and few samples may have peaks far from those of all: between resonances,
     or beyond the prior. It keeps hold of the peaks (q, k) of the whole record from its second laying on."""
     if len(problem.model.unknowns.parameters) > FEW:
-        return _filtered(problem, first_columns(problem), next_columns, at_end=True)
+        return _filtered(problem, columns_for(problem, *problem.prior, 0), next_columns, at_end=True)
     first = first_lattice(_bank(problem, held))
     return _filtered(problem, first, lambda problem, now: next_lattice(_bank(problem, held), now))
 
 
 def _bank(problem: BankProblem, held: np.ndarray) -> Bank[LinearStanding[Lattice]]:
     at, refuse = partial(filtered_at, problem), partial(refuse_lost, problem)
-    return Bank(problem.prior, problem.spacing, problem.depth, at, one_standing, refuse, held=held)
+    return Bank(problem.prior, at, refuse, held=held)
 
 
 def _filtered(

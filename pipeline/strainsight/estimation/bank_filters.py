@@ -8,15 +8,16 @@ loads alone (`judged`), of ν by `noise_alone`. Source: Francke, Koopman and de 
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
+from typing import ClassVar, TypeVar
 
 import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.conditional import Nuisances, considers, linear_models, no_nuisances, tuned
-from strainsight.estimation.lattice import DEPTH, SPACING, one_point
+from strainsight.estimation.lattice import one_point
 from strainsight.estimation.mixture import C, Standing, log_normal
 from strainsight.estimation.model import FilterModel
 from strainsight.estimation.parallel_filters import (
@@ -28,8 +29,6 @@ from strainsight.estimation.parallel_filters import (
     States,
     advance,
     filters_of,
-    joined,
-    joined_models,
 )
 from strainsight.estimation.record import BankRecord, beginning
 from strainsight.estimation.reduced import LOST
@@ -66,17 +65,6 @@ def judge_of(record: BankRecord, stated: LinearModels, point: np.ndarray) -> Jud
         filters_of(models, *beginning(free, models, mean, covariance, None)),
         of_loads,
         *(filters_of(of_loads, *start, np.zeros((len(point), 0, len(mean)))) for _ in range(2)),
-    )
-
-
-def joined_judges(parts: Sequence[Judge]) -> Judge:
-    """Judges of parts of a bank as one."""
-    return Judge(
-        joined_models([part.models for part in parts]),
-        joined([part.filters for part in parts]),
-        joined_models([part.alone for part in parts]),
-        joined([part.louder for part in parts]),
-        joined([part.quieter for part in parts]),
     )
 
 
@@ -192,8 +180,8 @@ which it is nothing to them."""
 
 @dataclass(frozen=True)
 class BankProblem:
-    """What a bank has to solve: records that follow one another, with one mean and covariance at t = 0; spacing and depth of a
-    lattice, keep and progress as of `filter_bank`.
+    """What a bank has to solve: records that follow one another, with one mean and covariance at t = 0; keep and progress
+    as of `filter_records`.
 
     Parameters and ν are the same in all records. Motion, loads and offsets begin anew in each, as mean and covariance say.
     judged: whether parameters beside unknown loads are judged by what no load could cause, and not by how likely the readings
@@ -203,8 +191,6 @@ class BankProblem:
     """
 
     records: tuple[BankRecord, ...]
-    spacing: float = SPACING
-    depth: float = DEPTH
     keep: Keep = "all"
     progress: Callable[[float], None] | None = None
     judged: bool = False
@@ -269,6 +255,8 @@ class LinearStanding(Standing[C]):
     """Linear filters at all points of a cover after some steps, the last of which are of record number `record`; judge: filters
     by which the points are weighed, None where those are."""
 
+    SHARED: ClassVar[tuple[str, ...]] = (*Standing.SHARED, "record")
+
     models: LinearModels
     filters: Filters
     record: int
@@ -278,12 +266,15 @@ class LinearStanding(Standing[C]):
     def states(self) -> States:
         """At one instant, of the loads as stated, and with a judge ν by that; on purpose: loads are followed as they are stated,
         and ν is judged as the parameters are."""
-        return self.filters.states if self.judge is None else of_judge(self.filters.states, self.judge.filters.states)
+        return self.filters.states if self.judge is None else with_nu(self.filters.states, self.judge.filters.states)
 
 
-def of_judge(states: States, judge: States) -> States:
-    """With mean and covariance of ν by a judge."""
-    return replace(states, nu=judge.nu, left=judge.left)
+F = TypeVar("F", States, Filters)
+
+
+def with_nu(filters: F, others: F) -> F:
+    """With mean and covariance of ν by others."""
+    return replace(filters, nu=others.nu, left=others.left)
 
 
 @dataclass(frozen=True)
@@ -327,11 +318,9 @@ def entered(problem: BankProblem, now: LinearStanding[C]) -> LinearStanding[C]:
     if now.step < problem.first[now.record + 1]:
         return now
     models, filters, judge = _begun(problem, now.cover, now.record + 1)
-    kept = replace(filters, nu=now.filters.nu, left=now.filters.left)
     if judge is not None and now.judge is not None:
-        before = now.judge.filters
-        judge = replace(judge, filters=replace(judge.filters, nu=before.nu, left=before.left))
-    return replace(now, models=models, filters=kept, record=now.record + 1, judge=judge)
+        judge = replace(judge, filters=with_nu(judge.filters, now.judge.filters))
+    return replace(now, models=models, filters=with_nu(filters, now.filters), record=now.record + 1, judge=judge)
 
 
 def about_samples(problem: BankProblem, point: np.ndarray, nu: np.ndarray) -> BankProblem:
@@ -386,21 +375,12 @@ def passed(problem: BankProblem, now: LinearStanding[C], steps: int, keep: bool)
     if not problem.along:
         return Passed(verdict, power * verdict.fit, verdict.states)
     passage = advance(now.models, now.filters, data, keep)
-    return Passed(passage, power * verdict.fit, of_judge(passage.states, verdict.states))
+    return Passed(passage, power * verdict.fit, with_nu(passage.states, verdict.states))
 
 
 def on(now: LinearStanding[C], passage: Passed, steps: int) -> LinearStanding[C]:
     """After the first steps of a passage."""
     return replace(now, fit=now.fit + passage.fit[:, :steps].sum(axis=1), step=now.step + steps)
-
-
-def one_standing(cover: C, parts: Sequence[LinearStanding[C]]) -> LinearStanding[C]:
-    """Parts of one cover, in the order of its points."""
-    prior, fit = (np.concatenate([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
-    models, filters = joined_models([part.models for part in parts]), joined([part.filters for part in parts])
-    judges = [part.judge for part in parts if part.judge is not None]
-    judge = joined_judges(judges) if judges else None
-    return LinearStanding(cover, prior, fit, parts[0].step, models, filters, parts[0].record, judge)
 
 
 def refuse_lost(problem: BankProblem, point: np.ndarray) -> None:

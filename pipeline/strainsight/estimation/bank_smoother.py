@@ -12,12 +12,11 @@ from strainsight.estimation.conditional import conditional_states, damped, discr
 from strainsight.estimation.consider_smoother import Start, consider_errors, consider_smoothed, smoothed_pieces
 from strainsight.estimation.filter import filter_runs
 from strainsight.estimation.mixture import KERNEL, removed_of
-from strainsight.estimation.model import StepModel
 from strainsight.estimation.parallel_filters import Data, LinearModels
 from strainsight.estimation.record import BankRecord
-from strainsight.estimation.reduced import driven_with_offsets
+from strainsight.estimation.reduced import StepModel, driven_with_offsets
 from strainsight.estimation.run import FilterRun
-from strainsight.estimation.smoother import Keeping, Smoothed, WantedCovariances, smooth, smoother_errors
+from strainsight.estimation.smoother import Kept, Smoothed, WantedCovariances, smooth, smoother_errors
 from strainsight.estimation.update import covariance_factor, standard_deviation
 from strainsight.loads.histories import instant_values
 
@@ -46,16 +45,21 @@ def smooth_bank(
     n = states + len(beyond.at)
     behind = np.arange(states, n)
     order = np.concatenate([conditional_states(model, offsets), behind, np.arange(n)[model.parameter_states]])
-    whole, std, keeping = np.zeros((instants, n)), np.zeros((instants, n)), Keeping(wanted, instants, n)
+    whole, std = np.zeros((2, instants, n))
+    kept = None if wanted is None else Kept.of(wanted, instants, n)
+    covariance = np.zeros((instants, 1, n, n)) if wanted is None else None
     for at, x, P, V in _pieces(smoother):
         mean, spread = np.zeros((len(V), n)), np.zeros((len(V), n, n))
         wider = beyond.behind(at, x, P, V, smoother.corrected)
         mean[:, order], spread[:, order[:, None], order] = _mixed(smoother, bank, *wider)
         whole[at], std[at] = mean, standard_deviation(spread)
-        keeping.take(at, spread)
+        if kept is not None:
+            kept.take(at, spread)
+        if covariance is not None:
+            covariance[at, 0] = spread
         if progress is not None:
             progress(1 - at.start / instants)
-    return Smoothed(bank.run.time, whole[:, None], std[:, None], keeping.covariance, keeping.kept)
+    return Smoothed(bank.run.time, whole[:, None], std[:, None], covariance, kept)
 
 
 def _mixed(

@@ -11,7 +11,7 @@ from scipy.linalg.lapack import dtpmqrt, dtpqrt, dtrtrs
 from strainsight.estimation.conditional import Nuisances, considers, discrepancy, known_ends, linear_models
 from strainsight.estimation.model import FilterModel, augmented_jacobian, measured_jacobian, theta_of
 from strainsight.estimation.record import Settled, start_errors
-from strainsight.estimation.update import corrected, gain, predict, standard_deviation, transposed
+from strainsight.estimation.update import corrected, gain, predict, schmidt_gain, standard_deviation, transposed
 from strainsight.rom.modal_step import acceleration_map, modal_step
 
 CHUNK = 256
@@ -80,8 +80,7 @@ class _Constants:
     def __init__(self, model: FilterModel, nuisances: Nuisances, u: np.ndarray):
         at_guess = np.zeros((1, len(model.unknowns.parameters)))
         self.model, self.linear = model, linear_models(model, at_guess, nuisances)
-        self.unknown = model.unknowns.input_columns(model.model)
-        self.known = [model.model.inputs.index(name) for name in model.known_inputs]
+        self.unknown, self.known = model.columns
         self.ends = known_ends(u[:, :, self.known], nuisances)
 
     def along(self, span: slice, start: np.ndarray, end: np.ndarray, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -261,7 +260,9 @@ def bank_claim(
             followed.update(errors.parts, K[0], L, H[0], by_sensors(R), errors.slope(H, read))
             errors.update(K, H, R, read)
             if beside is not None:
-                beside.update(beside.considering(H, R, read, d if ahead else 0), H, R, read)
+                first = slice(d if ahead else 0)
+                slope = transposed(beside.slope(H, read)[:, first])
+                beside.update(schmidt_gain(beside.P, H, R, beside.V[:, first], slope), H, R, read)
         claimed.after(k, errors if beside is None else beside, beside is not None)
     return claimed.claim()
 
@@ -286,12 +287,6 @@ class _Errors:
         self.V = self.V + self.slope(H, read) @ transposed(K)
         self.P = corrected(self.P, K, H, R)
         self.parts = corrected(self.parts, K[:1], H[:1], by_sensors(R))
-
-    def considering(self, H: np.ndarray, R: np.ndarray, read: np.ndarray, d: int) -> np.ndarray:
-        """Schmidt's gain, which considers the first d of c, as in `parallel_filters.advance`."""
-        slope = transposed(self.slope(H, read)[:, :d])
-        S = H @ self.P @ transposed(H) + slope @ transposed(slope) + R[:, :, None] * np.eye(R.shape[1])
-        return transposed(np.linalg.solve(S, H @ self.P - slope @ self.V[:, :d]))
 
 
 class _Followed:

@@ -16,8 +16,9 @@ import numpy as np
 from scipy.special import logsumexp
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.bank_filters import BankProblem, LinearStanding, filtered_at, one_standing, refuse_lost
-from strainsight.estimation.lattice import LEFT, NARROW
+from strainsight.estimation.bank_filters import BankProblem, LinearStanding, filtered_at, refuse_lost
+from strainsight.estimation.lattice import DEPTH, LEFT, NARROW, SPACING
+from strainsight.estimation.parallel_filters import joined
 
 FINE = 0.1
 """Of the differences, in standard deviations across a column."""
@@ -208,24 +209,19 @@ class ColumnWeights:
         return each[:, 0], (each[:, 1 : 1 + c] - each[:, middle : middle + c]) / (2 * FINE)
 
 
-def first_columns(problem: BankProblem) -> LinearStanding[Columns]:
-    """For the prior."""
-    return _laid(problem, *problem.prior, 0)
-
-
 def next_columns(problem: BankProblem, now: LinearStanding[Columns]) -> LinearStanding[Columns]:
     """For the posterior as it is now."""
     weights, point = _weights(now), now.cover.point
     middle = weights.mean[0] @ point
-    return _laid(problem, middle, weights.covariance(point[:, None], middle)[0], now.step)
+    return columns_for(problem, middle, weights.covariance(point[:, None], middle)[0], now.step)
 
 
-def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> LinearStanding[Columns]:
+def columns_for(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: int) -> LinearStanding[Columns]:
     """Columns about the largest density after `step` steps, looked for from a guess; as many as it reaches along its weakest
     direction, each about its own largest density."""
     mean, covariance = _summit(problem, mean, covariance, step)
     along, across = weakest(covariance, problem.prior[1])
-    stride = problem.spacing * along
+    stride = SPACING * along
     parts = [_centred(problem, mean, across, step)]
     top = _weights(parts[0]).column_mass[0, 0]
     for forward in (True, False):
@@ -239,7 +235,7 @@ def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: 
             parts = [*parts, part] if forward else [part, *parts]
             mass = _weights(part).column_mass[0, 0]
             top = max(top, mass)
-            if mass < top - problem.depth:
+            if mass < top - DEPTH:
                 break
             if len(parts) > MOST_COLUMNS:
                 raise NumericalError(
@@ -248,7 +244,7 @@ def _laid(problem: BankProblem, mean: np.ndarray, covariance: np.ndarray, step: 
                     "standard deviation",
                 )
     cover = Columns(np.concatenate([part.cover.centre for part in parts]), across, parts[0].cover.precision)
-    whole = one_standing(cover, parts)
+    whole = joined(parts)
     return replace(whole, cover=cover.as_they_are(whole.log_weight))
 
 

@@ -63,11 +63,6 @@ class Nuisances:
         """How many ν are of damping and frequency of modes; they come first."""
         return modes * (self.damping > 0) + len(self.frequency)
 
-    @property
-    def exactly_tuned(self) -> Nuisances:
-        """The same where no natural frequency is off."""
-        return replace(self, frequency=0 * self.frequency)
-
 
 def no_nuisances(model: FilterModel) -> Nuisances:
     """Everything exact."""
@@ -296,7 +291,7 @@ def acceleration_rows(
 
 def on_loads(model: FilterModel, direct: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """What reads all loads at once by `direct` (..., k, n_u): rows (..., k, states) on [q, q̇, ζ], and (..., k, n_known)."""
-    unknown, known = _columns(model)
+    unknown, known = model.columns
     rows = np.zeros((*direct.shape[:-1], model.parameter_states.start))
     rows[..., model.position[: len(unknown)]] = direct[..., unknown] * model.amplitude
     return rows, direct[..., known]
@@ -316,11 +311,6 @@ def _with_batch(modal: ModalMap, count: int = 1) -> ModalMap:
     return ModalMap(*(np.repeat(each[None], count, axis=0) for each in parts), *(*tables, modal.table_damped))
 
 
-def _columns(model: FilterModel) -> tuple[list[int], list[int]]:
-    """Columns of the input shape that belong to unknown and to known loads."""
-    return model.unknowns.input_columns(model.model), [model.model.inputs.index(name) for name in model.known_inputs]
-
-
 def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Mapping[str, np.ndarray]) -> ModalMotion:
     """A step in the coordinates of the modes, and σ times its derivative in ln c of each of them, in their frequencies, in the
     logarithm of the stiffness, and in the input shape.
@@ -329,7 +319,7 @@ def _motion(model: FilterModel, modal: ModalMap, nuisances: Nuisances, theta: Ma
     of the same frequency.
     """
     damping, q, lam = model.model.damping.at(theta), model.model.size, modal.eigenvalue
-    unknown, known = _columns(model)
+    unknown, known = model.columns
     B, n, held, moving = len(lam), model.parameter_states.start, HOLD, 2 * q
     zeta = model.hold.reshape(held * len(unknown), n - moving)
     Phi_T = np.swapaxes(modal.modes, 1, 2)

@@ -17,7 +17,7 @@ from strainsight.estimation.parallel_filters import (
     filters_of,
     joined,
 )
-from strainsight.estimation.update import covariance_factor, symmetric, transposed
+from strainsight.estimation.update import covariance_factor, schmidt_gain, symmetric, transposed
 
 Start = tuple[np.ndarray, np.ndarray, np.ndarray]
 """x (B, n), P (n, n) and V (B, d, n) at t = 0."""
@@ -181,7 +181,7 @@ def _update_at(models: LinearModels, states: States, i: int, data: Data, t: int)
     H, R = models.H[:, at], data.noise[t, at]
     sensed = (models.D[:, at] @ ahead[:, None, :, None])[..., 0] + models.E[:, at] @ known_end + models.offset[:, at]
     slope = transposed(sensed - V @ transposed(H))
+    K = schmidt_gain(P, H, R, V, slope)
     S = H @ P @ transposed(H) + slope @ transposed(slope) + np.diag(R)
-    K = transposed(np.linalg.solve(S, H @ P - slope @ V))
     innovation = y[at] - (H @ ahead[..., None])[..., 0] - models.F[:, at] @ known_end
     return _Update(K, H, R, innovation, slope, transposed(np.linalg.solve(S, H)))

@@ -90,26 +90,21 @@ def verdict(whitened: np.ndarray) -> Verdict:
     correlation = float(whiteness(whitened.reshape(len(whitened), -1)))
     large, small = size.verdict == OVERCONFIDENT, size.verdict == TOO_CAUTIOUS
     alike, opposed = correlation > max(chance, SLACK), correlation < -max(chance, SLACK)
-    if large:
-        finding = f"the innovations are {ratio:.1f} times larger than the noise you stated"
-        advice = CHECK
-    elif small:
-        finding = f"the innovations are {1 / ratio:.1f} times smaller than the noise you stated"
+    by = (
+        f"{ratio:.1f} times larger than" if large else f"{1 / ratio:.1f} times smaller than" if small else "as large as"
+    )
+    finding = f"the innovations are {by} the noise you stated"
+    advice = CHECK if large or alike or opposed else ""
+    if small:
         advice = f"lower {NOISE if alike else PROCESS if opposed else f'{NOISE} or {PROCESS}'}"
-    else:
-        finding = "the innovations are as large as the noise you stated"
-        advice = CHECK if alike or opposed else ""
     if alike:
-        finding += (
-            f" and each resembles the one before (correlation {correlation:.2f}): the model lags or lacks something"
-        )
+        resembles = f"and each resembles the one before (correlation {correlation:.2f})"
+        finding = f"{finding} {resembles}: the model lags or lacks something"
     elif opposed:
-        finding += f" and each undoes the one before (correlation {correlation:.2f}): the filter overreacts"
+        finding = f"{finding} and each undoes the one before (correlation {correlation:.2f}): the filter overreacts"
     elif not advice:
         finding += " and independent of one another: nothing speaks against the claimed σ"
-    text = (
-        f"{finding}: {advice}" if advice and not (alike or opposed) else f"{finding}; {advice}" if advice else finding
-    )
+    text = ("; " if alike or opposed else ": ").join(filter(None, (finding, advice)))
     return Verdict(ratio, size.band, correlation, chance, not advice, text)
 
 

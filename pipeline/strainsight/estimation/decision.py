@@ -176,16 +176,15 @@ def comparison_verdict(ratio: float) -> str:
     return word_of(ratio, ALLOWED) if np.isfinite(ratio) else DIVERGED
 
 
-def not_identified(estimate: np.ndarray, std: np.ndarray, factor: float | None = None) -> np.ndarray:
-    """Where the starts disagree by more than one draw may be off: (max − min over the starts) > factor · (mean σ).
+def not_identified(estimate: np.ndarray, std: np.ndarray) -> np.ndarray:
+    """Where the starts disagree by more than one draw may be off: (max − min over the starts) > the upper edge of
+    `band_of(1)` · (mean σ).
 
     estimate, std (starts, ...): one quantity from the same measurements and other starting values; a lost start is NaN
-    and counts as disagreement; factor: by default the upper edge of `band_of(1)`. Returns (...) of bool. Different
-    measurements differ by chance: do not mix them.
+    and counts as disagreement. Returns (...) of bool. Different measurements differ by chance: do not mix them.
     """
-    factor = band_of(1)[1] if factor is None else factor
     spread = np.max(estimate, axis=0) - np.min(estimate, axis=0)
-    return ~(spread <= factor * np.mean(std, axis=0))
+    return ~(spread <= band_of(1)[1] * np.mean(std, axis=0))
 
 
 FEWEST_SETS = 5

@@ -5,6 +5,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
+from itertools import combinations
 
 import numpy as np
 
@@ -139,7 +140,9 @@ def diagnosed(
     else:
         wanted = _worth_it(suspect, left_out, alone if len(alone) else order[:2])
     worst = sorted(int(j) for j in order[:PAIRS])
-    wanted += [Fault("swapped", i, j) for a, i in enumerate(worst) for j in worst[a + 1 :] if _alike(suspect, i, j)]
+    quantity = suspect.model.quantity
+    pairs = ((i, j) for i, j in combinations(worst, 2) if quantity is None or quantity[i] == quantity[j])
+    wanted += [Fault("swapped", i, j) for i, j in pairs]
     for k, fault in enumerate(wanted):
         tried.append(explained(suspect, fault)[0])
         progress(0.4 + 0.6 * (k + 1) / len(wanted))
@@ -223,10 +226,7 @@ def _worth_it(suspect: Suspect, left_out: Sequence[PredictedChannel], channels: 
     wanted = [fault for _, fault in ranked[:CLOSELY]]
     for j in channels:
         wanted += [fault for _, fault in ranked if fault.channel == j][:EACH]
-    for fault in list(wanted):
-        if fault.kind == "late":
-            wanted += [replace(fault, amount=fault.amount + k) for k in (-1, 1) if fault.amount + k]
-    return list(dict.fromkeys(wanted))
+    return list(dict.fromkeys(wanted + [other for fault in wanted for other in fault.beside]))
 
 
 def _later_of_all(suspect: Suspect, wanted: Sequence[Fault], tried: Sequence[Explained]) -> list[Explained]:
@@ -269,9 +269,3 @@ def _ranked(suspect: Suspect, others: PredictedChannel, j: int) -> list[tuple[fl
         if np.isfinite(others.turned[:, k]).all() and np.nanstd(y) > QUIET * noise
     ]
     return ranked + sorted(turns, key=lambda one: -one[0])[:TURNS]
-
-
-def _alike(suspect: Suspect, i: int, j: int) -> bool:
-    """Whether two channels measure one quantity."""
-    quantity = suspect.model.quantity
-    return quantity is None or bool(quantity[i] == quantity[j])

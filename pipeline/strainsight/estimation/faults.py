@@ -72,6 +72,17 @@ class Fault:
         return replace(self, spans=tuple((j, first + samples, behind + samples) for j, first, behind in self.spans))
 
     @property
+    def factor(self) -> float:
+        """By which a sign or a scale is undone."""
+        return -1.0 if self.kind == "sign" else 1 / self.amount
+
+    @property
+    def beside(self) -> tuple[Fault, ...]:
+        """Delays by a sample less and more; none of another fault."""
+        amounts = (self.amount - 1, self.amount + 1) if self.kind == "late" else ()
+        return tuple(replace(self, amount=amount) for amount in amounts if amount)
+
+    @property
     def family(self) -> tuple[str, int, float, bool]:
         """The same for faults that are one and the same to whoever has to correct it: delays of one channel, turns of one."""
         amount = 0.0 if self.kind in ("late", "angle", "shift") else abs(self.amount)
@@ -97,12 +108,10 @@ def undone(fault: Fault, samples: np.ndarray) -> tuple[np.ndarray, float]:
     no change of the samples but one of the model.
     """
     corrected, j = samples.copy(), fault.channel
-    if fault.kind == "sign":
-        corrected[:, j] *= -1
-    elif fault.kind == "scale":
-        corrected[:, j] /= fault.amount
-        return corrected, -float(np.isfinite(samples[:, j]).sum()) * float(np.log(fault.amount))
-    elif fault.kind == "swapped":
+    if fault.kind in ("sign", "scale"):
+        corrected[:, j] *= fault.factor
+        return corrected, float(np.isfinite(samples[:, j]).sum()) * float(np.log(abs(fault.factor)))
+    if fault.kind == "swapped":
         corrected[:, fault.channels] = samples[:, fault.channels[::-1]]
     elif fault.kind == "late":
         corrected[:, j] = shifted(samples[:, j], int(fault.amount))

@@ -9,9 +9,10 @@ from typing import Any
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.model import FilterModel, StepModel
-from strainsight.estimation.reduced import driven_with_offsets
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import StepModel, driven_with_offsets
 from strainsight.estimation.run import FilterRun, Keep, RunArrays
+from strainsight.estimation.sigma_point import SigmaPoints, sigma_points
 from strainsight.estimation.update import Form, Transition, apply, belief_of, transposed, whiten
 
 HALVINGS = 12
@@ -164,24 +165,20 @@ def run_filter(
     keep: Keep = "mean",
     *,
     biased: np.ndarray | None = None,
+    by_points: bool = False,
     **options: Any,
 ) -> FilterRun:
     """`filter_runs` of the reduced model under known loads, with its options.
 
     known (T, HOLD, n_known) hold coefficients [N]; measurement (T/every, m) or (T/every, B, m), one row a sample;
-    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is estimated.
-    Raises ValueError where the known loads end before the samples.
+    biased (b,): channels with an unknown offset, behind x* in mean, covariance and all that is estimated; by_points: the
+    sigma-point filter. Raises ValueError where the known loads end before the samples.
     """
-    core, samples = driven_with_offsets(model, known, biased), samples_by_step(model, known, measurement)
-    return filter_runs(core, mean, covariance, samples, keep, **options)
-
-
-def samples_by_step(model: FilterModel, known: np.ndarray, measurement: np.ndarray) -> np.ndarray:
-    """`FilterModel.by_step`. Raises ValueError where the known loads (T, HOLD, n_known) end before the samples."""
-    samples = model.by_step(measurement)
+    core, samples = driven_with_offsets(model, known, biased), model.by_step(measurement)
     if len(known) < len(samples):
         raise ValueError(f"known loads for {len(known)} steps, samples for {len(samples)}")
-    return samples
+    points = sigma_points(model, core, known, biased) if by_points else None
+    return filter_runs(core, mean, covariance, samples, keep, points=points, **options)
 
 
 def filter_runs(
@@ -192,6 +189,7 @@ def filter_runs(
     keep: Keep = "mean",
     *,
     form: Form = "joseph",
+    points: SigmaPoints | None = None,
     iterations: int = 1,
     through_step: bool = False,
     damped: bool = True,
@@ -209,12 +207,11 @@ def filter_runs(
     keep "all" stores what the smoother needs (2 T b n² numbers, 3 where the model finds its process noise on the way), "first"
     that of the first run.
     form: "joseph", or "square_root", which carries a factor of P and serves noise so small that P spans more digits than
-    a number has. iterations: 1 is the extended Kalman filter, more make the update a damped Gauss-Newton iteration,
-    through_step with the step inside (`refine`); a linear model has nothing to iterate. damped: whether an increment that
-    raises the cost or fails is halved. project: puts x (B, n) at instant k back on constraints after every update, its
-    covariance is left as it is; a step with the constraints inside and an update through it need none, but save a step with it.
-    progress: called with
-    every step that begins; watch: with every instant k, x (B, n) and P (b, n, n) after the update, the start (k = 0) first.
+    a number has. points: regressions in place of Jacobians, without iterations. iterations: 1 is the extended Kalman filter,
+    more make the update a damped Gauss-Newton iteration, through_step with the step inside (`refine`); a linear model has
+    nothing to iterate. damped: whether an increment that raises the cost or fails is halved. project: puts x (B, n) at
+    instant k back on constraints after every update, its covariance is left as it is. progress: called with every step that
+    begins; watch: with every instant k, x (B, n) and P (b, n, n) after the update, the start (k = 0) first.
     A covariance that no run changes (linear, one set of sensors, the same samples missing in all) is computed once for all runs,
     and not again once it is steady, as long as no sample is missing and the noise is the same.
     Raises NumericalError where every run diverges and `refuse`, or where HPHᵀ + R is not positive definite.
@@ -232,21 +229,24 @@ def filter_runs(
     start, belief = (x.copy(), P.copy()), belief_of(form, P)
     # a model of one set of noises that has one for every run has found them on the way, and `process` will not tell later
     each = model.sets == 1 and model.process(0).ndim == 3
-    record = RunArrays(model, len(y), runs, b, keep, iterating, each=each)
+    record = RunArrays(model, len(y), runs, b, keep, iterating, regressed=points is not None, each=each)
     record.state(0, x, P)
     if watch is not None:
         watch(0, x, P)
-    G, L, calm = P, P, 0
+    prior, G, L, calm = belief, P, P, 0
     same: tuple[np.ndarray | None, ...] = (None, None, None)
     for k in range(len(y)):
         if progress is not None:
             progress(k)
         model.begin(x, k)
         instant, noise = (k + 1) * model.h, (model.before(k), model.process(k), model.noise(k))
-        before, process, R = noise
+        before, process, R = *noise[:2], np.broadcast_to(noise[2], (b, y.shape[2]))
         calm = calm if all(new is old for new, old in zip(noise, same, strict=True)) and measured[k].all() else 0
         same = noise
-        ahead, A = model.step(x, k)
+        if points is None:
+            ahead, A = model.step(x, k)
+        else:
+            ahead, A, process = points.step(x, P, k)
         A = _where_it_failed(ahead, A, np.eye(model.size))
         H: np.ndarray | None = None
         adjusted = None
@@ -254,16 +254,19 @@ def filter_runs(
         if not measured[k].any():
             x, belief = ahead, belief.predicted(step)
         else:
-            expected, H = model.measure(ahead, k)
+            at_once = calm < CALM and not (through_step and iterating)
+            prior = belief.predicted(step) if at_once else prior
+            if points is None:
+                expected, H = model.measure(ahead, k)
+            else:
+                expected, H, R = points.measure(ahead, prior.covariance, R, measured[k], k)
             record.innovation[k] = y[k] - expected
             innovation, H = record.innovation[k], _where_it_failed(ahead, H, 0.0)
             if not measured[k].all():
                 H, innovation = np.where(measured[k][..., None], H, 0.0), np.nan_to_num(innovation)
             if through_step and iterating:
-                R = np.broadcast_to(R, (b, y.shape[2]))
                 L = belief.expected(step, H, R, instant)
-            elif calm < CALM:
-                prior, R = belief.predicted(step), np.broadcast_to(R, (b, y.shape[2]))
+            elif at_once:
                 after, G, L = prior.updated(H, R, instant)
             adjusted = whiten(L, innovation)
             record.whitened[k], record.spread[k] = adjusted, np.diagonal(L, axis1=-2, axis2=-1)
@@ -294,8 +297,7 @@ def filter_runs(
             calm = calm + 1 if b == 1 and model.linear and H is not None and _unmoved(last, P, prior.covariance) else 0
         record.state(k + 1, x, latest)
         record.readings(k, *model.measure(x, k), latest)
-        record.linearised(k, A, H, adjusted)
-        record.noises(k, process, R)
+        record.linearised(k, A, H, adjusted, process, R)
         if watch is not None:
             watch(k + 1, x, P)
     return record.finished(P, measured)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Generic, TypeVar
@@ -11,6 +11,8 @@ import numpy as np
 
 from strainsight.errors import NumericalError
 from strainsight.estimation.mixture import Standing
+from strainsight.estimation.parallel_filters import joined
+from strainsight.mesh.unjoined import component_labels
 
 SPACING = 1.0
 """Of a lattice, in standard deviations of the posterior it was laid for."""
@@ -66,8 +68,8 @@ class Lattice:
 
     def beside(self, which: np.ndarray) -> np.ndarray:
         """Neighbours z (any, k) of some points (B,) of bool that are not in the lattice, each once, in order."""
-        present = {tuple(z) for z in self.node.tolist()}
-        wanted = {tuple(node) for z in self.node[which] for node in _beside(z).tolist()} - present
+        present, unit = {tuple(z) for z in self.node.tolist()}, np.eye(self.node.shape[1], dtype=int)
+        wanted = {tuple(z) for way in (*unit, *-unit) for z in (self.node[which] + way).tolist()} - present
         return np.array(sorted(wanted), dtype=int).reshape(-1, self.node.shape[1])
 
     def width(self, log_weight: np.ndarray) -> np.ndarray:
@@ -102,21 +104,13 @@ class Lattice:
 
     def peaks(self, log_weight: np.ndarray, depth: float) -> list[np.ndarray]:
         """Points within exp(−depth) of the largest density that hang together, indices by peak, the highest first."""
-        heavy = log_weight > log_weight.max() - depth
-        left, each = set(np.flatnonzero(heavy).tolist()), []
-        for start in np.argsort(-log_weight).tolist():
-            if start not in left:
-                continue
-            left.discard(start)
-            peak, open_ = [start], [start]
-            while open_:
-                for other in self.neighbour[open_.pop()].ravel().tolist():
-                    if other in left:
-                        left.discard(other)
-                        peak.append(other)
-                        open_.append(other)
-            each.append(np.array(sorted(peak)))
-        return each
+        heavy, ahead = log_weight > log_weight.max() - depth, self.neighbour[:, 0]
+        i, axis = np.nonzero(heavy[:, None] & (ahead >= 0) & heavy[ahead])
+        label = component_labels(len(heavy), i, ahead[i, axis])
+        falling = np.argsort(-log_weight)
+        return [
+            np.flatnonzero(heavy & (label == peak)) for peak in dict.fromkeys(label[falling][heavy[falling]].tolist())
+        ]
 
     def nearest(self, point: np.ndarray) -> np.ndarray:
         """Nodes (any, k) nearest to points (q, k), each once, in order."""
@@ -189,12 +183,6 @@ def moments(point: np.ndarray, log_weight: np.ndarray) -> tuple[np.ndarray, np.n
     return w, mean, np.swapaxes(off * w[..., None], -1, -2) @ off
 
 
-def _beside(z: np.ndarray) -> np.ndarray:
-    """The 2k neighbours of a node along the axes."""
-    unit = np.eye(len(z), dtype=int)
-    return np.concatenate([z + unit, z - unit])
-
-
 FRESH = 0.4
 """When a lattice is laid, the variance of its highest peak is at least this share of that it is laid for."""
 COLLAPSED = 0.1
@@ -214,16 +202,12 @@ S = TypeVar("S", bound=Standing[Lattice])
 
 @dataclass(frozen=True)
 class Bank(Generic[S]):
-    """What lattices are laid for: the prior, mean (k,) and covariance (k, k); spacing of a lattice in standard deviations, depth
-    below its largest density to which it reaches, and most of its points; at: lattice, step → the filters at its points after
-    so many steps; joined: those of parts of a lattice as one; refuse_lost: raises where a point (k,) is one that nobody means.
-    held (q, k): points that every lattice but the first has a node next to, whatever the samples so far say."""
+    """What lattices are laid for: the prior, mean (k,) and covariance (k, k); at: lattice, step → the filters at its points after
+    so many steps; refuse_lost: raises where a point (k,) is one that nobody means; most points of a lattice; held (q, k): points
+    that every lattice but the first has a node next to, whatever the samples so far say."""
 
     prior: tuple[np.ndarray, np.ndarray]
-    spacing: float
-    depth: float
     at: Callable[[Lattice, int], S]
-    joined: Callable[[Lattice, Sequence[S]], S]
     refuse_lost: Callable[[np.ndarray], None]
     most: int = MOST_POINTS
     held: np.ndarray | None = None
@@ -257,9 +241,9 @@ def _laid(
     parts, outside = [bank.at(lattice, step)], 0
     while True:
         log_weight, edge = np.concatenate([part.log_weight for part in parts]), lattice.edge
-        heavy = edge & (log_weight > log_weight.max() - bank.depth)
+        heavy = edge & (log_weight > log_weight.max() - DEPTH)
         if not heavy.any():
-            return parts[0] if len(parts) == 1 else bank.joined(lattice, parts)
+            return parts[0] if len(parts) == 1 else replace(joined(parts), cover=lattice)
         best = int(np.argmax(log_weight))
         outside = outside + 1 if edge[best] else 0
         if outside > PATIENCE:
@@ -280,7 +264,7 @@ def _laid(
 
 def _lattice(bank: Bank[S], mean: np.ndarray, covariance: np.ndarray, other: np.ndarray | None) -> Lattice:
     """About a guess, with the nodes next to other points (q, k)."""
-    lattice = lattice_about(mean, covariance, bank.spacing, np.sqrt(2 * bank.depth))
+    lattice = lattice_about(mean, covariance, SPACING, np.sqrt(2 * DEPTH))
     return lattice if other is None or not len(other) else lattice.with_nodes(lattice.nearest(other))
 
 
@@ -292,12 +276,12 @@ def next_lattice(bank: Bank[S], now: S) -> S:
         while True:
             top = float(now.log_weight.max())
             # beyond the digits of a logarithm no depth of a lattice is left below its largest value
-            if not np.isfinite(now.log_weight).any() or not top - bank.depth < top:
+            if not np.isfinite(now.log_weight).any() or not top - DEPTH < top:
                 raise NumericalError(
                     "the readings are beyond what the model can make at any parameters",
                     remedy="check the units and scales of the channels",
                 )
-            first, *others = lattice.peaks(share * now.log_weight, bank.depth)
+            first, *others = lattice.peaks(share * now.log_weight, DEPTH)
             mean, covariance, narrow = _spread(bank, lattice, first, share * now.log_weight[first])
             if narrow >= COLLAPSED:
                 break
@@ -326,7 +310,7 @@ def _spread(
     """
 
     def least(covariance: np.ndarray) -> float:
-        return float(lattice.spread(covariance).min(initial=np.inf) * bank.spacing**2)
+        return float(lattice.spread(covariance).min(initial=np.inf) * SPACING**2)
 
     _, mean, plain = moments(lattice.point[which], log_weight)
     squared = 2 * moments(lattice.point[which], 2 * log_weight)[2]
@@ -338,7 +322,7 @@ def _spread(
 def _sharpened(bank: Bank[S], now: S, other: np.ndarray) -> S:
     """The lattice laid anew, as finely as its highest peak asks for and MOST_FINE allows."""
     for _ in range(MOST_LAID):
-        narrow = now.cover.width(now.log_weight).min(initial=np.inf) * bank.spacing**2
+        narrow = now.cover.width(now.log_weight).min(initial=np.inf) * SPACING**2
         if narrow >= FRESH:
             return now
         frame = now.cover.frame / now.cover.spacing

@@ -49,9 +49,8 @@ def without_load_fault(record: R, load: np.ndarray, fault: Fault) -> R:
         if W is not None:
             tones[..., wrong] *= np.exp(1j * W.frequency * record.model.h * steps)[:, None, None]
     else:
-        factor = -1.0 if fault.kind == "sign" else 1 / fault.amount
-        held[..., wrong] *= factor
-        tones[..., wrong] *= factor
+        held[..., wrong] *= fault.factor
+        tones[..., wrong] *= fault.factor
     return replace(record, known=held, samples=samples, settled=None if W is None else replace(W, held=tones))
 
 
@@ -90,7 +89,7 @@ class Innovations:
                 acting[i] = np.roll(acting[i], -n, axis=1)
                 acting[i][:, slice(-n, None) if n > 0 else slice(-n)] = 0.0
             else:
-                acting[i] = -acting[i] if fault.kind == "sign" else acting[i] / fault.amount
+                acting[i] = acting[i] * fault.factor
         return self.unloaded + np.sum(acting, axis=0)
 
     def density(self, fault: Fault | None) -> float:
@@ -152,10 +151,7 @@ def tried_of_loads(innovations: Innovations) -> list[Fault]:
     as_it_is = innovations.density(None)
     ranked = sorted(((innovations.density(fault), k) for k, fault in enumerate(faults)), reverse=True)
     wanted = [faults[k] for density, k in ranked if density > as_it_is][:CLOSELY]
-    for fault in list(wanted):
-        if fault.kind == "late":
-            wanted += [replace(fault, amount=fault.amount + k) for k in (-1, 1) if fault.amount + k]
-    return wanted
+    return wanted + [other for fault in wanted for other in fault.beside]
 
 
 SHARE = 0.8

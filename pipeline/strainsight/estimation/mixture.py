@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Generic, Protocol, TypeVar
+from typing import Annotated, ClassVar, Generic, Protocol, TypeVar
 
 import numpy as np
 
@@ -68,6 +68,8 @@ C = TypeVar("C", bound=Cover)
 class Standing(Generic[C]):
     """Of all points of a cover after some steps: prior and fit (B,), the logarithms of the prior and of the likelihood of all
     samples so far."""
+
+    SHARED: ClassVar[tuple[str, ...]] = ("cover", "step")
 
     cover: C
     prior: np.ndarray

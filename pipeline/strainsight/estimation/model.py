@@ -5,14 +5,15 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from scipy.linalg import expm, matrix_balance
 
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
-from strainsight.loads.input_models import RandomWalk, Unknowns, line_intensity
+from strainsight.loads.histories import quadratic_hold
+from strainsight.loads.input_models import RandomWalk, Unknowns, line_intensity, positive_of
 from strainsight.loads.linearisation import linearise
 from strainsight.rom.modal_step import HOLD, ModalMap, Scheme, acceleration_map, modal_step, parameter_slopes
 from strainsight.rom.model import ReducedModel
@@ -94,6 +95,12 @@ class FilterModel:
         """Where every unknown stands in x* (count,): ũ of every input, then p."""
         return self.unknowns.position(self.model)
 
+    @cached_property
+    def columns(self) -> tuple[list[int], list[int]]:
+        """Columns of the model's input shape that belong to unknown and to known inputs."""
+        known = [self.model.inputs.index(name) for name in self.known_inputs]
+        return self.unknowns.input_columns(self.model), known
+
     @property
     def amplitude(self) -> np.ndarray:
         """Unit of every ũ (n_ũ,)."""
@@ -144,7 +151,8 @@ class FilterModel:
         (`line_intensity`), however it was stated to move."""
         Q, unknowns = self.Q.copy(), self.unknowns
         for name, end in zip(unknowns.inputs, self.input_states.start + np.cumsum(unknowns.lengths), strict=True):
-            line = line_intensity(unknowns.model_of(name), unknowns.frequency_of(name), steps * self.h)
+            frequency = positive_of(unknowns.frequency, name, "frequency")
+            line = line_intensity(unknowns.model_of(name), frequency, steps * self.h)
             Q[..., end - 1, end - 1] = np.maximum(Q[..., end - 1, end - 1], line)
         return replace(self, Q=Q)
 
@@ -193,17 +201,19 @@ def theta_of(model: FilterModel, x: np.ndarray) -> dict[str, Any]:
 def inputs_of(model: FilterModel, x: np.ndarray, known: np.ndarray) -> np.ndarray:
     """Hold coefficients (..., HOLD, n_u) of all inputs: known (..., HOLD, n_known), unknown those of ζ in x* (..., n*)."""
     u = np.zeros((*x.shape[:-1], HOLD, len(model.model.inputs)))
-    u[..., [model.model.inputs.index(name) for name in model.known_inputs]] = known
+    at_unknown, at_known = model.columns
+    u[..., at_known] = known
     zeta = x[..., model.input_states]
-    u[..., model.unknowns.input_columns(model.model)] = np.einsum("jik,...k->...ji", model.hold, zeta)
+    u[..., at_unknown] = np.einsum("jik,...k->...ji", model.hold, zeta)
     return u
 
 
 def loads_of(model: FilterModel, x: np.ndarray, known: np.ndarray) -> np.ndarray:
     """All inputs (..., n_u) [N] at an instant: known (..., n_known) there, unknown amplitude·ũ of x* (..., n*) there."""
     u = np.zeros((*x.shape[:-1], len(model.model.inputs)))
-    u[..., [model.model.inputs.index(name) for name in model.known_inputs]] = known
-    u[..., model.unknowns.input_columns(model.model)] = model.amplitude * x[..., model.position[: len(model.amplitude)]]
+    at_unknown, at_known = model.columns
+    u[..., at_known] = known
+    u[..., at_unknown] = model.amplitude * x[..., model.position[: len(model.amplitude)]]
     return u
 
 
@@ -224,7 +234,8 @@ def physical(model: FilterModel, mean: np.ndarray, std: np.ndarray) -> dict[str,
 
 def input_transition(unknowns: Unknowns, h: float) -> np.ndarray:
     """exp(A_u h) (k, k) of ζ of all inputs."""
-    return np.eye(len(unknowns.inputs)) if _all_walk(unknowns) else expm(unknowns.rate_matrix() * h)
+    walks = all(isinstance(unknowns.model_of(name), RandomWalk) for name in unknowns.inputs)
+    return np.eye(len(unknowns.inputs)) if walks else expm(unknowns.rate_matrix() * h)
 
 
 def input_hold(unknowns: Unknowns, h: float) -> np.ndarray:
@@ -240,7 +251,7 @@ def input_hold(unknowns: Unknowns, h: float) -> np.ndarray:
     left[range(inputs), first] = unknowns.scale[:inputs]
     middle = left @ input_transition(unknowns, 0.5 * h)
     right = left @ input_transition(unknowns, h)
-    return np.stack([left, -3 * left + 4 * middle - right, 2 * left - 4 * middle + 2 * right])
+    return quadratic_hold(np.stack([left, middle, right]))[0]
 
 
 def process_covariance(F: np.ndarray, Q: np.ndarray, h: float) -> np.ndarray:
@@ -275,70 +286,6 @@ PART = 0.5
 """Radians that the fastest state may turn in the part of a step that `process_covariance` begins with."""
 
 
-def _all_walk(unknowns: Unknowns) -> bool:
-    return all(isinstance(unknowns.model_of(name), RandomWalk) for name in unknowns.inputs)
-
-
-class StepModel(Protocol):
-    """xₖ₊₁ = f(xₖ + w⁻) + w,   w⁻ ~ N(0, before), w ~ N(0, process);     yₖ₊₁ = h(xₖ₊₁) + v,   v ~ N(0, noise)
-
-    for steps k = 0, 1, … of length h [s]; yₖ₊₁ stands at the end of step k. The reduced parametric model is one
-    (`estimation/reduced.py`). An implicit step with constraints is another: its x holds a generalised force that f sets
-    to zero and `before` draws anew, so that a disturbed state still fulfils the constraints.
-
-    size n; channels m; h [s]; sets: how many covariances the model asks for by itself (1, or B where channels or noise
-    differ from run to run); linear: A and J are the same at every x and in every step, so that runs share one covariance;
-    position: indices of the states whose joint covariance is recorded; loss: what it means that a run has diverged, in words.
-    """
-
-    @property
-    def size(self) -> int: ...
-    @property
-    def channels(self) -> int: ...
-    @property
-    def h(self) -> float: ...
-    @property
-    def sets(self) -> int: ...
-    @property
-    def linear(self) -> bool: ...
-    @property
-    def position(self) -> np.ndarray: ...
-    @property
-    def loss(self) -> str: ...
-
-    def begin(self, x: np.ndarray, k: int) -> None:
-        """Step k begins at x (B, n): what a model makes of that holds for all trials and for the noise of this step."""
-
-    def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """f(x) and A = ∂f/∂x in step k: x (B, n) → (B, n) and (B or 1, n, n). A step that fails leaves NaN in its run."""
-
-    def measure(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-        """h(x) and J = ∂h/∂x at the end of step k: x (B, n) → (B, m) and (B or 1, m, n)."""
-
-    def process(self, k: int) -> np.ndarray:
-        """Covariance (n, n) or (B, n, n) that is added after step k."""
-
-    def before(self, k: int) -> np.ndarray | None:
-        """Covariance (n, n) or (B, n, n) that is added before step k; None for none."""
-
-    def noise(self, k: int) -> np.ndarray:
-        """Variances (m,) or (B, m) of the measurement at the end of step k."""
-
-    def lost(self, x: np.ndarray) -> np.ndarray:
-        """Which runs (B,) have left what the model holds for, x (B, n)."""
-
-
-def constant_step(model: FilterModel) -> ModalMap | None:
-    """The modal step once and for all where no parameter is estimated; otherwise None."""
-    return None if model.unknowns.parameters else modal_step(model.model, model.fixed, model.h, model.scheme)
-
-
-def constant_acceleration(model: FilterModel) -> ModalMap | None:
-    """The acceleration once and for all where no parameter is estimated and an accelerometer measures."""
-    wanted = model.accelerometers is not None and not model.unknowns.parameters
-    return acceleration_map(model.model, model.fixed) if wanted else None
-
-
 def step(
     model: FilterModel, x: np.ndarray, known: np.ndarray, constant: ModalMap | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
@@ -346,7 +293,8 @@ def step(
 
         [q, q̇]⁺ = A(θ)[q, q̇] + Σⱼ Bⱼ(θ)uⱼ,   ζ⁺ = exp(A_u h)ζ,   p⁺ = p
 
-    x (B, n*); known (HOLD, n_known) or (B, HOLD, n_known) hold coefficients [N]; constant: `constant_step(model)`.
+    x (B, n*); known (HOLD, n_known) or (B, HOLD, n_known) hold coefficients [N]; constant: the modal step, where no parameter is
+    estimated.
     Returns x*⁺ (B, n*) and A* (B, n*, n*), or (1, n*, n*) where no parameter is estimated.
     """
     theta = theta_of(model, x)
@@ -366,7 +314,7 @@ def measure(
         strain, displacement   H(θ) x*
         acceleration           φ(θ) M(θ)⁻¹(S u − C(θ)q̇ − K(θ)q)
 
-    x (B, n*); known (n_known,) or (B, n_known) [N] at that instant; constant: `constant_acceleration(model)`.
+    x (B, n*); known (n_known,) or (B, n_known) [N] at that instant; constant: the acceleration there, as of `step`.
     Returns y (B, m) and J (B, m, n*), or (1, m, n*) where it is the same for every run.
     """
     if not model.curved:
@@ -422,8 +370,10 @@ def measured_jacobian(
     H = H if H.ndim > 2 else H[None]
     J, q = H, state[..., None, :n]
     if model.accelerometers is not None and modal is not None:
-        moving = model.accelerometers[..., None]
-        J = np.where(moving, H[..., :n] @ _rates(model, modal, theta, state, u), H)
+        moving, loads = model.accelerometers[..., None], len(model.amplitude)
+        rows = np.zeros((1, loads, model.input_states.stop - model.input_states.start))
+        rows[0, range(loads), model.position[:loads] - model.input_states.start] = model.amplitude
+        J = np.where(moving, H[..., :n] @ _map_jacobian(model, modal, theta, state, u, rows), H)
         q = np.where(moving, _mapped(modal, state, u)[..., None, :], q)
     free = [name for name in model.unknowns.parameters if name in model.change.parameters]
     if free:
@@ -435,16 +385,6 @@ def measured_jacobian(
     return J
 
 
-def _rates(
-    model: FilterModel, modal: ModalMap, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray
-) -> np.ndarray:
-    """∂q̈/∂x* (..., n, n*)."""
-    inputs = np.zeros((1, len(model.amplitude), model.input_states.stop - model.input_states.start))
-    columns = model.position[: len(model.amplitude)] - model.input_states.start
-    inputs[0, range(len(columns)), columns] = model.amplitude
-    return _map_jacobian(model, modal, theta, state, u, inputs)
-
-
 def _map_jacobian(
     model: FilterModel, modal: ModalMap, theta: Mapping[str, Any], state: np.ndarray, u: np.ndarray, hold: np.ndarray
 ) -> np.ndarray:
@@ -453,7 +393,7 @@ def _map_jacobian(
     batch = state.shape[:-1] if names else (1,)
     J = np.zeros((*batch, modal.transition.shape[-2], model.size))
     J[..., model.motion] = modal.transition
-    inputs = modal.input[..., model.unknowns.input_columns(model.model)]
+    inputs = modal.input[..., model.columns[0]]
     held = hold.shape[0] * hold.shape[1]
     J[..., model.input_states] = inputs.reshape(*inputs.shape[:-2], held) @ hold.reshape(held, -1 if held else 0)
     if names:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import cached_property
-from typing import Any, TypeVar
+from typing import Any, ClassVar, TypeVar
 
 import numpy as np
 
@@ -64,26 +64,6 @@ class ModalMotion:
             basis, inverse, self.pairs, beside, wider(self.fed, count, -2), self.pairs_nu, beside_nu, fed_nu
         )
 
-    @cached_property
-    def transition(self) -> np.ndarray:
-        """A (B, n, n) of the states."""
-        return np.asarray(self.basis @ _full(self.pairs, self.beside) @ self.inverse)
-
-    @cached_property
-    def input(self) -> np.ndarray:
-        """G (B, n, p) of what is known."""
-        return np.asarray(self.basis @ self.fed)
-
-    @cached_property
-    def transition_nu(self) -> np.ndarray:
-        """A_ν (B, e, n, n)."""
-        return np.asarray(self.basis[:, None] @ _full(self.pairs_nu, self.beside_nu) @ self.inverse[:, None])
-
-    @cached_property
-    def input_nu(self) -> np.ndarray:
-        """G_ν (B, e, n, p)."""
-        return np.asarray(self.basis[:, None] @ self.fed_nu)
-
 
 def _full(pairs: np.ndarray, beside: np.ndarray) -> np.ndarray:
     """(..., n, n) in the coordinates of the modes."""
@@ -100,10 +80,6 @@ def wider(array: np.ndarray, count: int, *axes: int) -> np.ndarray:
     return np.pad(array, [(0, count if axis - array.ndim in axes else 0) for axis in range(array.ndim)])
 
 
-BY_MODEL = ("Q", "H", "F", "shift")
-"""Arrays of `LinearModels` with a row for every model."""
-
-
 @dataclass(frozen=True)
 class LinearModels:
     """B models  x⁺ = A x + G w + Σₖ νₖ(Aₖx + Gₖw) + noise,   y = H x + F w₁ + Σₖ νₖ(Dₖx + Eₖw₁ + oₖ + Bₖz) + noise
@@ -116,6 +92,9 @@ class LinearModels:
     about (d,): ν is counted from there, and of every model from `shift` (B, d) beyond, so that its mean is −about − shift;
     held (d,): whether slopes are those there.
     """
+
+    SHARED: ClassVar = ("D", "E", "offset", "B", "U", "W", "about", "held")
+    """Arrays without a row for every model."""
 
     motion: ModalMotion
     Q: np.ndarray
@@ -138,21 +117,22 @@ class LinearModels:
         agree(self.motion, "basis Bnn", sizes)
         agree(self, "Q Bnn, F Bmp, D dmn, E dmp, offset dm, B dmf, U fn, W fp, about d, shift Bd, held d", sizes)
 
-    @property
+    @cached_property
     def A(self) -> np.ndarray:
-        return self.motion.transition
+        return np.asarray(self.motion.basis @ _full(self.motion.pairs, self.motion.beside) @ self.motion.inverse)
 
-    @property
+    @cached_property
     def G(self) -> np.ndarray:
-        return self.motion.input
+        return np.asarray(self.motion.basis @ self.motion.fed)
 
-    @property
+    @cached_property
     def A_nu(self) -> np.ndarray:
-        return self.motion.transition_nu
+        basis, inverse = self.motion.basis[:, None], self.motion.inverse[:, None]
+        return np.asarray(basis @ _full(self.motion.pairs_nu, self.motion.beside_nu) @ inverse)
 
-    @property
+    @cached_property
     def G_nu(self) -> np.ndarray:
-        return self.motion.input_nu
+        return np.asarray(self.motion.basis[:, None] @ self.motion.fed_nu)
 
     @property
     def count(self) -> int:
@@ -175,7 +155,7 @@ class LinearModels:
 
     def of(self, points: slice) -> LinearModels:
         """Some of them."""
-        by_model = {name: getattr(self, name)[points] for name in BY_MODEL}
+        by_model = {name: getattr(self, name)[points] for name in ("Q", "H", "F", "shift")}
         return replace(self, motion=self.motion.of(points), **by_model)
 
     @cached_property
@@ -193,12 +173,6 @@ class LinearModels:
 def compilable(*arrays: np.ndarray) -> tuple[np.ndarray, ...]:
     """One behind the other in memory and writable: loops are compiled once more, for seconds, for arrays of another kind."""
     return tuple(np.require(each, requirements=("C", "W")) for each in arrays)
-
-
-def joined_models(parts: Sequence[LinearModels]) -> LinearModels:
-    """Models of the same ν, one behind the other."""
-    by_model = {name: np.concatenate([getattr(part, name) for part in parts]) for name in BY_MODEL}
-    return replace(parts[0], motion=joined([part.motion for part in parts]), **by_model)
 
 
 def agree(arrays: Any, shapes: str, sizes: dict[str, int]) -> None:
@@ -254,9 +228,19 @@ R = TypeVar("R")
 
 
 def joined(parts: Sequence[R], axis: int = 0) -> R:
-    """Parts of one kind as one, every array joined along an axis."""
-    names = [entry.name for entry in fields(parts[0])]  # type: ignore[arg-type]
-    return type(parts[0])(*(np.concatenate([getattr(part, name) for part in parts], axis=axis) for name in names))
+    """Parts of one kind as one, every array joined along an axis, or the AXIS of the kind, but for what the parts have in
+    common (`SHARED`)."""
+    first: Any = parts[0]
+    axis = getattr(first, "AXIS", axis)
+
+    def one(name: str) -> Any:
+        values = [getattr(part, name) for part in parts]
+        if values[0] is None:
+            return None
+        return joined(values, axis) if is_dataclass(values[0]) else np.concatenate(values, axis=axis)
+
+    shared = getattr(first, "SHARED", ())
+    return replace(first, **{entry.name: one(entry.name) for entry in fields(first) if entry.name not in shared})
 
 
 def _of_states(
@@ -359,18 +343,8 @@ def advance(
     x, P, V = np.zeros((B, whole, n)), np.zeros((B, whole, n, n)), np.zeros((B, whole, d, n))
     nu, left, fit = np.zeros((B, kept, d)), np.zeros((B, kept, d, d)), np.zeros((B, L))
     ahead = np.zeros((B, whole, m)), np.zeros((B, whole, m, m)), np.zeros((B, whole, m, d))
-    state = (
-        filters.x,
-        filters.P,
-        filters.V,
-        filters.gain,
-        filters.variance,
-        filters.S,
-        filters.calm,
-        filters.nu,
-        filters.left,
-    )
-    considering = filters.x_c, filters.P_c, filters.V_c
+    *arrays, _ = (getattr(filters, entry.name) for entry in fields(filters))
+    state, considering = tuple(arrays[:-3]), tuple(arrays[-3:])
     read = compilable(data.known, data.known_end, data.samples, data.noise, data.discrepancy, less)
     out = fit, nu, left, x, P, V
     from strainsight.estimation.compiled.filters import take_steps  # not before: numba takes a second to import

@@ -274,7 +274,9 @@ def spikes_of(
     disturbance is that of the channel whose innovation is largest; what follows it is what the filter made of it.
     """
     marked: list[tuple[int, int]] = []
-    free, samples = _with_sudden_loads(suspect), suspect.samples.copy()
+    model, Q, samples = suspect.model, suspect.model.Q.copy(), suspect.samples.copy()
+    Q[..., model.input_states, model.input_states] *= SUDDEN
+    free = replace(suspect, model=replace(model, Q=Q))
     fitted = fit(free)
     most = max(ALWAYS, int(MOST_SHARE * samples.size))
     for _ in range(ROUNDS):
@@ -303,12 +305,6 @@ def spikes_of(
         return None
     spans = _joined(marked)
     return without, replace(as_stated[0], fault=Fault("spikes", spans[0][0], 0.0, spans=spans))
-
-
-def _with_sudden_loads(suspect: Suspect) -> Suspect:
-    model, Q = suspect.model, suspect.model.Q.copy()
-    Q[..., model.input_states, model.input_states] *= SUDDEN
-    return replace(suspect, model=replace(model, Q=Q))
 
 
 def _joined(marked: list[tuple[int, int]]) -> tuple[tuple[int, int, int], ...]:

@@ -1,17 +1,68 @@
-"""The reduced parametric model under known loads as a `StepModel`, and offsets of its channels."""
+"""What a filter steps: the protocol, the reduced parametric model under known loads, and offsets of its channels."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
 from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 
-from strainsight.estimation.model import FilterModel, StepModel, constant_acceleration, constant_step, measure, step
+from strainsight.estimation.model import FilterModel, measure, step
 from strainsight.estimation.update import apply
+from strainsight.rom.modal_step import acceleration_map, modal_step
 
 LOST = 10.0
 """A run diverges when a parameter has left its guess by a factor of exp(LOST)."""
+
+
+class StepModel(Protocol):
+    """xₖ₊₁ = f(xₖ + w⁻) + w,   w⁻ ~ N(0, before), w ~ N(0, process);     yₖ₊₁ = h(xₖ₊₁) + v,   v ~ N(0, noise)
+
+    for steps k = 0, 1, … of length h [s]; yₖ₊₁ stands at the end of step k. The reduced parametric model is one
+    (`DrivenModel`). An implicit step with constraints is another: its x holds a generalised force that f sets
+    to zero and `before` draws anew, so that a disturbed state still fulfils the constraints.
+
+    size n; channels m; h [s]; sets: how many covariances the model asks for by itself (1, or B where channels or noise
+    differ from run to run); linear: A and J are the same at every x and in every step, so that runs share one covariance;
+    position: indices of the states whose joint covariance is recorded; loss: what it means that a run has diverged, in words.
+    """
+
+    @property
+    def size(self) -> int: ...
+    @property
+    def channels(self) -> int: ...
+    @property
+    def h(self) -> float: ...
+    @property
+    def sets(self) -> int: ...
+    @property
+    def linear(self) -> bool: ...
+    @property
+    def position(self) -> np.ndarray: ...
+    @property
+    def loss(self) -> str: ...
+
+    def begin(self, x: np.ndarray, k: int) -> None:
+        """Step k begins at x (B, n): what a model makes of that holds for all trials and for the noise of this step."""
+
+    def step(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """f(x) and A = ∂f/∂x in step k: x (B, n) → (B, n) and (B or 1, n, n). A step that fails leaves NaN in its run."""
+
+    def measure(self, x: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
+        """h(x) and J = ∂h/∂x at the end of step k: x (B, n) → (B, m) and (B or 1, m, n)."""
+
+    def process(self, k: int) -> np.ndarray:
+        """Covariance (n, n) or (B, n, n) that is added after step k."""
+
+    def before(self, k: int) -> np.ndarray | None:
+        """Covariance (n, n) or (B, n, n) that is added before step k; None for none."""
+
+    def noise(self, k: int) -> np.ndarray:
+        """Variances (m,) or (B, m) of the measurement at the end of step k."""
+
+    def lost(self, x: np.ndarray) -> np.ndarray:
+        """Which runs (B,) have left what the model holds for, x (B, n)."""
 
 
 @dataclass(frozen=True)
@@ -88,14 +139,14 @@ class DrivenModel:
     def _linear_step(self) -> tuple[np.ndarray, np.ndarray]:
         """A* (1, n*, n*) and what the known loads add in every step (T, n*)."""
         model, rest = self.model, np.zeros((len(self.known), self.model.size))
-        drive, A = step(model, rest, self.known, constant_step(model))
+        drive, A = step(model, rest, self.known, modal_step(model.model, model.fixed, model.h, model.scheme))
         return A, drive
 
     @cached_property
     def _linear_measurement(self) -> tuple[np.ndarray, np.ndarray | None]:
         """J (b, m, n*) and what the known loads add to accelerometers in every step (T, b, m)."""
         model = self.model
-        sensed = constant_acceleration(model)
+        sensed = None if model.accelerometers is None else acceleration_map(model.model, model.fixed)
         J = measure(model, np.zeros((1, model.size)), np.zeros(self.known.shape[-1]), sensed)[1]
         if sensed is None or not self.known.size:
             return J, None

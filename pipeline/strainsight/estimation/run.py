@@ -8,7 +8,7 @@ from typing import Literal
 import numpy as np
 
 from strainsight.errors import NumericalError
-from strainsight.estimation.model import StepModel
+from strainsight.estimation.reduced import StepModel
 from strainsight.estimation.update import output_std, standard_deviation
 
 Keep = Literal["parameters", "mean", "first", "all"]
@@ -58,7 +58,7 @@ class FilterRun:
 
 class RunArrays:
     """The arrays of a FilterRun while it runs: B runs, b covariances, T steps of a model; iterating: whether the
-    innovations of the last linearisation are other than the first; regressed: whether `noises` are to be kept, too; each:
+    innovations of the last linearisation are other than the first; regressed: whether the noises are to be kept, too; each:
     whether the process noise is."""
 
     def __init__(
@@ -108,8 +108,17 @@ class RunArrays:
         self.gauge_mean[k] = y
         self.gauge_std[k] = self.gauge_std[k - 1] if P is None else output_std(C, P)
 
-    def linearised(self, k: int, A: np.ndarray, H: np.ndarray | None, adjusted: np.ndarray | None) -> None:
-        """The Jacobians of step k; H None where nothing was measured."""
+    def linearised(
+        self,
+        k: int,
+        A: np.ndarray,
+        H: np.ndarray | None,
+        adjusted: np.ndarray | None,
+        process: np.ndarray,
+        R: np.ndarray,
+    ) -> None:
+        """The Jacobians of step k, H None where nothing was measured, and covariances (b, n, n) of it and (b, m, m), or variances
+        (b, m), of its measurement."""
         if self.jacobian is not None and self.rows is not None:
             if k < len(self.jacobian):
                 self.jacobian[k] = A[self.first]
@@ -117,13 +126,10 @@ class RunArrays:
                 self.rows[min(k, len(self.rows) - 1)] = H[self.first]
         if adjusted is not None and self.adjusted is not self.whitened:
             self.adjusted[k] = adjusted
-
-    def noises(self, k: int, process: np.ndarray, noise: np.ndarray) -> None:
-        """Covariances (b, n, n) of step k and of its measurement, (b, m) variances or (b, m, m), those that are kept."""
         if self.process is not None:
             self.process[k] = process if process.ndim == 2 else process[self.first]
         if self.noise is not None:
-            self.noise[k] = noise if noise.ndim == 3 else noise[:, None, :] * np.eye(noise.shape[1])
+            self.noise[k] = R if R.ndim == 3 else R[:, None, :] * np.eye(R.shape[1])
 
     def astray(self, k: int, x: np.ndarray, refuse: bool) -> np.ndarray:
         """Which runs (B,) step k has lost, x (B, n) after it; they are marked. Raises NumericalError where none is left, and

@@ -8,11 +8,9 @@ from itertools import product
 
 import numpy as np
 
-from strainsight.estimation.filter import filter_runs, samples_by_step
 from strainsight.estimation.model import FilterModel
-from strainsight.estimation.reduced import driven_with_offsets
-from strainsight.estimation.run import FilterRun, Keep, RunArrays
-from strainsight.estimation.update import Form, Transition, apply, belief_of, symmetric, transposed, whiten
+from strainsight.estimation.reduced import StepModel, driven_with_offsets
+from strainsight.estimation.update import symmetric, transposed
 
 Outcome = tuple[np.ndarray, np.ndarray]
 
@@ -69,7 +67,8 @@ def regression(
     J[..., parameters] = 0.0
     mean, middle = np.tensordot(w, f, 1), np.tensordot(w, J, 1)
     along = np.einsum("i,ibr,ik->brk", w, f - mean, z)
-    slope = middle + (along - middle @ C) @ transposed(_wide(inverse, parameters, n))
+    slope = middle.copy()
+    slope[..., parameters] += (along - middle @ C) @ transposed(inverse)
     off = f - mean - np.einsum("brk,ik->ibr", along, z)
     turned = J - middle
     rest = np.einsum("i,ibr,ibs->brs", w, off, off) + np.tensordot(
@@ -78,71 +77,54 @@ def regression(
     return Regression(mean, slope, symmetric(rest))
 
 
-def run_sigma_points(
-    model: FilterModel,
-    mean: np.ndarray,
-    covariance: np.ndarray,
-    known: np.ndarray,
-    measurement: np.ndarray,
-    keep: Keep = "mean",
-    *,
-    form: Form = "joseph",
-    biased: np.ndarray | None = None,
-    refuse: bool = True,
-) -> FilterRun:
-    """Predict and update with the regressions of step and measurement, T times, for B runs at once:
+@dataclass(frozen=True)
+class SigmaPoints:
+    """Regressions of step and measurement in place of their Jacobians:
 
         x̂⁻ = mean_f,   P⁻ = A P Aᵀ + Q + rest_f,     S = H P⁻ Hᵀ + R + rest_h,   x̂ = x̂⁻ + P⁻Hᵀ S⁻¹ (y − mean_h)
 
     with A, H their slopes: the covariance of the extended filter, and what the product of the errors of parameter and motion
-    adds, which that neglects. A reading that is linear needs no regression. The density of parameter and motion is taken as
-    normal after every step. Arguments as of `run_filter`. Parameters drift by what Q says. Without a parameter it is the Kalman
-    filter. Raises ValueError where the known loads end before the samples, and as `filter_runs`.
+    adds, which that neglects. The density of parameter and motion is taken as normal after every step.
+    model: of every run; many: of all points of all runs; parameters: where they stand in x; curved: whether the reading is not
+    linear, and so needs a regression.
     """
-    y = samples_by_step(model, known, measurement)
-    y = y if y.ndim == 3 else y[:, None]
-    core = driven_with_offsets(model, known, biased)
+
+    model: StepModel
+    many: StepModel
+    parameters: slice
+    points: Points
+    curved: bool
+
+    def step(self, x: np.ndarray, P: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """x̂⁻ (B, n), A (B, n, n) and process noise (B, n, n) with rest_f, the parameters as they were, to the last digit."""
+        at = self.parameters
+        moved = regression(lambda points: self.many.step(points, k), x, P, at, self.points)
+        moved.mean[:, at] = x[:, at]
+        moved.slope[:, at] = np.eye(x.shape[1])[at]
+        moved.rest[:, at] = moved.rest[:, :, at] = 0.0
+        return moved.mean, moved.slope, self.model.process(k) + moved.rest
+
+    def measure(
+        self, x: np.ndarray, P: np.ndarray, R: np.ndarray, measured: np.ndarray, k: int
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """The reading (B, m), H (B, m, n) and the noise (B, m, m) of variances R (B, m) with rest_h, R itself where nothing is
+        curved; measured (B, m)."""
+        if not self.curved:
+            return *self.model.measure(x, k), R
+        read = regression(lambda points: self.many.measure(points, k), x, P, self.parameters, self.points)
+        both = measured[:, :, None] & measured[:, None, :]
+        return read.mean, read.slope, np.where(both, read.rest, 0.0) + R[:, None, :] * np.eye(R.shape[1])
+
+
+def sigma_points(
+    model: FilterModel, core: StepModel, known: np.ndarray, biased: np.ndarray | None = None
+) -> SigmaPoints | None:
+    """Of the reduced model under known loads, of which `core` is the `StepModel`; None where no parameter is estimated."""
     if core.linear:
-        return filter_runs(core, mean, covariance, y, keep, form=form, refuse=refuse)
-    parameters, points = model.parameter_states, points_of(len(model.unknowns.parameters))
+        return None
+    points = points_of(len(model.unknowns.parameters))
     many = driven_with_offsets(_repeated(model, len(points[1])), known, biased)
-    sets = max(core.sets, len(covariance) if covariance.ndim == 3 else 1)
-    runs = max(y.shape[1], sets, mean.size // core.size)
-    measured = np.broadcast_to(np.isfinite(y), (len(y), runs, y.shape[2]))
-    x = np.broadcast_to(mean, (runs, core.size)).astype(float)
-    P = np.broadcast_to(covariance, (runs, core.size, core.size)).astype(float)
-    start, belief = (x.copy(), P.copy()), belief_of(form, P)
-    record = RunArrays(core, len(y), runs, runs, keep, regressed=True)
-    record.state(0, x, P)
-    for k in range(len(y)):
-        moved = _constant(regression(lambda at, k=k: many.step(at, k), x, P, parameters, points), x, parameters)  # type: ignore[misc]
-        x, A, process = moved.mean, moved.slope, core.process(k) + moved.rest
-        belief = belief.predicted(Transition(A, process))
-        H: np.ndarray | None = None
-        R = np.broadcast_to(core.noise(k), measured[k].shape)
-        if measured[k].any():
-            expected, H = core.measure(x, k)
-            if model.curved:
-                read = regression(lambda at, k=k: many.measure(at, k), x, belief.covariance, parameters, points)  # type: ignore[misc]
-                both = measured[k][:, :, None] & measured[k][:, None, :]
-                expected, H = read.mean, read.slope
-                R = np.where(both, read.rest, 0.0) + R[:, None, :] * np.eye(R.shape[1])
-            innovation = record.innovation[k] = y[k] - expected
-            if not measured[k].all():
-                H, innovation = np.where(measured[k][..., None], H, 0.0), np.nan_to_num(innovation)
-            belief, G, L = belief.updated(H, R, (k + 1) * core.h)
-            record.whitened[k] = whiten(L, innovation)
-            record.spread[k] = np.diagonal(L, axis1=-2, axis2=-1)
-            x = x + apply(G, record.whitened[k])
-        astray = record.astray(k, x, refuse)
-        if astray.any():
-            x, belief = np.where(astray[:, None], start[0], x), belief.reset(astray, start[1])
-        P = belief.covariance
-        record.state(k + 1, x, P)
-        record.readings(k, *core.measure(x, k), P)
-        record.linearised(k, A, H, None)
-        record.noises(k, process, R)
-    return record.finished(P, measured)
+    return SigmaPoints(core, many, model.parameter_states, points, model.curved)
 
 
 def _repeated(model: FilterModel, times: int) -> FilterModel:
@@ -156,14 +138,6 @@ def _repeated(model: FilterModel, times: int) -> FilterModel:
     return replace(model, H=np.tile(model.H, (times, 1, 1)), change=change, quantity=quantity)
 
 
-def _constant(moved: Regression, x: np.ndarray, parameters: slice) -> Regression:
-    """With the parameters as they were, to the last digit."""
-    moved.mean[:, parameters] = x[:, parameters]
-    moved.slope[:, parameters] = np.eye(x.shape[1])[parameters]
-    moved.rest[:, parameters] = moved.rest[:, :, parameters] = 0.0
-    return moved
-
-
 def _inverse_factor(P: np.ndarray) -> np.ndarray:
     """W (B, k, k) with Wᵀ P W = I, scaled to diag P = 1 first; zero columns for directions without variance."""
     std = np.sqrt(np.diagonal(P, axis1=1, axis2=2))
@@ -172,10 +146,3 @@ def _inverse_factor(P: np.ndarray) -> np.ndarray:
     spread = values > P.shape[-1] * np.finfo(float).eps
     inverse = np.where(spread, 1 / np.sqrt(np.where(spread, values, 1.0)), 0.0)
     return np.asarray(vectors / size[:, :, None] * inverse[:, None])
-
-
-def _wide(inverse: np.ndarray, parameters: slice, n: int) -> np.ndarray:
-    """W (B, k, k) as rows of x (B, n, k)."""
-    whole = np.zeros((len(inverse), n, inverse.shape[-1]))
-    whole[:, parameters] = inverse
-    return whole

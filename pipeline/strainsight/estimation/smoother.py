@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
+from math import isqrt
 
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from strainsight.estimation.model import FilterModel, StepModel
-from strainsight.estimation.reduced import DrivenModel
+from strainsight.estimation.model import FilterModel
+from strainsight.estimation.reduced import DrivenModel, StepModel
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.update import (
     apply,
@@ -44,6 +46,20 @@ class Kept:
     std: np.ndarray
     covariance: np.ndarray
     then: np.ndarray
+
+    @classmethod
+    def of(cls, wanted: WantedCovariances, instants: int, n: int) -> Kept:
+        """Nothing so far, of so many instants of n* states."""
+        r, k, i = wanted.rows.shape[-2], len(wanted.states), len(wanted.instants)
+        return cls(wanted, np.zeros((instants, r)), np.zeros((instants, k, k)), np.zeros((i, n, n)))
+
+    def take(self, at: slice, covariance: np.ndarray) -> None:
+        """covariance (L, n*, n*) of a piece."""
+        rows, states, instants = self.wanted.rows, self.wanted.states, self.wanted.instants
+        self.std[at] = output_std(rows[at] if rows.ndim > 2 else rows, covariance)
+        self.covariance[at] = covariance[:, states[:, None], states]
+        here = np.flatnonzero((at.start <= instants) & (instants < at.stop))
+        self.then[here] = covariance[instants[here] - at.start]
 
 
 @dataclass(frozen=True)
@@ -105,28 +121,6 @@ def _places(wanted: np.ndarray, available: np.ndarray) -> np.ndarray:
     return np.array([each[0] for each in at], dtype=int)
 
 
-class Keeping:
-    """The arrays of the covariances that are kept while a smoother runs over T + 1 instants of n* states."""
-
-    def __init__(self, wanted: WantedCovariances | None, instants: int, n: int):
-        self.covariance = np.zeros((instants, 1, n, n)) if wanted is None else None
-        self.kept: Kept | None = None
-        if wanted is not None:
-            r, k, i = wanted.rows.shape[-2], len(wanted.states), len(wanted.instants)
-            self.kept = Kept(wanted, np.zeros((instants, r)), np.zeros((instants, k, k)), np.zeros((i, n, n)))
-
-    def take(self, at: slice, covariance: np.ndarray) -> None:
-        """covariance (L, n*, n*) of a piece."""
-        if self.covariance is not None:
-            self.covariance[at, 0] = covariance
-        if (kept := self.kept) is not None:
-            rows, states, instants = kept.wanted.rows, kept.wanted.states, kept.wanted.instants
-            kept.std[at] = output_std(rows[at] if rows.ndim > 2 else rows, covariance)
-            kept.covariance[at] = covariance[:, states[:, None], states]
-            here = np.flatnonzero((at.start <= instants) & (instants < at.stop))
-            kept.then[here] = covariance[instants[here] - at.start]
-
-
 def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = False) -> Smoothed:
     """The Rauch-Tung-Striebel estimate in the adjoint form of Bryson and Frazier, which inverts neither P nor P⁻:
 
@@ -135,7 +129,7 @@ def smooth(model: FilterModel | StepModel, run: FilterRun, covariance: bool = Fa
 
     backwards from λ = 0, Λ = 0 at the last instant.
 
-    run: `run_filter(..., keep="all")` or `run_sigma_points` of the same model, in any form and by any update. A singular
+    run: `run_filter(..., keep="all")` of the same model, in any form and by any update. A singular
     P⁻ (states without process noise) needs no care.
     A nonlinear model is smoothed along the Jacobians, or the regressions, that its filter used.
     Raises ValueError where the run was not kept, or the first one alone of several.
@@ -276,18 +270,23 @@ def smoother_errors(
         raise ValueError(f"errors of the smoother are of one run, not of {adjusted.shape[1]}")
     steps, _, m = adjusted.shape
     n = covariance.shape[-1]
-    factors, measured = _Factors(), np.isfinite(adjusted[:, 0])
+    measured = np.isfinite(adjusted[:, 0])
     e, white = np.empty((steps + 1, count, n)), np.zeros((steps, count, m))
 
-    def drawn(factor: np.ndarray) -> np.ndarray:
+    @lru_cache(maxsize=4)
+    def factor_of(numbers: bytes) -> np.ndarray:
+        return covariance_factor(np.frombuffer(numbers).reshape(isqrt(len(numbers) // 8), -1))
+
+    def drawn(P: np.ndarray) -> np.ndarray:
+        factor = factor_of(P.tobytes())
         return np.asarray(rng.standard_normal((count, factor.shape[1])) @ factor.T)
 
-    e[0] = drawn(covariance_factor(covariance[0, 0]))
+    e[0] = drawn(covariance[0, 0])
     back: list[tuple[np.ndarray, np.ndarray] | None] = []
     for k in range(steps):
         A, H, before, process, R = _first_of(model, run, k)
-        start = e[k] if before is None else e[k] + drawn(factors.of("before", before))
-        ahead = start @ A.T + drawn(factors.of("process", process))
+        start = e[k] if before is None else e[k] + drawn(before)
+        ahead = start @ A.T + drawn(process)
         channels = measured[k]
         if not channels.any():
             e[k + 1] = ahead
@@ -296,7 +295,7 @@ def smoother_errors(
         H, R = H[channels], R[np.ix_(channels, channels)]
         P = covariance[k] if before is None else covariance[k] + before
         K, L = gain(predict(P, A, process), H, R[None], instant=run.time[k + 1])
-        innovation = ahead @ H.T + drawn(factors.of("noise", R))
+        innovation = ahead @ H.T + drawn(R)
         e[k + 1] = ahead - apply(K, innovation)
         back.append((np.eye(n) - K[0] @ H, np.linalg.solve(L[0], H)))
         white[k][:, channels] = np.linalg.solve(L[0], innovation.T).T
@@ -311,16 +310,3 @@ def smoother_errors(
             adjoint = adjoint @ left - white[k - 1][:, measured[k - 1]] @ rows
         adjoint = adjoint @ _kept(run.jacobian)[k - 1, 0]
     return error
-
-
-class _Factors:
-    """Factors of covariances, computed anew only where they change."""
-
-    def __init__(self) -> None:
-        self._last: dict[str, tuple[np.ndarray, np.ndarray]] = {}
-
-    def of(self, name: str, covariance: np.ndarray) -> np.ndarray:
-        last = self._last.get(name)
-        if last is None or last[0].shape != covariance.shape or not np.array_equal(last[0], covariance):
-            last = self._last[name] = (covariance.copy(), covariance_factor(covariance))
-        return last[1]

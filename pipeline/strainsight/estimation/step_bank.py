@@ -8,15 +8,15 @@ all of them linearises what ξ does to the motion, too. Where the step is linear
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import ClassVar
 
 import numpy as np
 
 from strainsight.errors import InfeasibleError, NumericalError
-from strainsight.estimation.lattice import DEPTH, SPACING, Bank, Lattice, first_lattice, next_lattice
+from strainsight.estimation.lattice import Bank, Lattice, first_lattice, next_lattice
 from strainsight.estimation.mixture import Standing, log_normal
-from strainsight.estimation.parallel_filters import joined
 from strainsight.estimation.run import FilterRun
 
 MOST_POINTS = 1000
@@ -51,6 +51,9 @@ class PointHistories:
     """Of B points through t steps: mean, variance (t + 1, B, n) of x, joint covariance (t + 1, B, q, q) of `position`, nis and
     fit (t, B) as of a FilterRun."""
 
+    AXIS: ClassVar = 1
+    """Of the points."""
+
     mean: np.ndarray
     variance: np.ndarray
     joint: np.ndarray
@@ -82,14 +85,9 @@ class StepBankRun:
 
 
 def filter_constants(
-    bank: StepBank,
-    samples: np.ndarray,
-    *,
-    spacing: float = SPACING,
-    depth: float = DEPTH,
-    progress: Callable[[int], None] | None = None,
+    bank: StepBank, samples: np.ndarray, *, progress: Callable[[int], None] | None = None
 ) -> StepBankRun:
-    """Posterior of ξ and of all states along samples (T, m), NaN where missing; spacing, depth as of `filter_bank`.
+    """Posterior of ξ and of all states along samples (T, m), NaN where missing.
 
     The lattice begins at the prior, and is laid anew about the posterior whenever that has narrowed or moved to its edge; its
     filters begin at t = 0. progress: called with the steps done.
@@ -98,7 +96,7 @@ def filter_constants(
     """
     _refuse_known(bank)
     laying = Bank[Followed](
-        bank.prior, spacing, depth, lambda lattice, step: _followed(bank, samples, lattice, step), _joined,
+        bank.prior, lambda lattice, step: _followed(bank, samples, lattice, step),
         lambda point: _refuse_far(bank, point), MOST_POINTS,
     )  # fmt: skip
     now, laid, T, n = first_lattice(laying), 1, len(samples), len(bank.mean)
@@ -156,12 +154,6 @@ def _followed(bank: StepBank, samples: np.ndarray, lattice: Lattice, step: int) 
     if np.isneginf(now.log_weight).all():
         raise _none_left(step)
     return now
-
-
-def _joined(lattice: Lattice, parts: Sequence[Followed]) -> Followed:
-    """Parts of one lattice, in the order of its points."""
-    prior, fit = (np.concatenate([getattr(part, name) for part in parts]) for name in ("prior", "fit"))
-    return Followed(lattice, prior, fit, parts[0].step, joined([part.histories for part in parts], axis=1))
 
 
 def _mixed(

@@ -88,7 +88,8 @@ def explained(suspect: Suspect, fault: Fault | None) -> tuple[Explained, BankRun
         missing[fault.channel] = 0
     try:
         # parameters explain frequencies that are off, and are no result here
-        exact = nuisances.exactly_tuned if record.model.unknowns.parameters else nuisances
+        tuned = bool(record.model.unknowns.parameters)
+        exact = replace(nuisances, frequency=0 * nuisances.frequency) if tuned else nuisances
         peak = peak_of(replace(record, nuisances=exact))
         if peak.evidence < IMPOSSIBLE:
             return Explained(fault, -np.inf, np.inf), None

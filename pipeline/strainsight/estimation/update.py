@@ -46,6 +46,17 @@ def gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float = np.nan) -
     return transposed(np.linalg.solve(transposed(L), transposed(G))), L
 
 
+def schmidt_gain(P: np.ndarray, H: np.ndarray, R: np.ndarray, V: np.ndarray, slope: np.ndarray) -> np.ndarray:
+    """Schmidt's gain, which considers constants ν of unit variance: K = (P Hᵀ − Vᵀεᵀ) S⁻¹, S = H P Hᵀ + ε εᵀ + R.
+
+    P (b, n, n) without what ν causes; H (m, n) or (b, m, n); R (b, m) or (m,) variances; V (b, d, n) what one of ν adds to the
+    error of the states, slope ε (b, m, d) to the innovation. Returns K (b, n, m).
+    Source: Schmidt, Advances in Control Systems 3 (1966).
+    """
+    S = H @ P @ transposed(H) + slope @ transposed(slope) + R[..., None] * np.eye(R.shape[-1])
+    return transposed(np.linalg.solve(S, H @ P - slope @ V))
+
+
 def joseph(P: np.ndarray, H: np.ndarray, R: np.ndarray, instant: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """P⁺ = (I − KH)P(I − KH)ᵀ + KRKᵀ (Joseph's form of 1.60), symmetrised; with G and L of `whitened_gain`.
 

@@ -46,10 +46,6 @@ class Sweep:
     amplitude: float
     phase: float = 0.0
 
-    def __post_init__(self) -> None:
-        if not self.duration > 0:
-            raise InfeasibleError(f"a sweep of {self.duration:g} s", remedy="give it a positive duration")
-
 
 @dataclass(frozen=True)
 class MultiSine:
@@ -64,40 +60,13 @@ class MultiSine:
     amplitude: float
     seed: int = 0
 
-    def __post_init__(self) -> None:
-        if self.count < 1:
-            raise InfeasibleError(f"a multi-sine of {self.count} sines", remedy="give it at least one")
-
 
 @dataclass(frozen=True)
 class FromSamples:
-    """u(t) by straight lines between recorded values: time (k,) [s] increasing, value (k,) [unit of the input].
-
-    Raises InfeasibleError where the record is empty, not finite or its time does not increase.
-    """
+    """u(t) by straight lines between recorded values: time (k,) [s] increasing, value (k,) [unit of the input]."""
 
     time: np.ndarray
     value: np.ndarray
-
-    def __post_init__(self) -> None:
-        time, value = np.asarray(self.time, dtype=float), np.asarray(self.value, dtype=float)
-        object.__setattr__(self, "time", time)
-        object.__setattr__(self, "value", value)
-        if time.ndim != 1 or time.shape != value.shape or time.size == 0:
-            raise InfeasibleError(
-                f"a record of {time.size} times and {value.size} values", remedy="give one value for every time"
-            )
-        bad = np.flatnonzero(~(np.isfinite(time) & np.isfinite(value)))
-        if bad.size:
-            raise InfeasibleError(
-                f"sample {bad[0] + 1} of the record is not a finite number", remedy="correct the record"
-            )
-        back = np.flatnonzero(np.diff(time) <= 0)
-        if back.size:
-            raise InfeasibleError(
-                f"the record's time does not increase from {time[back[0]]:g} s to {time[back[0] + 1]:g} s",
-                remedy="sort the record and drop repeated times",
-            )
 
 
 @dataclass(frozen=True)
@@ -114,12 +83,10 @@ class Ramp:
     begin: float
     duration: float
 
-    def __post_init__(self) -> None:
-        if not self.duration > 0:
-            raise InfeasibleError(f"a ramp of {self.duration:g} s", remedy="give it a positive duration")
-
 
 Signal = Constant | Ramp | Sine | Sweep | MultiSine | FromSamples
+TONAL = (Constant, Sine, MultiSine)
+"""Sums of tones."""
 
 
 @dataclass(frozen=True)
@@ -133,19 +100,18 @@ class Tones:
 
 def tones_of(signals: Sequence[Signal]) -> Tones | None:
     """The tones that all signals are made of; None where one of them is no sum of sines and constants."""
+    if not all(isinstance(signal, TONAL) for signal in signals):
+        return None
     found: dict[float, np.ndarray] = {}
     for column, signal in enumerate(signals):
-        lines = _lines(signal)
-        if lines is None:
-            return None
-        for frequency, amplitude in lines:
+        for frequency, amplitude in _lines(signal):
             found.setdefault(2 * np.pi * frequency, np.zeros(len(signals), dtype=complex))[column] += amplitude
     ascending = sorted(found)
     return Tones(np.array(ascending), np.array([found[w] for w in ascending]).reshape(-1, len(signals)))
 
 
-def _lines(signal: Signal) -> list[tuple[float, complex]] | None:
-    """Frequency [Hz] and complex amplitude of every tone of one signal."""
+def _lines(signal: Signal) -> list[tuple[float, complex]]:
+    """Frequency [Hz] and complex amplitude of every tone of a signal. Raises TypeError for one that is no sum of tones."""
     match signal:
         case Constant():
             return [(0.0, complex(signal.value))]
@@ -155,7 +121,7 @@ def _lines(signal: Signal) -> list[tuple[float, complex]] | None:
             frequency, phase = multisine(signal)
             amplitude = -1j * signal.amplitude / np.sqrt(signal.count) * np.exp(1j * phase)
             return list(zip(frequency.tolist(), amplitude.tolist(), strict=True))
-    return None
+    raise TypeError(f"no sum of tones: {signal!r}")
 
 
 def multisine(signal: MultiSine) -> tuple[np.ndarray, np.ndarray]:
@@ -373,58 +339,35 @@ def _recorded(signal: FromSamples, of: str, start: float) -> Motion:
 def _derivative(signal: Signal, t: np.ndarray, order: int) -> np.ndarray:
     """dᵏu/dtᵏ, k = 0, 1, 2."""
     match signal:
-        case Constant():
-            return np.full_like(t, signal.value if order == 0 else 0.0)
         case Ramp():
             s = np.clip((t - signal.begin) / signal.duration, 0.0, 1.0)
             shapes = s**3 * (10 - 15 * s + 6 * s**2), 30 * s**2 * (1 - s) ** 2, 60 * s * (1 - s) * (1 - 2 * s)
             return (order == 0) * signal.start + (signal.end - signal.start) * shapes[order] / signal.duration**order
-        case Sine():
-            w = 2 * np.pi * signal.frequency
-            return signal.amplitude * _of_phase(w * t + signal.phase, w + 0 * t, 0 * t, order)
         case Sweep():
             swept = np.minimum(t, signal.duration)
             rate = (signal.stop - signal.start) / signal.duration
             cycles = signal.start * swept + 0.5 * rate * swept**2 + signal.stop * (t - swept)
             w = 2 * np.pi * (signal.start + rate * swept)
             bend = np.where(t < signal.duration, 2 * np.pi * rate, 0.0)
-            return signal.amplitude * _of_phase(2 * np.pi * cycles + signal.phase, w, bend, order)
-        case MultiSine():
-            # one line at a time: a long history by many lines would not fit as one table
-            lines = (
-                _of_phase(2 * np.pi * f * t + shift, 2 * np.pi * f + 0 * t, 0 * t, order)
-                for f, shift in zip(*multisine(signal), strict=True)
-            )
-            return signal.amplitude / np.sqrt(signal.count) * np.asarray(sum(lines))
-    raise TypeError(f"not a signal in closed form: {signal!r}")
+            phase = 2 * np.pi * cycles + signal.phase
+            waves = np.sin(phase), w * np.cos(phase), bend * np.cos(phase) - w**2 * np.sin(phase)
+            return signal.amplitude * waves[order]
+    # one line at a time: a long history by many lines would not fit as one table
+    lines = ((2j * np.pi * f, amplitude) for f, amplitude in _lines(signal))
+    return np.asarray(sum(_tone(iw, iw**order * amplitude, t) for iw, amplitude in lines))
 
 
-def _of_phase(phase: np.ndarray, rate: np.ndarray, bend: np.ndarray, order: int) -> np.ndarray:
-    """Derivatives of sin Φ(t)."""
-    if order == 0:
-        return np.sin(phase)
-    if order == 1:
-        return rate * np.cos(phase)
-    return bend * np.cos(phase) - rate**2 * np.sin(phase)
+def _tone(iw: complex, amplitude: complex, t: np.ndarray) -> np.ndarray:
+    """Re U exp(iωt), as the sine that is exactly zero where it begins."""
+    return np.abs(amplitude) * np.sin(iw.imag * t + np.angle(1j * amplitude))
 
 
 def _integral(signal: Signal, t: np.ndarray) -> np.ndarray:
     """∫u, of any constant."""
-    match signal:
-        case Constant():
-            return signal.value * t
-        case Ramp():
-            s = np.clip((t - signal.begin) / signal.duration, 0.0, 1.0)
-            after = np.maximum(t - signal.begin - signal.duration, 0.0)
-            risen = signal.duration * s**4 * (2.5 - 3 * s + s**2) + after
-            return signal.start * t + (signal.end - signal.start) * risen
-        case Sine():
-            w = 2 * np.pi * signal.frequency
-            return -signal.amplitude / w * np.cos(w * t + signal.phase)
-        case MultiSine():
-            lines = (
-                -np.cos(2 * np.pi * f * t + shift) / (2 * np.pi * f)
-                for f, shift in zip(*multisine(signal), strict=True)
-            )
-            return signal.amplitude / np.sqrt(signal.count) * np.asarray(sum(lines))
-    raise TypeError(f"no integral in closed form: {signal!r}")
+    if isinstance(signal, Ramp):
+        s = np.clip((t - signal.begin) / signal.duration, 0.0, 1.0)
+        after = np.maximum(t - signal.begin - signal.duration, 0.0)
+        risen = signal.duration * s**4 * (2.5 - 3 * s + s**2) + after
+        return signal.start * t + (signal.end - signal.start) * risen
+    lines = ((2j * np.pi * f, amplitude) for f, amplitude in _lines(signal))
+    return np.asarray(sum(_tone(iw, amplitude / iw, t) if iw else amplitude.real * t for iw, amplitude in lines))

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 from math import comb
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from strainsight.errors import ConfigError
 from strainsight.rom.model import ReducedModel
@@ -53,8 +54,6 @@ class Matern:
 
     def __post_init__(self) -> None:
         _positive(self.bandwidth, "the bandwidth of a Matérn input")
-        if self.smoothness not in (0.5, 1.5, 2.5):
-            raise ConfigError(f"smoothness {self.smoothness} of a Matérn input", remedy="choose 0.5, 1.5 or 2.5")
 
 
 @dataclass(frozen=True)
@@ -152,21 +151,6 @@ def line_intensity(model: InputModel, frequency: float, duration: float) -> floa
     return float(duration / (2 * np.abs(response) ** 2))
 
 
-def component_names(model: InputModel, name: str) -> tuple[str, ...]:
-    """Names of ζ: the input, "rate of" it, "curvature of" it."""
-    return (name, f"rate of {name}", f"curvature of {name}")[: components(model)]
-
-
-def block_diagonal(blocks: list[np.ndarray]) -> np.ndarray:
-    """Square matrices one behind the other."""
-    size = sum(len(block) for block in blocks)
-    whole, at = np.zeros((size, size)), 0
-    for block in blocks:
-        whole[at : at + len(block), at : at + len(block)] = block
-        at += len(block)
-    return whole
-
-
 def _matern_rate(model: Matern) -> float:
     return float(_omega(model.bandwidth) / np.sqrt(2 ** (1 / (model.smoothness + 0.5)) - 1))
 
@@ -220,8 +204,9 @@ class Unknowns:
     @property
     def state_names(self) -> tuple[str, ...]:
         """Names of all states behind [q, q̇]: an input, the rates its model has beside it, …, the parameters."""
-        own = (component_names(self.model_of(name), name) for name in self.inputs)
-        return tuple(part for names in own for part in names) + self.parameters
+        of = ("{}", "rate of {}", "curvature of {}")
+        parts = zip(self.inputs, self.lengths, strict=True)
+        return tuple(word.format(name) for name, length in parts for word in of[:length]) + self.parameters
 
     @property
     def count(self) -> int:
@@ -248,13 +233,9 @@ class Unknowns:
         """The model of one input."""
         return self.models.get(name, RANDOM_WALK)
 
-    def frequency_of(self, name: str) -> float:
-        """Typical frequency [Hz] of one input. Raises ConfigError where none is given."""
-        return positive_of(self.frequency, name, "frequency")
-
     def rate_matrix(self) -> np.ndarray:
         """A_u of all inputs (Σk, Σk) [1/s], block by block."""
-        return block_diagonal([rate_matrix(self.model_of(name)) for name in self.inputs])
+        return block_diag(np.zeros((0, 0)), *(rate_matrix(self.model_of(name)) for name in self.inputs))
 
     def size(self, model: ReducedModel) -> int:
         """n* = 2n + the states of the inputs' models + parameters."""

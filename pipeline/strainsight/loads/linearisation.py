@@ -7,11 +7,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 from strainsight.errors import ConfigError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
-from strainsight.loads.input_models import WALK, RandomWalk, Unknowns, block_diagonal, input_intensity, positive_of
+from strainsight.loads.input_models import WALK, RandomWalk, Unknowns, input_intensity, positive_of
 from strainsight.rom.model import ReducedModel, accelerations, damping_derivative, damping_matrix
 from strainsight.sensors.candidates import ACCELERATION
 
@@ -209,7 +209,7 @@ def process_intensity(
         elif rule != "intensity":
             raise ConfigError(f"noise rule {rule} is that of a random walk; {name} is none", remedy="rule: intensity")
         blocks.append(input_intensity(model, walk))
-    return block_diagonal([*blocks, np.diag(factor * delta**2)])
+    return np.asarray(block_diag(*blocks, np.diag(factor * delta**2)))
 
 
 def gauge_intensity(std: np.ndarray, h: float, rule: Rule = "intensity") -> np.ndarray:

@@ -5,14 +5,17 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
+from typing import Annotated
 
 import numpy as np
 from scipy.linalg import matrix_balance, qr, schur
 
+from strainsight.columns import Column
 from strainsight.errors import ConfigError, NumericalError
 from strainsight.fem.affine import NO_CHANGE, AffineOperator
 from strainsight.loads.input_models import Unknowns
 from strainsight.loads.linearisation import Sensed, linearisation_instants, linearise
+from strainsight.mesh.unjoined import component_labels
 from strainsight.rom.model import ReducedModel, modal_basis
 
 MARGINAL = 1e-9
@@ -31,12 +34,14 @@ MOST_LINES = 200
 
 @dataclass(frozen=True)
 class Observability:
-    """Conditioning of the PBH matrix at λ = 0; null_direction in words, empty where every direction is observable."""
+    """Observability of the unknowns; null_direction: what is not, in words, empty where every direction is."""
 
-    condition: float
-    sigma_min: float
-    condition_raw: float
-    null_direction: str
+    condition: Annotated[float, Column("1", "", "condition of the scaled PBH matrix at λ = 0")]
+    sigma_min: Annotated[float, Column("1", "", "its smallest singular value")]
+    condition_raw: Annotated[
+        float, Column("1", "", "the same without scales, as the thesis prints it, which orders cases by their units")
+    ]
+    null_direction: str = ""
 
 
 @dataclass(frozen=True)
@@ -58,23 +63,22 @@ def observability(
     names: Sequence[str],
     frequency: np.ndarray,
     state_amplitude: float,
-    largest_strain: float,
     raw_scale: np.ndarray,
     raw_rows: np.ndarray | None = None,
 ) -> Observability:
     """Condition number and smallest singular value of the scaled PBH matrix [F* − λI; H*] at λ = 0 (6.1).
 
-        F̃ = D⁻¹ F* D / ω₁,   H̃ = H* D / ε,   D = diag(a/ω, a, 1, 1)
+        F̃ = D⁻¹ F* D / ω₁,   H̃ = H* D,   D = diag(a/ω, a, 1, 1)
 
-    F (n*, n*) and H (m, n*) in x* = [q, q̇, ũ, p]; names of the unknowns ũ, p; frequency ω (n,) [rad/s] of the model's
-    coordinates at the reference; state_amplitude a: largest ‖(ωq, q̇)‖ of the training run [√J]; largest_strain ε: of
-    the pool in that run; raw_scale (len(names),): amplitudes and guesses, which give `condition_raw` as the thesis
-    defines it, in the units of [q, q̇, u, θ]: it orders cases by their units; raw_rows (m, n*): H* of that number, where the
-    rows of H are scaled one by one. Source: Hautus (1969); thesis (6.1).
+    F (n*, n*) in x* = [q, q̇, ũ, p]; H (m, n*) rows over the largest reading of the training run; names of the unknowns ũ, p;
+    frequency ω (n,) [rad/s] of the model's coordinates at the reference; state_amplitude a: largest ‖(ωq, q̇)‖ of that run
+    [√J]; raw_scale (len(names),): amplitudes and guesses, which give `condition_raw` as the thesis defines it, in the units
+    of [q, q̇, u, θ]: it orders cases by their units; raw_rows (m, n*): H* of that number, H itself where not given.
+    Source: Hautus (1969); thesis (6.1).
     """
     n, n_star = len(frequency), len(F)
     D = np.concatenate([state_amplitude / frequency, np.full(n, state_amplitude), np.ones(n_star - 2 * n)])
-    scaled = np.vstack([F / D[:, None] * D / frequency.min(), H * D / largest_strain])
+    scaled = np.vstack([F / D[:, None] * D / frequency.min(), H * D])
     _, sigma, Vt = np.linalg.svd(scaled, full_matrices=False)
     raw = np.concatenate([np.ones(2 * n), raw_scale])
     sigma_raw = np.linalg.svd(np.vstack([F / raw, (H if raw_rows is None else raw_rows) / raw]), compute_uv=False)
@@ -223,16 +227,9 @@ def undetectable_in_words(directions: np.ndarray, names: Sequence[str]) -> str:
 
 
 def _groups(values: np.ndarray, distance: float) -> list[np.ndarray]:
-    """The values in clusters: a value within `distance` of a member belongs to it."""
-    left, groups = list(values), []
-    while left:
-        group = [left.pop()]
-        for member in group:
-            near = [v for v in left if abs(v - member) <= distance]
-            left = [v for v in left if abs(v - member) > distance]
-            group += near
-        groups.append(np.array(group))
-    return groups
+    """The values in clusters, the last one's first: a value within `distance` of a member belongs to it."""
+    label = component_labels(len(values), *np.nonzero(np.abs(values[:, None] - values) <= distance))
+    return [values[label == group] for group in dict.fromkeys(label[::-1].tolist())]
 
 
 def _ratio(sigma: np.ndarray) -> float:
@@ -310,7 +307,7 @@ def cases(
         try:
             at = linearisation_instants(model, unknowns, theta, x, u, instants, seed)
         except ConfigError as error:
-            nothing = Observability(float("inf"), 0.0, float("inf"), "")
+            nothing = Observability(float("inf"), 0.0, float("inf"))
             found.append(Case(label, unknowns.names, nothing, -1, 0, error.what))
             continue
         motion = model, unknowns, theta, x[at], u[at]
@@ -323,7 +320,6 @@ def cases(
                 names=unknowns.names,
                 frequency=np.sqrt(lam),
                 state_amplitude=energy,
-                largest_strain=1.0,
                 raw_scale=unknowns.scale,
                 raw_rows=raw,
             )

@@ -163,7 +163,7 @@ def release(name: str, values: np.ndarray, step: float) -> tuple[np.ndarray, tup
 
 
 SAME_RATE = 1e-6
-"""Share by which rates of one clock may differ, and share of a step by which its time stamps may."""
+"""Share of a step by which time stamps of one clock may differ."""
 
 
 class Place(NamedTuple):
@@ -207,18 +207,12 @@ def check_one_clock(clocks: Mapping[str, np.ndarray], path: Path) -> None:
     first, *others = clocks.values()
     if all(_same(first, other) for other in others):
         return
-    rates: list[tuple[float, list[str]]] = []
+    rates: dict[str, list[str]] = {}
     for name, t in clocks.items():
         rate = (len(t) - 1) / (t[-1] - t[0]) if len(t) > 1 and t[-1] > t[0] else 0.0
-        like = next((names for known, names in rates if abs(known - rate) <= SAME_RATE * abs(rate)), None)
-        if like is None:
-            rates.append((rate, [name]))
-        else:
-            like.append(name)
+        rates.setdefault(f"{rate:.6g} Hz", []).append(plain(name))
     if len(rates) > 1:
-        said = ", ".join(
-            f"{rate:.6g} Hz ({', '.join(map(plain, names[:8]))}{', …' * (len(names) > 8)})" for rate, names in rates
-        )
+        said = ", ".join(f"{rate} ({', '.join(names[:8])}{', …' * (len(names) > 8)})" for rate, names in rates.items())
         raise UserError(
             f"the channels have {len(rates)} sampling rates: {said}",
             where=str(path),

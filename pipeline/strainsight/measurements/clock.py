@@ -53,27 +53,27 @@ class Clock:
         return out
 
 
-def uniform_clock(recording: Recording, *, jitter: float = JITTER, fill: bool = True) -> Clock:
+def uniform_clock(recording: Recording) -> Clock:
     """The uniform clock that the time stamps of a record lie on.
 
     The step is that of a line through the stamps, at first the mean of the intervals near their median. Longer intervals
-    are gaps: a whole number of steps, to twice the jitter, is filled by rows without samples, where `fill`. A single stamp
-    off the clock, between two that are two steps apart, is corrected with a note. Refused are other intervals, steps back,
-    repeated times, and stamps that lie off the clock by more than jitter [steps].
+    are gaps: a whole number of steps, to twice JITTER, is filled by rows without samples. A single stamp off the clock,
+    between two that are two steps apart, is corrected with a note. Refused are other intervals, steps back, repeated
+    times, and stamps that lie off the clock by more than JITTER.
     Raises UserError with file:line, time and size.
     """
     _check_range(recording)
-    recording, mended = _without_odd_stamps(recording, jitter)
+    recording, mended = _without_odd_stamps(recording)
     t = recording.time
     between = np.diff(t)
     _check_order(recording, between)
     median = _median(between)
     # Printed times are rounded: the median of the intervals is too, their mean is not.
-    step = float(np.mean(between[np.abs(between - median) <= 2 * jitter * median]))
+    step = float(np.mean(between[np.abs(between - median) <= 2 * JITTER * median]))
     with np.errstate(over="ignore", invalid="ignore"):
         steps = between / step
         whole = np.rint(steps)
-        bad = (np.abs(steps - whole) > 2 * jitter) | (whole < 1)
+        bad = (np.abs(steps - whole) > 2 * JITTER) | (whole < 1)
     if bad.any():
         _refuse_interval(recording, int(np.argmax(bad)), float(steps[np.argmax(bad)]), step, bool(np.mean(bad) > 0.01))
     if (count := float(whole.sum()) + 1) > MOST_FILLED * t.size:
@@ -86,18 +86,11 @@ def uniform_clock(recording: Recording, *, jitter: float = JITTER, fill: bool = 
         )
     gaps = np.flatnonzero(whole > 1)
     notes = mended + tuple(_gap_note(recording, int(i), int(whole[i]) - 1) for i in gaps[:10])
-    if gaps.size and not fill:
-        raise UserError(
-            f"{int(whole[gaps[0]]) - 1} samples are missing after {t[gaps[0]]:.9g} s"
-            + (f", and more in {gaps.size - 1} other places" if gaps.size > 1 else ""),
-            where=recording.place(int(gaps[0]) + 1),
-            remedy="correct the record, or let gaps be filled by rows without samples",
-        )
     if gaps.size > 10:
         notes += (f"{int(np.sum(whole[gaps[10:]] - 1))} more in {gaps.size - 10} other gaps",)
     row = np.concatenate([[0], np.cumsum(whole.astype(np.int64))])
     start, step = _fitted(t, row)
-    _check_stamps(recording, t - (start + step * row), step, jitter)
+    _check_stamps(recording, t - (start + step * row), step)
     return Clock(start, step, int(row[-1]) + 1, row, notes)
 
 
@@ -108,8 +101,6 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
     sample as it stands, without averaging: the filter's measurement is that of an instant. Nothing is interpolated.
     Raises UserError where the ratio is not whole: to SAME_STEP, or to JITTER of a step at the end of the record.
     """
-    if not 0 < step < np.inf:
-        raise UserError(f"a time step of {step:g} s", remedy="give a positive time step")
     ratio = step / clock.step
     k = round(max(ratio, 1 / ratio))
     if abs(max(ratio, 1 / ratio) / k - 1) > max(SAME_STEP, JITTER / clock.count):
@@ -120,15 +111,11 @@ def to_step(clock: Clock, step: float) -> tuple[Clock, np.ndarray, tuple[str, ..
         )
     ppm = 1e6 * (max(ratio, 1 / ratio) / k - 1)
     notes = (f"the clock of the record differs from {step:g} s by {abs(ppm):.2g} ppm",) if abs(ppm) > 0.1 else ()
-    if k == 1:
-        return Clock(clock.start, step, clock.count, clock.row), np.arange(len(clock.row)), notes
-    if ratio < 1:
-        said = f"{k - 1} rows without samples stand between two samples: the record has {clock.step:g} s, the filter {step:g} s"
-        return (
-            Clock(clock.start, step, (clock.count - 1) * k + 1, clock.row * k),
-            np.arange(len(clock.row)),
-            (*notes, said),
-        )
+    if ratio < 1 or k == 1:
+        if k > 1:
+            rows = f"{k - 1} rows without samples stand between two samples: the record has"
+            notes = (*notes, f"{rows} {clock.step:g} s, the filter {step:g} s")
+        return Clock(clock.start, step, (clock.count - 1) * k + 1, clock.row * k), np.arange(len(clock.row)), notes
     taken = np.flatnonzero(clock.row % k == 0)
     said = f"every {k}th sample was taken, {len(taken)} of {len(clock.row)}: content above {0.5 / step:g} Hz folds back"
     return Clock(clock.start, step, (clock.count - 1) // k + 1, clock.row[taken] // k), taken, (*notes, said)
@@ -150,13 +137,13 @@ def _median(between: np.ndarray) -> float:
     return float(np.partition(between, middle)[middle])
 
 
-def _without_odd_stamps(recording: Recording, jitter: float) -> tuple[Recording, tuple[str, ...]]:
+def _without_odd_stamps(recording: Recording) -> tuple[Recording, tuple[str, ...]]:
     """Single stamps off the clock, the neighbours of which are two steps apart, put in the middle; a note of each."""
     t = recording.time
     between, two = np.diff(t), t[2:] - t[:-2]
     step = _median(between)
-    off = (np.abs(between - step) > 2 * jitter * step) & (between > 0)
-    odd = np.flatnonzero(off[:-1] & off[1:] & (np.abs(two - 2 * step) <= 2 * jitter * step)) + 1
+    off = (np.abs(between - step) > 2 * JITTER * step) & (between > 0)
+    odd = np.flatnonzero(off[:-1] & off[1:] & (np.abs(two - 2 * step) <= 2 * JITTER * step)) + 1
     if not odd.size or odd.size > MOST_ODD * t.size or np.any(np.diff(odd) == 1):
         return recording, ()
     time = t.copy()
@@ -212,9 +199,9 @@ def _fitted(t: np.ndarray, row: np.ndarray) -> tuple[float, float]:
     return float(centre - step * middle), step
 
 
-def _check_stamps(recording: Recording, off: np.ndarray, step: float, jitter: float) -> None:
+def _check_stamps(recording: Recording, off: np.ndarray, step: float) -> None:
     worst = int(np.argmax(np.abs(off)))
-    if abs(off[worst]) > jitter * step:
+    if abs(off[worst]) > JITTER * step:
         raise UserError(
             f"the time {recording.time[worst]:.9g} s is {100 * abs(off[worst]) / step:.3g} % of a step off the uniform clock "
             f"of {step:.6g} s",
@@ -301,9 +288,10 @@ def recording_of(
     where: str,
     time_unit: str | None,
     rate: float | None = None,
+    lines: np.ndarray | None = None,
 ) -> Recording:
     """The recording of signals and their units, that of the time first; where: the place of the time; rate: of the samples [Hz],
-    in place of the first signal.
+    in place of the first signal; lines: as of `Recording`.
 
     Raises UserError where the time has no unit or a sample none.
     """
@@ -317,7 +305,8 @@ def recording_of(
         )
     units = {name: said for name, (_, said) in zip(channels, found[1:], strict=True)}
     values = {name: read for name, (read, _) in zip(channels, found[1:], strict=True)}
-    return Recording(t * factor, values, units, str(path))
+    no_lines = np.zeros((0, 2), np.int64)
+    return Recording(t * factor, values, units, str(path), no_lines if lines is None else lines)
 
 
 def check_no_counter(time: np.ndarray, name: str, unit: str | None, where: str) -> None:

@@ -10,10 +10,10 @@ from typing import BinaryIO
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.clock import ClockTimes, check_no_counter
+from strainsight.measurements.clock import ClockTimes, check_no_counter, recording_of
 from strainsight.measurements.csv_layout import Layout, TextFormat, header, is_comment, stated_delimiter, with_units
 from strainsight.measurements.csv_rows import Rows, plain_rows, rows_by_line
-from strainsight.measurements.records import Recording, decoded, opened, plain, time_factor
+from strainsight.measurements.records import Recording, decoded, opened, plain
 
 BLOCK = 1 << 22
 """[bytes] read at a time."""
@@ -188,16 +188,15 @@ class _Table:
         for pieces in self.pieces:
             joined.append(np.concatenate(pieces))
             pieces.clear()
+        found = list(zip(joined, units, strict=True))
         if rate is not None:
-            time = np.arange(self.rows) / rate
+            found.insert(0, found[0])
         else:
-            time, unit = joined.pop(0), units.pop(0)
-            check_no_counter(time, layout.names[layout.columns[0]], unit, layout.where)
-            if not self.clock.started:
-                time *= time_factor(time_unit, unit, layout.where)
-        names = dict(zip(self.channels, joined, strict=True))
+            check_no_counter(found[0][0], layout.names[layout.columns[0]], found[0][1], layout.where)
+            if self.clock.started:
+                found[0], time_unit = (found[0][0], "s"), None
         lines = np.array(self.runs, dtype=np.int64).reshape(-1, 2)
-        return Recording(time, names, dict(zip(self.channels, units, strict=True)), str(self.path), lines)
+        return recording_of(found, self.channels, self.path, layout.where, time_unit, rate, lines)
 
 
 @dataclass(frozen=True)

@@ -37,16 +37,10 @@ class TextFormat:
     key: str | None = None
 
     def __post_init__(self) -> None:
-        if self.decimal not in (".", ","):
-            raise UserError(f"a decimal mark {self.decimal!r}", remedy="give '.' or ','")
-        if self.delimiter is not None and not _can_delimit(self.delimiter):
-            raise UserError(f"a delimiter {self.delimiter!r}", remedy="give ',', ';' or a tab")
         if self.delimiter == self.decimal:
             raise UserError(
                 "the comma is both delimiter and decimal mark", remedy="write the file with ';' between the columns"
             )
-        if self.header_line is not None and self.header_line < 1:
-            raise UserError(f"names in line {self.header_line}", remedy="lines count from 1")
 
     def stating(self, name: str, value: str, otherwise: str) -> str:
         """A remedy: which key takes which value, or in other words where no key is known."""
@@ -99,15 +93,11 @@ def header(line: bytes, where: str, form: TextFormat, time: str | None, channels
             remedy="write a line of names above the numbers, or "
             + form.stating("header_line", "LINE", "say in which line it is"),
         )
-    names, units = [], []
-    for cell in cells:
-        name, unit = _name_and_unit(cell, time)
-        names.append(name)
-        units.append(unit)
+    names, units = zip(*(_name_and_unit(cell, time) for cell in cells), strict=True)
     columns = [_column(name, cells, names, where) for name in channels]
     if time is not None:
         columns.insert(0, _column(time, cells, names, where, NO_TIME))
-    return Layout(delimiter, tuple(names), tuple(units), tuple(columns), where, time is not None)
+    return Layout(delimiter, names, units, tuple(columns), where, time is not None)
 
 
 def with_units(line: bytes, where: str, layout: Layout) -> Layout | None:
@@ -193,10 +183,6 @@ def _name_and_unit(cell: str, time: str | None) -> tuple[str, str | None]:
     else:
         holds = known_unit(unit) is not None or (seconds_in(unit) is not None and time in (name, cell))
     return (name, unit) if holds else (cell, None)
-
-
-def _can_delimit(sign: str) -> bool:
-    return len(sign) == 1 and sign.isascii() and not sign.isalnum() and sign not in '"\r\n.+-'
 
 
 def _column(wanted: str, cells: Sequence[str], names: Sequence[str], where: str, otherwise: str = "") -> int:

@@ -47,7 +47,8 @@ def signals(path: Path, names: Sequence[str | None]) -> Signals:
         wanted = {name: at[chosen(name, places, path)] for name in channels if name is not None}
         clock: np.ndarray
         unit: str | None
-        if time is None or time in _master_names(file) - {place.name for place in places}:
+        masters = {file.groups[group].channels[number].name for group, number in file.masters_db.items()}
+        if time is None or time in masters - {place.name for place in places}:
             clock, unit = _master_clock(file, rules, wanted, path)
         else:
             clock, unit = _time_channel(file, rules, time, at[chosen(time, places, path)], wanted, path)
@@ -109,18 +110,10 @@ def _take_rules(file: Any) -> Rules:
 
 def _places(file: Any) -> tuple[list[Place], list[tuple[int, int]]]:
     """The channels that are no master, and their group and channel numbers."""
-    places, at = [], []
-    for g, group in enumerate(file.groups):
-        label = getattr(group.channel_group, "acq_name", "") or ""
-        for c, channel in enumerate(group.channels):
-            if file.masters_db.get(g) != c:
-                places.append(Place(label, channel.name, g))
-                at.append((g, c))
-    return places, at
-
-
-def _master_names(file: Any) -> set[str]:
-    return {file.groups[group].channels[number].name for group, number in file.masters_db.items()}
+    groups = list(enumerate(file.groups))
+    at = [(g, c) for g, group in groups for c in range(len(group.channels)) if file.masters_db.get(g) != c]
+    labels = [getattr(group.channel_group, "acq_name", "") or "" for _, group in groups]
+    return [Place(labels[g], file.groups[g].channels[c].name, g) for g, c in at], at
 
 
 def _master_group(file: Any, group: int) -> int:
@@ -136,7 +129,7 @@ def _master_clock(file: Any, rules: Rules, wanted: dict[str, tuple[int, int]], p
     for name, group in masters.items():
         if group in clocks:
             continue
-        _check_size(file, group, name, path)
+        check_count(file.groups[group].channel_group.cycles_nr, name, str(path))
         if (number := file.masters_db.get(group)) is None:
             raise UserError(
                 f"the group of {name!r} has no master channel, which would be its time",
@@ -173,12 +166,8 @@ def _time_channel(
     return _values(file, rules, time, *at, path)
 
 
-def _check_size(file: Any, group: int, name: str, path: Path) -> None:
-    check_count(file.groups[group].channel_group.cycles_nr, name, str(path))
-
-
 def _values(file: Any, rules: Rules, name: str, group: int, number: int, path: Path) -> tuple[np.ndarray, str | None]:
-    _check_size(file, group, name, path)
+    check_count(file.groups[group].channel_group.cycles_nr, name, str(path))
     channel = file.groups[group].channels[number]
     samples, invalid = file.get(group=group, index=number, raw=True, samples_only=True, ignore_invalidation_bits=True)
     samples = np.asarray(samples)

@@ -13,7 +13,9 @@ from typing import BinaryIO
 import numpy as np
 
 from strainsight.errors import UserError
-from strainsight.measurements.records import Recording, decoded, missing, opened, plain, time_factor
+from strainsight.measurements.assemble import check_one_clock
+from strainsight.measurements.clock import recording_of
+from strainsight.measurements.records import Recording, check_no_infinity, decoded, missing, opened, plain, time_factor
 
 DAMAGED = "export the file again: it was cut short or altered"
 HEADER = 11
@@ -133,11 +135,6 @@ def function_of(
     )
 
 
-def is_si(record: bytes) -> bool:
-    """Does the first record of dataset 164 say SI, metre and newton (code 1)?"""
-    return record[:10].strip() == b"1"
-
-
 def _byte_order(identifier: str, where: str) -> str:
     """ "" for text; "<" or ">" for 58b, whose line has the form (I6,1A1,I6,I6,I12,I12,…)."""
     if identifier[6:7].lower() != "b":
@@ -226,24 +223,15 @@ def read_uff58(path: Path, channels: Sequence[str], *, time_unit: str | None = N
         functions = list(_functions(file, path, size))
         known = known_names(functions)
         chosen = [_chosen(name, known, path) for name in channels]
-        time, first, values = np.zeros(0), None, {}
-        for name, function in zip(channels, chosen, strict=True):
-            t, values[name] = _read(file, path, function, time_unit)
-            if first is None:
-                time, first = t, function
-            elif t.shape != time.shape or not np.allclose(
-                t, time, rtol=0, atol=1e-6 * abs(time[-1] - time[0]) / t.size
-            ):
-                raise UserError(
-                    f"{name!r} has {t.size} samples from {t[0]:g} to {t[-1]:g} s, {channels[0]!r} {time.size} from "
-                    f"{time[0]:g} to {time[-1]:g} s",
-                    where=_where(path, function),
-                    remedy="give channels of one clock, or resample them",
-                )
-    if first is None:
+        read = {name: _read(file, path, each, name, time_unit) for name, each in zip(channels, chosen, strict=True)}
+    if not read:
         raise UserError("no channel was asked for", where=str(path), remedy="state the channels")
-    units = {name: function.unit for name, function in zip(channels, chosen, strict=True)}
-    return Recording(time, values, units, str(path))
+    check_one_clock({name: time for name, (time, _) in read.items()}, path)
+    found = [
+        (read[channels[0]][0], "s"),
+        *((read[name][1], each.unit) for name, each in zip(channels, chosen, strict=True)),
+    ]
+    return recording_of(found, channels, path, _where(path, chosen[0]), None)
 
 
 class _Lines:
@@ -300,7 +288,7 @@ def _functions(file: BinaryIO, path: Path, size: int) -> Iterator[Function]:
                 )
             yield function
         elif kind == b"164":
-            si = is_si(lines.next())
+            si = lines.next()[:10].strip() == b"1"  # metre and newton
         elif not kind.isdigit():
             raise UserError(
                 f"{plain(decoded(identifier.strip()))} is no number of a dataset", where=where, remedy=DAMAGED
@@ -349,7 +337,9 @@ def _chosen(name: str, known: Mapping[str, list[Function]], path: Path) -> Funct
     raise missing("function", name, known, str(path), first)
 
 
-def _read(file: BinaryIO, path: Path, function: Function, time_unit: str | None) -> tuple[np.ndarray, np.ndarray]:
+def _read(
+    file: BinaryIO, path: Path, function: Function, name: str, time_unit: str | None
+) -> tuple[np.ndarray, np.ndarray]:
     """Time (T,) [s] and values (T,) of a function."""
     where = _where(path, function)
     if function.complex_ or function.kind not in (0, _TIME_RESPONSE):
@@ -368,14 +358,7 @@ def _read(file: BinaryIO, path: Path, function: Function, time_unit: str | None)
         time = function.start + function.increment * np.arange(function.count)
     else:
         time = table[:, 0].astype(float)
-    for column, what in ((time, "time"), (values, "value")):
-        bad = ~np.isfinite(column) if what == "time" else np.isinf(column)
-        if bad.any():
-            raise UserError(
-                f"{what} {int(np.argmax(bad)) + 1} is {column[np.argmax(bad)]:g}",
-                where=where,
-                remedy="write NaN where a sample is missing" if what == "value" else "give every sample its time",
-            )
+    check_no_infinity(values, name, where)
     return time * factor, values
 
 

@@ -9,11 +9,10 @@ from heapq import heapify, heappop, heappush
 from time import monotonic
 
 import numpy as np
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import InfeasibleError, NumericalError
+from strainsight.mesh.unjoined import component_labels
 from strainsight.ordering import TIE, tied_order
 from strainsight.placement.certificate import Bound, Cut, certify, cut_at, detects, lowest
 from strainsight.placement.elimination import eliminate_from
@@ -101,7 +100,7 @@ class Search:
         Empties, too, a node whose gauges lose an unknown all together, and scores one that holds a single set.
         """
         inside, outside, cuts = node.inside, node.outside, list(node.cuts)
-        if self._loses(~outside):
+        if not all(detects(pool, pool.stacked(~outside)) for pool in self.pools):
             return []
         centre, level, low = node.centre, np.inf, None
         history = [bound]
@@ -180,9 +179,6 @@ class Search:
         if aggregated(planes.max(axis=0), self.aggregate) < self.target:
             self.offer(chosen)
 
-    def _loses(self, gauges: np.ndarray) -> bool:
-        return not all(detects(pool, pool.stacked(gauges)) for pool in self.pools)
-
 
 def _within(w: np.ndarray, inside: np.ndarray, free: np.ndarray, limits: Limits) -> np.ndarray:
     """w (pool,) moved to 1 inside, 0 outside and a sum of gauges that the limits allow, towards 0 or 1 in proportion."""
@@ -216,8 +212,7 @@ def _near(points: np.ndarray) -> np.ndarray:
     """Points (m, c, k) replaced by a number each (m, c, 1), the same where they are at most `TWIN` apart."""
     different, place = np.unique(points.reshape(-1, points.shape[2]), axis=0, return_inverse=True)
     pairs = cKDTree(different).query_pairs(TWIN, output_type="ndarray")
-    apart = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(different),) * 2)
-    label = connected_components(apart, directed=False)[1]
+    label = component_labels(len(different), *pairs.T)
     return np.asarray(label[place.ravel()], dtype=float).reshape(*points.shape[:2], 1)
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -69,70 +70,58 @@ def certify(
     w = region.project(0.5 * (chosen + len(gauges) / len(chosen)) if start is None else start)
     smooth = (aggregate == "mean" or len(pools) == 1) and all(p.metric.smooth for p in pools)
     temperatures = [0.0] if smooth else [t * cost for t in (1e-2, 1e-3, 1e-4)]
-    relaxed, used = np.inf, 0
     for stage, temperature in enumerate(temperatures, start=1):
-        share = budget * stage // len(temperatures)
-        w, relaxed, used = _descend(relaxation, w, temperature, relaxed, used, share)
+        w = relaxation.descend(w, temperature, budget * stage // len(temperatures))
     # where the set is optimal the two agree to rounding: never claim more than the set attains
     lower = min(relaxation.lower, cost)
-    relaxed = max(lower, relaxed)
-    return Certificate(lower, (cost - lower) / cost, relaxed, w, used, relaxation.including)
-
-
-def _descend(
-    relaxation: _Relaxation,
-    w: np.ndarray,
-    temperature: float,
-    relaxed: float,
-    used: int,
-    budget: int,
-) -> tuple[np.ndarray, float, int]:
-    """Spectral projected gradient at one temperature, from w, until the bound closes: w, relaxed, used."""
-    value, slope, costs, bound = relaxation.evaluate(w, temperature)
-    used += 1
-    relaxed = min(relaxed, costs)
-    recent = [value]
-    steepest = max(float(np.abs(slope).max()), np.finfo(float).tiny)
-    reach = float(np.abs(relaxation.region.project(w - slope / steepest) - w).max())
-    length = 0.1 / max(reach, 1e-12) / steepest
-    while used < budget and value - bound > 0.3 * CLOSE * abs(value) and relaxed - relaxation.lower > CLOSE * relaxed:
-        step = relaxation.region.project(w - length * slope) - w
-        descent = float(slope @ step)
-        if descent > -1e-15 * abs(value):
-            break
-        t = 1.0
-        while used < budget:
-            try:
-                trial = relaxation.evaluate(w + t * step, temperature)
-            except NumericalError:
-                trial = None
-            used += 1
-            if trial is not None and trial[0] <= max(recent[-8:]) + 1e-4 * t * descent:
-                break
-            t *= 0.3
-        else:
-            break
-        new, new_slope, costs, new_bound = trial
-        relaxed = min(relaxed, costs)
-        s, y = t * step, new_slope - slope
-        curvature = float(s @ y)
-        length = float(s @ s) / curvature if curvature > 0 else 10 * length
-        w, value, slope, bound = w + s, new, new_slope, new_bound
-        recent.append(value)
-    return w, relaxed, used
+    relaxed = max(lower, relaxation.relaxed)
+    return Certificate(lower, (cost - lower) / cost, relaxed, w, relaxation.used, relaxation.including)
 
 
 class _Relaxation:
     """f(w) and ∇f, each scenario started from its last covariance; the best bounds so far: lower, of all sets, including (pool,),
-    of those with each gauge."""
+    of those with each gauge; relaxed: the least cost of the weights on the way; used: evaluations."""
 
     def __init__(self, pools: Sequence[Pool], region: Polytope, aggregate: Aggregate):
         self.pools, self.region, self.aggregate = pools, region, aggregate
         self.last: list[np.ndarray | None] = [None] * len(pools)
         self.lower, self.including = -np.inf, np.full(len(pools[0].rows), -np.inf)
+        self.relaxed, self.used = np.inf, 0
+
+    def descend(self, w: np.ndarray, temperature: float, budget: int) -> np.ndarray:
+        """Spectral projected gradient at one temperature, from w (pool,), until the bound closes or the budget is used."""
+        value, slope, cost, bound = self.evaluate(w, temperature)
+        self.relaxed = min(self.relaxed, cost)
+        recent = [value]
+        steepest = max(float(np.abs(slope).max()), np.finfo(float).tiny)
+        reach = float(np.abs(self.region.project(w - slope / steepest) - w).max())
+        length = 0.1 / max(reach, 1e-12) / steepest
+        while value - bound > 0.3 * CLOSE * abs(value) and self.relaxed - self.lower > CLOSE * self.relaxed:
+            step = self.region.project(w - length * slope) - w
+            descent = float(slope @ step)
+            if self.used >= budget or descent > -1e-15 * abs(value):
+                break
+            t, trial = 1.0, None
+            while self.used < budget and trial is None:
+                with suppress(NumericalError):
+                    trial = self.evaluate(w + t * step, temperature)
+                if trial is not None and trial[0] > max(recent[-8:]) + 1e-4 * t * descent:
+                    trial = None
+                t *= 0.3 if trial is None else 1.0
+            if trial is None:
+                break
+            new, new_slope, cost, new_bound = trial
+            self.relaxed = min(self.relaxed, cost)
+            s, y = t * step, new_slope - slope
+            curvature = float(s @ y)
+            length = float(s @ s) / curvature if curvature > 0 else 10 * length
+            w, value, slope, bound = w + s, new, new_slope, new_bound
+            recent.append(value)
+        return w
 
     def evaluate(self, w: np.ndarray, temperature: float) -> tuple[float, np.ndarray, float, float]:
         """Objective, its gradient (pool,), the aggregate cost and the lower bound at w (pool,)."""
+        self.used += 1
         loops = [relaxed_loop(p, weighed_rows(p, w), P) for p, P in zip(self.pools, self.last, strict=True)]
         self.last = [loop.P for loop in loops]
         costs = costs_of(self.pools, loops)

@@ -106,7 +106,7 @@ class RemovedGauge:
         parts, increments = bounds.copy(), []
         for i, (pool, loop) in enumerate(zip(self.pools, self.loops, strict=True)):
             s, block = pool.scenario, pool.rows[self.left.index[at]]
-            D = removal(s.F, s.Q, loop, block, partial(_rest, pool, self.left, at), pool.modes)
+            D = removal(s.F, s.Q, loop, block, partial(pool.stacked, self.left.without(at)), pool.modes)
             if D is None:
                 return np.inf, None, i + 1
             increments.append(D)
@@ -176,11 +176,6 @@ def known_to_go(step: RemovedGauge, gauge: int) -> Choice:
     return Choice(gauge, at, increments, float(rise), ())
 
 
-def _rest(pool: Pool, left: Remaining, at: int) -> np.ndarray:
-    """Rows (m − 1, c, n*) of the gauges left but the one at this place."""
-    return pool.rows[left.without(at)]
-
-
 @dataclass(frozen=True)
 class Elimination:
     """What was removed and what it cost.
@@ -248,11 +243,9 @@ def _descend(
     left = Remaining(pools, limits.fixed, None if limits.plain else limits.alike)
     loops = [close_loop(p.scenario.F, left.information(i), p.P) for i, p in enumerate(pools)]
     residual = max(p.residual for p in pools)
-    removed: list[int] = []
+    removed: list[tuple[int, float, tuple[int, ...]]] = []
     solves: list[int] = []
-    ties: list[tuple[int, ...]] = []
     costs = np.array([p.metric.value(p.P) for p in pools])
-    rises: list[float] = []
     cost, blocks = [float(aggregated(costs, aggregate))], [_blocks(pools, loops, costs, aggregate)]
     spent = 0
     while left.count > limits.keep if guard is None else guard.broken:
@@ -277,21 +270,19 @@ def _descend(
             residual = max(residual, relative_residual(pool.scenario.F, pool.scenario.Q, G, P))
             loops[i] = close_loop(pool.scenario.F, G, P)
             costs[i] = pool.metric.value(P)
-        removed.append(found.gauge)
-        rises.append(found.rise)
+        removed.append((found.gauge, found.rise, found.ties))
         solves.append(spent)
         spent = 0
-        ties.append(found.ties)
         cost.append(float(aggregated(costs, aggregate)))
         blocks.append(_blocks(pools, loops, costs, aggregate))
     return Elimination(
         kept=left.gauges,
-        removed=np.array(removed, dtype=int),
+        removed=np.array([gauge for gauge, _, _ in removed], dtype=int),
         cost=np.array(cost),
-        rise=np.array(rises),
+        rise=np.array([rise for _, rise, _ in removed]),
         blocks=np.array(blocks),
         solves=np.array(solves, dtype=int),
-        ties=tuple(ties),
+        ties=tuple(ties for _, _, ties in removed),
         residual=residual,
         pools=pools,
     )

@@ -200,8 +200,8 @@ def _swapped(chosen: np.ndarray, out: int, into: int) -> np.ndarray:
 def _without(pools: Sequence[Pool], loops: Sequence[Loop], out: int, rest: np.ndarray) -> tuple[list[Loop] | None, int]:
     swapped = []
     for number, (pool, loop) in enumerate(zip(pools, loops, strict=True), start=1):
-        rows = pool.stacked(rest)
-        D = removal(pool.scenario.F, pool.scenario.Q, loop, pool.rows[out], partial(np.asarray, rows), pool.modes)
+        s, rows = pool.scenario, pool.stacked(rest)
+        D = removal(s.F, s.Q, loop, pool.rows[out], partial(np.asarray, rows), pool.modes)
         if D is None:
             return None, number
         swapped.append(loop_of(pool, rest, refined(pool, information(rows), loop.P + D)))

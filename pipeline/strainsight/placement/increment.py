@@ -132,7 +132,7 @@ def removal(
 
         A D + D Aᵀ + (B + C)(B + C)ᵀ − D G D = 0,     B = P hᵀ,   C = D hᵀ   of the block h at unit noise
 
-    the same as (A + B h) D + D (A + B h)ᵀ + B Bᵀ − D (G − hᵀh) D = 0. F, Q, D (n, n); block (c, n); rest: (m − 1, c, n),
+    the same as (A + B h) D + D (A + B h)ᵀ + B Bᵀ − D (G − hᵀh) D = 0. F, Q, D (n, n); block (c, n); rest: (any, n), or by gauges,
     asked for only where the loop at hand does not carry over to the new one; modes: the marginal ones of F.
     """
     D = _fixed_point(loop, block, 1.0)

@@ -129,16 +129,11 @@ def limits_of(
             f"{keep} gauges are to be kept of a pool of {total} with {bonded} fixed",
             remedy=f"keep between {max(1, bonded)} and {total}",
         )
-    rows, most, names = [sizes.astype(float)], [float(keep)], [KEEP]
-    for name, members, at_most in zones:
-        rows.append(np.asarray(members, dtype=float))
-        most.append(float(at_most))
-        names.append(name)
+    stated: list[tuple[str, np.ndarray, float]] = [(KEEP, sizes, keep), *zones]
     if budget is not None:
-        rows.append(np.ones(pool) if price is None else np.asarray(price, dtype=float))
-        most.append(budget * (1 + ROUNDED))
-        names.append(BUDGET)
-    parts = [csr_array(np.array(rows))]
+        stated.append((BUDGET, np.ones(pool) if price is None else price, budget * (1 + ROUNDED)))
+    names, rows, most = zip(*stated, strict=True)
+    parts = [csr_array(np.array(rows, dtype=float))]
     pairs = np.zeros((0, 2), dtype=int) if near is None else np.asarray(near, dtype=int).reshape(-1, 2)
     alone = np.unique(pairs[pairs[:, 0] == pairs[:, 1], 0])
     groups = [*_groups(pairs[~np.isin(pairs, list(held)).all(axis=1)]), *alone[:, None]]

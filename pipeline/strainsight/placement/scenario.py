@@ -124,7 +124,10 @@ def solve_pool(scenario: Scenario, names: Sequence[str] = (), units: np.ndarray 
             remedy="let more candidates into the pool, estimate fewer unknowns, or make a load, a mass or a stiffness known",
         )
     # detectability of the transposed pair: process noise reaches all that does not decay
-    unreached = undetectable_directions(scenario.F.T, _noise_rows(scenario.Q))
+    # rows of Q at unit variance, so that no unit of a state hides the noise of another: the null space is the same
+    std = np.sqrt(np.diag(scenario.Q))[:, None]
+    noise = np.divide(scenario.Q, std, out=np.zeros_like(scenario.Q), where=std > 0)
+    unreached = undetectable_directions(scenario.F.T, noise)
     if unreached.shape[1]:
         raise _unreached(scenario.F, unreached, names)
     d, P = balance(scenario.F, scenario.Q, information(rows))
@@ -161,12 +164,6 @@ def _unreached(F: np.ndarray, directions: np.ndarray, names: Sequence[str]) -> I
     )
 
 
-def _noise_rows(Q: np.ndarray) -> np.ndarray:
-    """Q (n, n) with its rows at unit variance, so that no unit of a state hides the noise of another; same null space."""
-    std = np.sqrt(np.diag(Q))
-    return np.divide(Q, std[:, None], out=np.zeros_like(Q), where=std[:, None] > 0)
-
-
 def _check(scenario: Scenario) -> None:
     for name, matrix in (("F", scenario.F), ("Q", scenario.Q), ("the weight", scenario.weight)):
         if not np.all(np.isfinite(matrix)):
@@ -198,7 +195,7 @@ def subset_covariance(pool: Pool, gauges: Gauges) -> np.ndarray | None:
     return refined(pool, information(rows), None)
 
 
-def refined(pool: Pool, G: Information | np.ndarray, P: np.ndarray | None) -> np.ndarray:
+def refined(pool: Pool, G: Information, P: np.ndarray | None) -> np.ndarray:
     """P polished where its residual is above 1e-12; solved anew from None, or where polishing does not reach 1e-10."""
     s = pool.scenario
     if P is not None:
@@ -301,8 +298,7 @@ def slow_pools(pools: Sequence[Pool], motions: int, unknowns: np.ndarray) -> tup
     while 2 * count + size - 2 * motions <= WORTH * size:
         found: list[Pool] = []
         for pool in pools:
-            slow = _slow_pool(pool, motions, count)
-            if slow is None or not _agree(pool, slow, unknowns - size):
+            if (slow := _slow_pool(pool, motions, count, unknowns - size)) is None:
                 break
             found.append(slow)
         else:
@@ -355,15 +351,11 @@ def of_last_states(metric: Metric, count: int) -> Metric:
     return metric if len(metric.weight) == count else Metric(metric.weight[-count:], metric.criterion)
 
 
-def _slow_pool(pool: Pool, motions: int, count: int) -> Pool | None:
-    """None where it cannot be solved."""
+def _slow_pool(pool: Pool, motions: int, count: int, unknowns: np.ndarray) -> Pool | None:
+    """None where it cannot be solved, or σ of the unknowns, numbered from the last state, is another."""
     try:
-        return solve_pool(in_slow_motions(pool.scenario.scaled(1 / pool.scale), motions, count))
+        slow = solve_pool(in_slow_motions(pool.scenario.scaled(1 / pool.scale), motions, count))
     except (InfeasibleError, NumericalError):
         return None
-
-
-def _agree(pool: Pool, slow: Pool, at: np.ndarray) -> bool:
-    """at: of the unknowns, from the last state."""
-    full, own = (np.sqrt(np.diag(each.P)[at]) * each.scale[at] for each in (pool, slow))
-    return bool(np.all(np.abs(own / full - 1) <= AGREES))
+    full, part = (np.sqrt(np.diag(each.P)[unknowns]) * each.scale[unknowns] for each in (pool, slow))
+    return slow if np.all(np.abs(part / full - 1) <= AGREES) else None

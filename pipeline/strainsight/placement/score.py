@@ -52,7 +52,7 @@ def scores(
         return Scores.all(by, np.nan, len(unknown))
     if P is None:
         return Scores.all(by, np.inf, len(unknown))
-    variances = np.array([np.diag(unknown_block(pool, own, unknown)) for pool, own in zip(pools, P, strict=True)])
+    variances = np.array([(np.diag(own) * pool.scale**2)[unknown] for pool, own in zip(pools, P, strict=True)])
     if share is None:
         return Scores(cost, np.sqrt(np.mean(variances, axis=0)) * scale)
     return Scores(cost, np.sqrt(np.sum(share * variances * scale**2, axis=0)))
@@ -64,12 +64,6 @@ def cost_of(covariances: Sequence[np.ndarray] | None, pools: Sequence[Pool], agg
         return float("inf")
     values = [p.metric.value(P) for p, P in zip(pools, covariances, strict=True)]
     return float(aggregated(np.array(values), aggregate))
-
-
-def unknown_block(pool: Pool, P: np.ndarray, unknown: np.ndarray) -> np.ndarray:
-    """Rows and columns of the unknowns (count,) of a covariance P (n*, n*) in the pool's coordinates, in units of x*."""
-    units = pool.scale[unknown]
-    return np.asarray(P[np.ix_(unknown, unknown)] * np.outer(units, units))
 
 
 WORTH = 0.05

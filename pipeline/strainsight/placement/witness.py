@@ -62,7 +62,7 @@ class Witness:
             return True
         rest = there.copy()
         rest[gauge] = False
-        found = self._mended(gauge, rest, worth)
+        found = self._checked(self.limits.packed(self._order(rest & ~self.units, worth), self.units & rest))
         if found is None:
             found = self._greedy(rest, worth)
         if found is None:
@@ -71,10 +71,6 @@ class Witness:
             return False
         self.units = np.isin(np.arange(len(rest)), found)
         return True
-
-    def _mended(self, gauge: int, rest: np.ndarray, worth: np.ndarray) -> np.ndarray | None:
-        left = self.units & rest
-        return self._checked(self.limits.packed(self._order(rest & ~self.units, worth), left))
 
     def _greedy(self, rest: np.ndarray, worth: np.ndarray) -> np.ndarray | None:
         return self._checked(

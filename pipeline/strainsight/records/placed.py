@@ -10,6 +10,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from strainsight.loads.observability import Observability
 from strainsight.records.record import dataset, group, record
 
 
@@ -171,17 +172,6 @@ class Observed:
 
 
 @record
-class PbhNumbers:
-    """Observability of the unknowns from the whole pool."""
-
-    condition: float = dataset("1", "", "condition of the scaled PBH matrix at λ = 0")
-    sigma_min: float = dataset("1", "", "its smallest singular value")
-    condition_raw: float = dataset(
-        "1", "", "the same without scales, as the thesis prints it, which orders cases by their units"
-    )
-
-
-@record
 class HotSpots:
     """Whether the strain at gauges is that of the part: of the final set, or of any; changes over the RMS reading in training."""
 
@@ -273,7 +263,7 @@ class Placed(PlacedLayout):
         "relative to the amplitude in it",
     )
     budget: Budget | None = group(default=None)
-    observability: PbhNumbers = group()
+    observability: Observability = group()
     hot_spots: HotSpots | None = group(default=None)
     at_gauges: AtGauges | None = group(default=None)
     by_case: ByCase | None = group(path="/load_cases", what="<what>", default=None)

@@ -8,12 +8,11 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 from strainsight.mesh.facets import Facets
-from strainsight.mesh.kinds import FACETS
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.candidates import Candidates
 from strainsight.sensors.faces import Faces
 from strainsight.sensors.rows import installation_axes
-from strainsight.sensors.surface import facet_centres, farthest_axis
+from strainsight.sensors.surface import by_kind, facet_centres, farthest_axis, on_reference
 from strainsight.sensors.walk import Located, Skin, local_at, radius_of
 
 ON = 1e-7
@@ -26,16 +25,6 @@ def opposite(skin: Skin, points: np.ndarray, normals: np.ndarray) -> Located:
     points p (k, 3) [m] on the surface; normals n (k, 3) outward there. facet −1 where a ray meets none.
     """
     return _first(skin, points, normals, 1.0, np.inf)
-
-
-def room_over(skin: Skin, points: np.ndarray, ahead: np.ndarray, reach: float) -> np.ndarray:
-    """How far (k,) [m] the rays x = p + t r, t > 0, go outside the body before they enter it, by `_first`; inf where they do not
-    within a reach [m].
-
-    points p (k, 3) [m] on the surface; r ahead (k, 3) unit, outward there.
-    """
-    distance = _first(skin, points, -np.asarray(ahead, dtype=float), -1.0, reach).distance
-    return np.asarray(np.where(distance <= reach, distance, np.inf))
 
 
 def _first(skin: Skin, points: np.ndarray, normals: np.ndarray, way: float, reach: float) -> Located:
@@ -88,9 +77,8 @@ def _met(
     plane = np.stack([e1, np.cross(n, e1)], axis=1)
     xi, found = local_at(skin, facet, points[of], plane, np.zeros((len(of), 2)))
     x, outward = skin.frames(facet, xi)
-    simplex = np.array([kind.corners == 3 for kind in FACETS])[skin.facets.kind[facet]]
-    triangle = (xi.min(axis=1, initial=np.inf) >= -ON) & (xi.sum(axis=1) <= 1 + ON)
-    found &= np.where(simplex, triangle, np.abs(xi).max(axis=1, initial=0.0) <= 1 + ON)
+    for kind, which, _ in by_kind(skin.facets.kind[facet], skin.facets.nodes[facet]):
+        found[which] &= on_reference(kind, xi[which], ON)
     found &= way * np.sum(outward * n, axis=1) < -1e-9
     return xi, np.sum((points[of] - x) * n, axis=1), found
 
@@ -117,7 +105,9 @@ def room(skin: Skin, candidates: Candidates, reach: float) -> np.ndarray:
     start = first.position - OFF * reach * n
 
     def height(ahead: np.ndarray) -> np.ndarray:
-        return room_over(skin, start, ahead, reach)
+        """How far rays go outside the body before they enter it; inf where they do not within the reach."""
+        distance = _first(skin, start, -ahead, -1.0, reach).distance
+        return np.asarray(np.where(distance <= reach, distance, np.inf))
 
     found = height(n)
     for e in axes:

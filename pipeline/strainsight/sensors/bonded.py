@@ -8,17 +8,16 @@ from functools import partial
 
 import numpy as np
 from scipy import sparse
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
 from strainsight.errors import InfeasibleError, UserError
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
+from strainsight.mesh.unjoined import component_labels
 from strainsight.sensors.access import opposite
 from strainsight.sensors.candidates import STEEPEST, Arms, Candidates, concatenate
 from strainsight.sensors.rows import fits
-from strainsight.sensors.surface import turned
+from strainsight.sensors.surface import tangent, turned
 from strainsight.sensors.walk import Located, Skin, locate, skin_of
 from strainsight.sensors.zones import Zone, inside
 
@@ -273,13 +272,12 @@ def bridges(skin: Skin, pool: Candidates, pattern: str, admitted: np.ndarray) ->
     steep = np.abs(np.sum(pool.direction * normal, axis=1)) > np.cos(np.deg2rad(STEEPEST))
     index = np.flatnonzero(well & ~steep)
     own, at, n = pool.take(index), found.facet[index], normal[index]
-    d = own.direction - np.sum(own.direction * n, axis=1)[:, None] * n
     behind = replace(
         own,
         **skin.facets.columns(at),
         position=found.point[index],
         normal=n,
-        direction=d / np.linalg.norm(d, axis=1)[:, None],
+        direction=tangent(own.direction, n),
         angle=-own.angle,
         local=found.local[index],
     )
@@ -290,7 +288,8 @@ def bridges(skin: Skin, pool: Candidates, pattern: str, admitted: np.ndarray) ->
     # By bridge, and within one by arm.
     each, m = np.repeat(np.arange(len(kept)), len(further)), len(kept)
     arms = [_turned(sides[side], turn) for side, turn, _ in further]
-    grid = _interleaved(arms, m)
+    order = np.arange(len(arms) * m).reshape(len(arms), m).T.ravel()
+    grid = replace(concatenate(arms), gauge=np.arange(len(order))).take(order)
     sign = np.tile([float(sign) for _, _, sign in further], m)
     made = replace(_turned(sides[HERE], first), arms=Arms(each, sign, grid)) if m else sides[HERE]
     return StrainGauges(made, len(pool) - len(index), len(index) - len(kept))
@@ -315,9 +314,7 @@ def _once(one: Candidates, other: Candidates, near: float, quarter: bool) -> np.
         alike = returns & (along | (across & quarter)) & (i != j)
         pairs.append(np.column_stack([i[alike], j[alike]]))
     i, j = np.concatenate(pairs).T
-    graph = coo_array((np.ones(len(i)), (i, j)), shape=(len(one), len(one)))
-    _, group = connected_components(graph, directed=False)
-    return np.sort(np.unique(group, return_index=True)[1])
+    return np.sort(np.unique(component_labels(len(one), i, j), return_index=True)[1])
 
 
 def _turned(side: Candidates, angle: float) -> Candidates:
@@ -325,9 +322,3 @@ def _turned(side: Candidates, angle: float) -> Candidates:
         return side
     each = np.full(len(side), angle)
     return replace(side, direction=turned(side.direction, side.normal, each), angle=side.angle + angle)
-
-
-def _interleaved(arms: list[Candidates], m: int) -> Candidates:
-    """The first entries (m) of all arms, then their second ones, and so on, each a gauge of its own."""
-    order = np.arange(len(arms) * m).reshape(len(arms), m).T.ravel()
-    return replace(concatenate(arms), gauge=np.arange(len(arms) * m)).take(order)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Literal
 
@@ -12,7 +12,7 @@ from strainsight.errors import InfeasibleError
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.model import Mesh
 from strainsight.sensors.edges import spaced
-from strainsight.sensors.surface import centres, farthest_axis, turned, unit_vector
+from strainsight.sensors.surface import centres, farthest_axis, tangent, turned, unit_vector
 from strainsight.sensors.zones import Zone, admissible
 
 
@@ -30,10 +30,7 @@ class Arms:
 
     def index_of(self, channels: np.ndarray) -> np.ndarray:
         """Those of some channels (k,), one channel's behind the other's."""
-        first, last = (np.searchsorted(self.channel, channels, side=side) for side in ("left", "right"))
-        return np.concatenate(
-            [np.arange(a, b) for a, b in zip(first, last, strict=True)] or [np.zeros(0, dtype=np.int64)]
-        )
+        return _ranges(*(np.searchsorted(self.channel, channels, side=side) for side in ("left", "right")))
 
     def of(self, channels: np.ndarray) -> Arms | None:
         """Those of some channels (k,), which are then numbered in their order; None where none of them is a bridge."""
@@ -44,19 +41,9 @@ class Arms:
         return Arms(np.repeat(np.arange(len(channels)), count), self.sign[index], self.grid.take(index))
 
 
-def concatenated(
-    parts: Sequence[Arms | None], channels: Sequence[int], concatenate: Callable[[Sequence[Candidates]], Candidates]
-) -> Arms | None:
-    """Those of pools with so many channels each, one behind the other; concatenate: of their grids."""
-    start = np.cumsum([0, *channels])
-    bridged = [(part, int(first)) for part, first in zip(parts, start[:-1], strict=True) if part is not None]
-    if not bridged:
-        return None
-    return Arms(
-        np.concatenate([own.channel + first for own, first in bridged]),
-        np.concatenate([own.sign for own, _ in bridged]),
-        concatenate([own.grid for own, _ in bridged]),
-    )
+def _ranges(first: np.ndarray, last: np.ndarray) -> np.ndarray:
+    """All whole numbers from each first to before its last."""
+    return np.concatenate([np.zeros(0, dtype=np.int64), *map(np.arange, first, last)])
 
 
 STRAIN, ACCELERATION, DISPLACEMENT = 0, 1, 2
@@ -140,14 +127,15 @@ class Candidates:
 
     def channels(self, gauges: np.ndarray) -> np.ndarray:
         """The channels of some gauges, in the order of those."""
-        start = np.append(self.first, len(self))
-        return np.concatenate([np.arange(start[g], start[g + 1]) for g in gauges] or [np.zeros(0, dtype=np.int64)])
+        start, which = np.append(self.first, len(self)), np.asarray(gauges, dtype=np.int64)
+        return _ranges(start[which], start[which + 1])
 
     def take(self, index: np.ndarray) -> Candidates:
         """The channels at `index`, in its order; neighbours of one gauge remain one."""
         taken = {name: getattr(self, name)[index] for name in COLUMNS}
         arms = self.arms and self.arms.of(np.arange(len(self))[index])
-        return Candidates(**(taken | {"gauge": _consecutive(taken["gauge"])}), arms=arms)
+        taken["gauge"] = np.cumsum(np.diff(taken["gauge"], prepend=taken["gauge"][:1]) != 0)
+        return Candidates(**taken, arms=arms)
 
     @property
     def grids(self) -> Candidates:
@@ -221,16 +209,15 @@ def channels_of_gauges(owner: np.ndarray, gauges: np.ndarray) -> np.ndarray:
 def concatenate(parts: Sequence[Candidates]) -> Candidates:
     """All channels of the parts, their gauges numbered on."""
     columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in COLUMNS}
-    start = np.cumsum([0, *(part.gauges for part in parts)])
-    gauge = np.concatenate([part.gauge + start[i] for i, part in enumerate(parts)])
-    return Candidates(
-        **(columns | {"gauge": gauge}),
-        arms=concatenated([part.arms for part in parts], [len(part) for part in parts], concatenate),
-    )
-
-
-def _consecutive(gauge: np.ndarray) -> np.ndarray:
-    return np.cumsum(np.diff(gauge, prepend=gauge[:1]) != 0)
+    gauges, channels = (np.cumsum([0, *count]) for count in ([part.gauges for part in parts], map(len, parts)))
+    columns["gauge"] = np.concatenate([part.gauge + first for part, first in zip(parts, gauges[:-1], strict=True)])
+    bridged = [(part.arms, first) for part, first in zip(parts, channels[:-1], strict=True) if part.arms is not None]
+    arms = None
+    if bridged:
+        channel = np.concatenate([own.channel + first for own, first in bridged])
+        sign, grid = np.concatenate([own.sign for own, _ in bridged]), concatenate([own.grid for own, _ in bridged])
+        arms = Arms(channel, sign, grid)
+    return Candidates(**columns, arms=arms)
 
 
 def candidates(
@@ -283,9 +270,7 @@ def candidates(
 
 def tangents(normal: np.ndarray) -> np.ndarray:
     """A unit tangent (m, 3) for every normal (m, 3): the first of the coordinate axes farthest from it, projected."""
-    axis = farthest_axis(normal)
-    t = axis - np.sum(axis * normal, axis=1)[:, None] * normal
-    return t / np.linalg.norm(t, axis=1)[:, None]
+    return tangent(farthest_axis(normal), normal)
 
 
 def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.ndarray, key: str) -> np.ndarray:
@@ -300,8 +285,7 @@ def _projected(axis: Sequence[float], facets: Facets, keep: np.ndarray, n: np.nd
             remedy=f"choose another {key}.direction.axis, restrict {key}.surface, or leave such facets out: "
             f"{key}.exclude: [{{normal_cone: {{axis: [{a[0]:.3g}, {a[1]:.3g}, {a[2]:.3g}], angle: {STEEPEST:g}}}}}]",
         )
-    d0 = a - (n @ a)[:, None] * n
-    return d0 / np.linalg.norm(d0, axis=1)[:, None]
+    return tangent(np.broadcast_to(a, n.shape), n)
 
 
 ROSETTE = (0.0, 45.0, 90.0)

@@ -6,14 +6,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.sparse import coo_array, csr_array
-from scipy.sparse.csgraph import connected_components
+from scipy.sparse import csr_array
 from scipy.spatial import cKDTree
 
 from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.joins import AveragingElement, RigidElement
 from strainsight.mesh.model import Mesh
-from strainsight.sensors.surface import by_kind, facet_centres, facet_points, farthest_axis, normals
+from strainsight.mesh.unjoined import component_labels
+from strainsight.sensors.surface import angle_between, by_kind, facet_centres, facet_points, farthest_axis, normals
 
 SHARP = np.deg2rad(30.0)
 
@@ -60,8 +60,7 @@ def edges_of(position: np.ndarray, facets: Facets) -> Edges:
     count = np.diff(start, append=len(ends))
     two = count == 2
     angle = np.full(len(start), np.pi)
-    left, right = normal[start[two]], normal[start[two] + 1]
-    angle[two] = np.arctan2(np.linalg.norm(np.cross(left, right), axis=1), np.sum(left * right, axis=1))
+    angle[two] = angle_between(normal[start[two]], normal[start[two] + 1])
     return Edges(facet, side, ends, middle, start, count, angle > SHARP)
 
 
@@ -244,7 +243,8 @@ def edge_dimensions(
     of = np.array([face[index[int(key)]] if int(key) in index else -1 for key in on], dtype=np.int64)
     found = no_edges(len(points))
     for own in np.unique(of[of >= 0]):
-        segments = _rim(position, edges, face == own)
+        rim = np.repeat(edges.sharp, edges.count) & (face == own)[edges.facet]
+        segments = _through_middle(position, edges, rim)
         for i in np.flatnonzero(of == own):
             for j, (d, x, t) in enumerate(_nearest_two(segments, points[i], normals[i])):
                 found.distance[i, j], found.foot[i, j], found.along[i, j] = d, x, t
@@ -276,14 +276,7 @@ def angle_from(t: np.ndarray, d: np.ndarray, n: np.ndarray) -> float:
 def _smooth_faces(count: int, edges: Edges) -> np.ndarray:
     """Number of the face of every facet (count,)."""
     first = edges.start[~edges.sharp]
-    left, right = edges.facet[first], edges.facet[first + 1]
-    pairs = coo_array((np.ones(len(left)), (left, right)), shape=(count, count))
-    return np.asarray(connected_components(pairs, directed=False)[1])
-
-
-def _rim(position: np.ndarray, edges: Edges, chosen: np.ndarray) -> np.ndarray:
-    """Sharp edges of the chosen facets, through their middle: segments (s, 2, 3) [m]."""
-    return _through_middle(position, edges, np.repeat(edges.sharp, edges.count) & chosen[edges.facet])
+    return component_labels(count, edges.facet[first], edges.facet[first + 1])
 
 
 def _nearest_two(
@@ -338,7 +331,8 @@ def bend_radius(position: np.ndarray, facets: Facets) -> np.ndarray:
     e1 = e1 / np.where(length > 0, length, 1.0)
     plane = np.stack([e1, np.cross(normal, e1)], axis=2)
     for which, rows in corners.of_facets:
-        u, v = (_about_the_mean(values[rows]) @ plane[which] for values in (corners.position, mean))
+        at_corners = (values[rows] for values in (corners.position, mean))
+        u, v = ((values - values.mean(axis=1, keepdims=True)) @ plane[which] for values in at_corners)
         S = np.linalg.pinv(u) @ v
         bend = np.abs(np.linalg.eigvalsh(0.5 * (S + S.transpose(0, 2, 1)))).max(axis=1)
         size = np.linalg.norm(u, axis=(1, 2))
@@ -382,10 +376,6 @@ def _smooth(node: np.ndarray, normal: np.ndarray) -> np.ndarray:
     np.add.at(total, one[alike], normal[other[alike]])
     length = np.linalg.norm(total, axis=1, keepdims=True)
     return np.asarray(total / np.where(length > 0, length, 1.0))
-
-
-def _about_the_mean(values: np.ndarray) -> np.ndarray:
-    return np.asarray(values - values.mean(axis=1, keepdims=True))
 
 
 def tight(position: np.ndarray, facets: Facets, radius: float) -> np.ndarray:

@@ -7,16 +7,15 @@ from typing import Annotated
 
 import numpy as np
 from scipy.optimize import least_squares
-from scipy.sparse import coo_array
-from scipy.sparse.csgraph import connected_components
 
 from strainsight.columns import Column
 from strainsight.errors import UserError
 from strainsight.mesh.facets import Facets
 from strainsight.mesh.kinds import FACETS
+from strainsight.mesh.unjoined import component_labels
 from strainsight.ordering import first_of_largest, tied_order
 from strainsight.sensors.edges import edges_of
-from strainsight.sensors.surface import by_kind, facet_centres
+from strainsight.sensors.surface import angle_between, by_kind, facet_centres
 from strainsight.sensors.walk import Skin, locate, skin_of
 
 LEVEL = np.deg2rad(1.0)
@@ -91,7 +90,7 @@ def faces_of(position: np.ndarray, facets: Facets) -> Faces:
     edges = edges_of(position, facets)
     first = edges.start[(edges.count == 2) & ~edges.sharp]
     left, right = edges.facet[first], edges.facet[first + 1]
-    level = _angle(vector[left], vector[right]) < LEVEL
+    level = angle_between(vector[left], vector[right]) < LEVEL
     plane = _joined(len(vector), left[level], right[level])
     flat = _has_a_node_inside(plane, facets) & ~_bent(plane, vector)
     apart = flat[plane[left]] | flat[plane[right]]
@@ -109,7 +108,7 @@ def picked(pick: Pick, faces: Faces, position: np.ndarray, facets: Facets) -> np
     found = np.ones(len(faces.of), dtype=bool)
     if pick.normal is not None:
         axis = np.asarray(pick.normal, dtype=float)
-        found &= _angle(normal, np.tile(axis, (len(normal), 1))) <= np.deg2rad(pick.angle)
+        found &= angle_between(normal, np.tile(axis, (len(normal), 1))) <= np.deg2rad(pick.angle)
         found &= normal.any(axis=1)
     if pick.box is not None:
         found &= np.all((centre >= pick.box[0]) & (centre <= pick.box[1]), axis=1)
@@ -178,16 +177,9 @@ def facet_vectors(position: np.ndarray, facets: Facets) -> np.ndarray:
     return vector
 
 
-def _angle(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Between vectors (m, 3), as exact for small angles as for large ones: (m,) [rad]."""
-    return np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1))
-
-
 def _joined(count: int, a: np.ndarray, b: np.ndarray) -> np.ndarray:
     """Number (count,) of the group of each, where a and b (m,) belong together; groups in the order of their first."""
-    pairs = coo_array((np.ones(len(a)), (a, b)), shape=(count, count))
-    _, group = connected_components(pairs, directed=False)
-    _, first, member = np.unique(group, return_index=True, return_inverse=True)
+    _, first, member = np.unique(component_labels(count, a, b), return_index=True, return_inverse=True)
     return np.asarray(np.argsort(np.argsort(first))[member])
 
 
@@ -211,7 +203,7 @@ def _bent(group: np.ndarray, vector: np.ndarray) -> np.ndarray:
     mean = np.zeros((group.max() + 1, 3))
     np.add.at(mean, group, vector)
     bent = np.zeros(len(mean), dtype=bool)
-    np.logical_or.at(bent, group, _angle(vector, mean[group]) > BENT)
+    np.logical_or.at(bent, group, angle_between(vector, mean[group]) > BENT)
     return bent
 
 

@@ -20,7 +20,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.mesh.subdivision import Refined, refined
 from strainsight.sensors.candidates import STRAIN, Candidates
 from strainsight.sensors.rows import ChannelPoints, matrix_of, points_within, surface_of
-from strainsight.sensors.surface import by_kind
+from strainsight.sensors.surface import by_kind, on_reference
 
 
 @dataclass(frozen=True)
@@ -250,7 +250,7 @@ def _on_parts(fine: Refined, points: ChannelPoints) -> ChannelPoints:
         for name, corners in kind.split:
             part = next(own for own in FACETS if own.name == name)
             local = _within(part, corners, points.local[which])
-            on = np.flatnonzero(_inside(part, local))
+            on = np.flatnonzero(on_reference(part, local, ON))
             share[on] += 1
             at = np.full((len(on), 8), -1)
             at[:, : len(part.nodes)] = fine.nodes_at(kind, nodes[on], with_midsides(corners, part.edges))
@@ -265,10 +265,3 @@ def _within(part: Kind, corners: np.ndarray, xi: np.ndarray) -> np.ndarray:
     home = part.nodes[: len(corners)]
     A = np.linalg.lstsq(np.column_stack([home, np.ones(len(home))]), corners, rcond=None)[0]
     return np.asarray(np.linalg.solve(A[:2].T, (xi - A[2]).T).T)
-
-
-def _inside(part: Kind, xi: np.ndarray) -> np.ndarray:
-    """Which points (m, 2) lie on the reference domain of a facet."""
-    if part.corners == 3:
-        return np.asarray((xi.min(axis=1) >= -ON) & (xi.sum(axis=1) <= 1 + ON))
-    return np.asarray(np.abs(xi).max(axis=1) <= 1 + ON)

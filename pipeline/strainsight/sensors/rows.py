@@ -13,7 +13,7 @@ from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.mesh.properties import Thickness
 from strainsight.sensors.candidates import STEEPEST, STRAIN, Candidates, tangents
-from strainsight.sensors.surface import by_kind, carried, facet_points, normals, turned
+from strainsight.sensors.surface import by_kind, carried, facet_points, normals, tangent, turned
 from strainsight.sensors.walk import Skin, Trail, local_at, skin_of, walk
 
 GAUSS = 0.5 + np.sqrt(1 / 12) * np.array([-1.0, 1.0])
@@ -60,33 +60,6 @@ def surface_of(position: np.ndarray, candidates: Candidates, facets: Facets | Sk
             region=np.zeros(len(first), dtype=np.int64),
         )
     return skin_of(position, facets)
-
-
-def points_of(
-    position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None
-) -> tuple[ChannelPoints, np.ndarray]:
-    """The points of every channel of one grid, and which channels (m,) have a grid that stays on the surface.
-
-    A channel without a grid has the point of its ξ. A grid is walked from its centre both ways, and every piece of it on one
-    facet has the two points of Gauss, so that the jumps of strain from facet to facet are averaged and not sampled.
-    """
-    spread = candidates.length > 0
-    at = np.flatnonzero(~spread)
-    single = ChannelPoints(
-        at,
-        candidates.element[at],
-        candidates.kind[at],
-        candidates.nodes[at],
-        candidates.local[at],
-        candidates.direction[at],
-        candidates.quantity[at],
-        np.ones(len(at)),
-    )
-    well = np.ones(len(candidates), dtype=bool)
-    if not spread.any():
-        return single, well
-    grid, well[spread] = _grids(surface_of(position, candidates, facets), candidates, np.flatnonzero(spread))
-    return ChannelPoints.joined([single, grid]), well
 
 
 def stays(skin: Skin, candidates: Candidates) -> np.ndarray:
@@ -191,10 +164,8 @@ def installation_axes(candidates: Candidates) -> tuple[np.ndarray, np.ndarray]:
     along `tangents` where d is within 10° of n."""
     first = candidates.take(candidates.first)
     n = first.normal
-    e1 = first.direction - np.sum(first.direction * n, axis=1)[:, None] * n
-    upright = np.linalg.norm(e1, axis=1) < np.sin(np.deg2rad(STEEPEST))
-    e1 = np.where(upright[:, None], tangents(n), e1)
-    e1 /= np.linalg.norm(e1, axis=1)[:, None]
+    upright = np.abs(np.sum(first.direction * n, axis=1)) > np.cos(np.deg2rad(STEEPEST))
+    e1 = tangent(np.where(upright[:, None], tangents(n), first.direction), n)
     return e1, np.cross(n, e1)
 
 
@@ -276,18 +247,28 @@ def channel_matrix(
 
 
 def points_within(position: np.ndarray, candidates: Candidates, facets: Facets | Skin | None = None) -> ChannelPoints:
-    """The points that every channel sums or averages over. Raises InfeasibleError as `channel_matrix`."""
+    """The points that every channel sums or averages over.
+
+    A channel without a grid has the point of its ξ. A grid is walked from its centre both ways, and every piece of it on one
+    facet has the two points of Gauss, so that the jumps of strain from facet to facet are averaged and not sampled.
+    Raises InfeasibleError as `channel_matrix`.
+    """
     grids = candidates.grids
-    points, well = points_of(position, grids, facets)
-    if not well.all():
-        first = int(np.argmin(well))
-        raise InfeasibleError(
-            f"the grid of {np.count_nonzero(~well)} of {len(well)} channels runs over a sharp edge "
-            f"(element {grids.element[first]}, facet {grids.facet[first]}, "
-            f"grid {grids.length[first]:.3g} m long)",
-            remedy="a shorter grid, or none near edges: "
-            f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}]",
-        )
+    at, which = (np.flatnonzero(each) for each in (grids.length == 0, grids.length > 0))
+    columns = (getattr(grids, entry.name)[at] for entry in fields(ChannelPoints)[1:-1])
+    points = ChannelPoints(*(at, *columns, np.ones(len(at))))
+    if len(which):
+        along, well = _grids(surface_of(position, grids, facets), grids, which)
+        if not well.all():
+            first = int(which[np.argmin(well)])
+            raise InfeasibleError(
+                f"the grid of {np.count_nonzero(~well)} of {len(grids)} channels runs over a sharp edge "
+                f"(element {grids.element[first]}, facet {grids.facet[first]}, "
+                f"grid {grids.length[first]:.3g} m long)",
+                remedy="a shorter grid, or none near edges: "
+                f"exclude: [{{near_edges: {0.5 * float(grids.length[first]):.3g}}}]",
+            )
+        points = ChannelPoints.joined([points, along])
     if candidates.arms is None:
         return points
     weight = points.weight * candidates.sign_of_grid[points.channel]

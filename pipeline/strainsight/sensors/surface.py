@@ -80,6 +80,24 @@ def farthest_axis(direction: np.ndarray) -> np.ndarray:
     return np.asarray(np.eye(3)[np.argmax(along <= along.min(axis=-1, keepdims=True) + ALIKE, axis=-1)])
 
 
+def tangent(direction: np.ndarray, n: np.ndarray) -> np.ndarray:
+    """Unit t ∥ v − (v·n) n (m, 3) of directions v (m, 3), none along its unit normal n (m, 3)."""
+    t = direction - np.sum(direction * n, axis=1)[:, None] * n
+    return np.asarray(t / np.linalg.norm(t, axis=1)[:, None])
+
+
+def angle_between(a: np.ndarray, b: np.ndarray) -> np.ndarray:
+    """Of vectors (m, 3), as exact for small angles as for large ones: (m,) [rad]."""
+    return np.asarray(np.arctan2(np.linalg.norm(np.cross(a, b), axis=1), np.sum(a * b, axis=1)))
+
+
+def on_reference(kind: Kind, xi: np.ndarray, slack: float = 0.0) -> np.ndarray:
+    """Which points ξ (m, 2) lie on the reference domain of a facet, to a slack [-]: (m,) bool."""
+    if kind.corners == 3:
+        return np.asarray((xi.min(axis=1, initial=np.inf) >= -slack) & (xi.sum(axis=1) <= 1 + slack))
+    return np.asarray(np.abs(xi).max(axis=1, initial=0.0) <= 1 + slack)
+
+
 def turned(direction: np.ndarray, n: np.ndarray, angle: np.ndarray) -> np.ndarray:
     """v turned by α about the unit normal n (Rodrigues): v cos α + n × v sin α + n (n·v)(1 − cos α).
 

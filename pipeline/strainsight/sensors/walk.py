@@ -11,7 +11,7 @@ from strainsight.errors import UserError
 from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.kinds.kind import Kind
 from strainsight.sensors.edges import edges_of
-from strainsight.sensors.surface import by_kind, facet_centres, facet_frames, facet_points
+from strainsight.sensors.surface import by_kind, facet_centres, facet_frames, facet_points, on_reference
 
 TURNS = 60.0
 """Degrees: a surface that has turned by more than this away from where the walk began ends it as an edge would."""
@@ -327,8 +327,7 @@ def _inside(kind: Kind, corners: np.ndarray, points: np.ndarray) -> tuple[np.nda
         H = np.where((np.abs(np.linalg.det(H)) > 1e-300)[:, None, None], H, np.eye(2))
         step = np.clip(np.linalg.solve(H, -slope[..., None])[..., 0], -0.5, 0.5)
         xi = np.clip(xi + step, -0.05 if simplex else -1.05, 1.05)
-    within = (xi.min(axis=1) >= 0) & (xi.sum(axis=1) <= 1) if simplex else np.abs(xi).max(axis=1) <= 1
-    return xi, within
+    return xi, on_reference(kind, xi)
 
 
 def _bend(kind: Kind, corners: np.ndarray, xi: np.ndarray, miss: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from strainsight.mesh.facets import Facets, facet_key
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.projection import covered
 from strainsight.sensors.edges import constrained_nodes, near_segments, sharp_edges
-from strainsight.sensors.surface import facet_centres
+from strainsight.sensors.surface import facet_centres, unit_vector
 
 Vector = tuple[float, float, float]
 TOUCHING = 1e-9
@@ -97,32 +97,28 @@ def inside(zone: Zone, mesh: Mesh, facets: Facets | None, centre: np.ndarray, no
                 "the mesh has no solids, shells or beams, and so no surface that a zone could be on",
                 remedy="give a near_set, or a box",
             )
-        return _facets_of(zone, mesh, facets)[_facets_below(mesh, facets, centre, normal)]
+        match zone:
+            case On():
+                on = on_surface(mesh, facets, zone.name)
+            case ShellFace():
+                on = facets.of(mesh.shells) & (facets.facet == zone.facet)
+            case OnElements():
+                on = facets.of(mesh.of_kind(zone.kind))
+        return on[_facets_below(mesh, facets, centre, normal)]
     match zone:
         case Box():
             return np.all((centre >= np.asarray(zone.minimum)) & (centre <= np.asarray(zone.maximum)), axis=1)
         case Cylinder():
             arm = centre - np.asarray(zone.point)
-            return np.linalg.norm(np.cross(arm, _unit(zone.axis)), axis=1) < zone.radius
+            return np.linalg.norm(np.cross(arm, unit_vector(zone.axis, "the axis")), axis=1) < zone.radius
         case NormalCone():
-            return np.abs(normal @ _unit(zone.axis)) > np.cos(np.deg2rad(zone.angle))
+            return np.abs(normal @ unit_vector(zone.axis, "the axis")) > np.cos(np.deg2rad(zone.angle))
         case NearEdges():
             edges = np.zeros((0, 2, 3)) if facets is None else sharp_edges(mesh.position, facets)
             return near_segments(centre, edges, zone.distance)
         case NearSet():
             distance, _ = cKDTree(mesh.position[_nodes(mesh, zone.name)]).query(centre)
             return np.asarray(distance < zone.distance)
-
-
-def _facets_of(zone: On | ShellFace | OnElements, mesh: Mesh, facets: Facets) -> np.ndarray:
-    """Which facets (f,) are in such a zone."""
-    match zone:
-        case On():
-            return on_surface(mesh, facets, zone.name)
-        case ShellFace():
-            return facets.of(mesh.shells) & (facets.facet == zone.facet)
-        case OnElements():
-            return facets.of(mesh.of_kind(zone.kind))
 
 
 def _facets_below(mesh: Mesh, facets: Facets, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
@@ -153,13 +149,6 @@ def on_surface(mesh: Mesh, facets: Facets, name: str) -> np.ndarray:
     known = sorted({*mesh.element_sets, *mesh.node_sets})
     remedy = did_you_mean(name, known, f"its faces and sets: {', '.join(known) or 'none'}; mesh.faces names a face")
     raise UserError(f"the set {name!r} is not in the mesh", remedy=remedy)
-
-
-def _unit(axis: Vector) -> np.ndarray:
-    length = float(np.linalg.norm(axis))
-    if not (length > 0 and np.isfinite(length)):
-        raise UserError(f"the axis {tuple(axis)} has no direction", remedy="give three numbers, not all zero")
-    return np.asarray(axis, dtype=float) / length
 
 
 def _nodes(mesh: Mesh, name: str) -> np.ndarray:
@@ -209,7 +198,8 @@ def admissible(
         if (lies := covered(mesh, facets)).any():
             yield "mesh.file", "that nothing lies on", ~lies
         if not on_constraints:
-            yield f"{key}.surface", "away from constrained nodes", ~_on_constraints(mesh, facets)
+            tied = constrained_nodes(mesh, references=True)[facets.nodes] & (facets.nodes >= 0)
+            yield f"{key}.surface", "away from constrained nodes", ~np.any(tied, axis=1)
         if include:
             with blame(f"{key}.include"):
                 zones = [inside(zone, mesh, facets, centre, normal) for zone in include]
@@ -229,8 +219,3 @@ def admissible(
                 remedy="choose another surface, larger zones to include or smaller zones to exclude",
             )
     return np.flatnonzero(left), centre, normal
-
-
-def _on_constraints(mesh: Mesh, facets: Facets) -> np.ndarray:
-    held = constrained_nodes(mesh, references=True)
-    return np.any(held[facets.nodes] & (facets.nodes >= 0), axis=1)

@@ -24,15 +24,15 @@ from strainsight.estimation.compiled.vectors import (
 
 
 @loop
-def add_moved(sign, x, pairs, beside, out):  # type: ignore[no-untyped-def]
-    """out ← out ± A x, in coordinates in which modes are apart: each moves by itself and by the states behind them."""
+def add_moved(x, pairs, beside, out):  # type: ignore[no-untyped-def]
+    """out ← out + A x, in coordinates in which modes are apart: each moves by itself and by the states behind them."""
     q, n = pairs.shape[1], len(x)
     for a in range(q):
-        out[a] += sign * (pairs[0, a] * x[a] + pairs[1, a] * x[q + a])
+        out[a] += pairs[0, a] * x[a] + pairs[1, a] * x[q + a]
     for a in range(q):
-        out[q + a] += sign * (pairs[2, a] * x[a] + pairs[3, a] * x[q + a])
+        out[q + a] += pairs[2, a] * x[a] + pairs[3, a] * x[q + a]
     for b in range(len(beside)):
-        value = sign * x[2 * q + b]
+        value = x[2 * q + b]
         for a in range(n):
             out[a] += value * beside[b, a]
 
@@ -43,7 +43,7 @@ def moved_mean(x, pairs, beside, G, w, ahead):  # type: ignore[no-untyped-def]
     n = len(x)
     for a in range(n):
         ahead[a] = dot(G[a], w)
-    add_moved(1.0, x, pairs, beside, ahead)
+    add_moved(x, pairs, beside, ahead)
     for a in range(n):
         x[a] = flushed(ahead[a])
 
@@ -84,7 +84,7 @@ def predicted(P, pairs, beside, Q, half):  # type: ignore[no-untyped-def]
     for a in range(n):
         for b in range(n):
             half[a, b] = 0.0
-        add_moved(1.0, P[a], pairs, beside, half[a])
+        add_moved(P[a], pairs, beside, half[a])
     for a in range(n):
         for b in range(a + 1):
             P[a, b] = Q[a, b]

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
-from functools import partial
 
 import numpy as np
 
@@ -19,7 +18,6 @@ from strainsight.estimation.mixture import Posterior, marginal
 from strainsight.estimation.model import FilterModel, physical
 from strainsight.estimation.record import BankRecord
 from strainsight.estimation.run import FilterRun, Keep
-from strainsight.estimation.sigma_point import run_sigma_points
 from strainsight.estimation.smoother import Smoothed
 from strainsight.experiment.filters_compared import filters_compared
 from strainsight.experiment.structure.problem import Method, Problem, exactly_damped
@@ -44,10 +42,11 @@ def by_moments(
 ) -> FilterRun:
     """The sigma-point or the extended filter, which carry mean and covariance; biased: as of `run_filter`; method: by default
     that of the config."""
-    run: Callable[..., FilterRun] = partial(run_filter, iterations=problem.iterations)
-    if (method or problem.method) == "sigma-point":
-        run = run_sigma_points
-    return run(model, start, covariance, known, measured, keep, form=problem.form, biased=biased, refuse=refuse)
+    by_points = (method or problem.method) == "sigma-point"
+    options = {"by_points": True} if by_points else {"iterations": problem.iterations}
+    return run_filter(
+        model, start, covariance, known, measured, keep, form=problem.form, biased=biased, refuse=refuse, **options
+    )
 
 
 def together(model: FilterModel, banks: Sequence[BankRun | None], channels: np.ndarray, steps: int) -> FilterRun:

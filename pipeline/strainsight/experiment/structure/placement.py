@@ -60,8 +60,7 @@ from strainsight.loads.observability import Observability, observability
 from strainsight.mesh.model import Mesh
 from strainsight.placement.limits import Limits
 from strainsight.placement.scenario import Pool, Scenario, solve_pool, solved
-from strainsight.records.placed import AtGauges, ByCase, HotSpots, PbhNumbers, Placed, budget_of_shares
-from strainsight.records.record import record_from
+from strainsight.records.placed import AtGauges, ByCase, HotSpots, Placed, budget_of_shares
 from strainsight.records.reduced import Reduced
 from strainsight.records.training import Screened, Training
 from strainsight.rom.model import modal_basis
@@ -307,7 +306,6 @@ def _observability(problem: Problem, scenario: Scenario, subject: _OnStructure) 
         names=p.unknowns.state_names,
         frequency=frequency,
         state_amplitude=amplitude,
-        largest_strain=1.0,
         raw_scale=p.unknowns.state_scale,
         raw_rows=H,
     )
@@ -376,7 +374,7 @@ def placement_output(placement: StructurePlacement, mesh: Mesh, length_unit: str
         expected_std={name: std * scale[name] for name, std in expected.std.items()},
         without=expected.without,
         budget=budget_of_shares(expected.budget),
-        observability=record_from(PbhNumbers, condition),
+        observability=condition,
         hot_spots=hot,
         at_gauges=placement.at_gauges,
         by_case=by_case,

@@ -8,13 +8,12 @@ from functools import cached_property
 from math import factorial
 
 import numpy as np
-from scipy.linalg import expm, solve_continuous_lyapunov
+from scipy.linalg import block_diag, expm, solve_continuous_lyapunov
 
 from strainsight.loads.input_models import (
     InputModel,
     IntegratedRandomWalk,
     RandomWalk,
-    block_diagonal,
     components,
     input_intensity,
     rate_matrix,
@@ -142,8 +141,8 @@ def load_process(models: Sequence[InputModel], amplitude: np.ndarray, increment:
         std.append(np.zeros(1) if walks else unit * _spread(model, k))
         first.append(at)
         at += k
-    whole = block_diagonal(A) if A else np.zeros((0, 0))
-    intensity = block_diagonal(Q) if Q else np.zeros((0, 0))
+    whole = block_diag(np.zeros((0, 0)), *A)
+    intensity = block_diag(np.zeros((0, 0)), *Q)
     return LoadProcess(whole, intensity, np.array(first, dtype=int), np.concatenate([*std, np.zeros(0)]), h)
 
 

@@ -11,7 +11,7 @@ import numpy as np
 
 from strainsight.errors import ConfigError, NumericalError, UserError
 from strainsight.estimation.filter import filter_runs
-from strainsight.estimation.model import StepModel
+from strainsight.estimation.reduced import StepModel
 from strainsight.estimation.run import FilterRun, Keep
 from strainsight.estimation.smoother import smooth_first
 from strainsight.estimation.step_bank import StepBank, StepBankRun, filter_constants

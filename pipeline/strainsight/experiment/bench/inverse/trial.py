@@ -11,8 +11,7 @@ from scipy.linalg import block_diag
 from strainsight.config.bench.bench import AccelerationSensor, MotionSensor
 from strainsight.config.bench.estimate import BenchEstimateSection
 from strainsight.errors import ConfigError, NumericalError, UserError, blame
-from strainsight.estimation.model import StepModel
-from strainsight.estimation.reduced import Biased, bordered
+from strainsight.estimation.reduced import Biased, StepModel, bordered
 from strainsight.experiment.bench.bench import start_of
 from strainsight.experiment.bench.inverse.problem import (
     BenchProblem,
