@@ -113,7 +113,7 @@ FINE = "{duration: 0.1, time_step: 0.01, start: as_given, tolerance: 1.0e-300}"
 WEAK = "{coil: {type: torsion, frames: [pin, eye], axis: y, stiffness: 1.0}}"
 SHORT = "s: {type: spring, frames: [pin, eye], stiffness: 1}"
 STIFF = "s: {type: spring, frames: [side, tip], stiffness: 1.0e+300}"
-HEAVY = "{weight: {type: gravity, acceleration: [0, 0, -1.0e+30]}}"
+HEAVY = "{weight: {type: gravity, acceleration: [0, 0, -1.0e+300]}}"
 UNFELT = "estimate.inputs.F: no sensor feels it"
 REFUSED = {
     "a billion steps": (2, "simulate.time_step", {"simulate": "{duration: 1.0e+6, time_step: 1.0e-3}"}),
@@ -132,7 +132,7 @@ REFUSED = {
     "a spring without length": (2, "forces.s: at the start its end points", {"forces": forces(SHORT)}),
     "a spring of 1e300 N/m": (1, "simulate.start", {"forces": forces(STIFF)}),
     "a load of 1e30 N": (2, "simulate.start: the equilibrium is unstable", {"forces": forces(load(signal=constant("1.0e+30")))}),
-    "a gravity of 1e30 m/s²": (1, "simulate", {"forces": HEAVY}),
+    "a gravity of 1e300 m/s²": (1, "simulate", {"forces": HEAVY}),
     "an unknown load along the hinge": (2, UNFELT, sought(load=load(direction="[0, 1, 0]"))),
     "sensors that read nothing but noise": (2, UNFELT, sought(noise="1.0e+9")),
     "a load of 1e12 N, perhaps": (2, "more digits than a number has", sought("{F: {std: 1.0e+12, increment: 1}}")),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.experiment.bench.inverse.truth import truths_of
-from strainsight.experiment.bench.sensors import dataset_units
+from strainsight.experiment.bench.loads import load_units
 from strainsight.records.record import written
 from strainsight.runner.output import Output
 from strainsight.runner.stage import Context, Stage
@@ -22,7 +22,7 @@ def run(context: Context[BenchConfig]) -> Output:
         f"{histories} histor{'y' if histories == 1 else 'ies'} of {steps} steps of {truth.step:g} s by Radau's method"
     )
     return Output(
-        datasets=written(truths, dataset_units(config, truths.inputs)),
+        datasets=written(truths, {f"input {name}": unit for name, unit in load_units(config, truths.inputs).items()}),
         summary={"histories": histories, "steps": steps},
         message=text,
     )
