@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import norm
 
+from strainsight.config.placement import Report
 from strainsight.estimation.decision import Claim
 from strainsight.pages.arrays import History, Reading
 from strainsight.pages.picture.layout import Gauge, LoadArrow, PictureLayout
@@ -144,6 +145,7 @@ def report(**changes):
     full = PlacementReport(
         name="cantilever-input-youngs-modulus",
         title="Cantilever: load and stiffness",
+        settings=Report(),
         unknowns=(
             Unknown("tip", "N", "input", 1e4, 7071.0, 7050.0, 0.177, 0.159, 0.042, 0.163, False, 0.04, load_claims),
             Unknown("E", "Pa", "parameter", 1.89e11, 2.1e11, 2.0989e11, 0.000523, 0.000814, None, 0.000787,
@@ -212,7 +214,7 @@ def bare():
     full = report()
     unknowns = tuple(Unknown(unknown.name, unknown.unit, unknown.kind, unknown.guess) for unknown in full.unknowns)
     trend = replace(full.trend, lower_bound=None, gap=None, blocks={})
-    return PlacementReport("bare", "Bare", unknowns, full.layout, trend)
+    return PlacementReport("bare", "Bare", Report(), unknowns, full.layout, trend)
 
 
 @pytest.fixture

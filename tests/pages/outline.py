@@ -10,6 +10,8 @@ from hashlib import sha256
 from html.parser import HTMLParser
 from itertools import pairwise
 
+from strainsight.config.placement import Report
+
 HOSTILE = "\"><img src=x onerror='1'><script>alert(1)</script> 力 & Ж $x^2 \\frac{"
 """A name that is markup, breaks out of quotes, is no ASCII and begins a formula."""
 VOID = {"meta", "img", "br", "link", "input", "wbr"}
@@ -100,6 +102,8 @@ def renamed(value: object, name: str = HOSTILE) -> object:
         return name
     if is_dataclass(value) and not isinstance(value, type):
         return replace(value, **{f.name: renamed(getattr(value, f.name), name) for f in fields(value) if f.name not in KEPT})
+    if isinstance(value, Report):
+        return value.model_copy(update={"remark": f"{name}\n{name}"})
     if isinstance(value, tuple):
         return tuple(renamed(item, name) for item in value)
     if isinstance(value, Mapping):

@@ -310,6 +310,7 @@ class Report(Section):
     """The page, and the files for the workshop and for other programs."""
 
     format: Literal["html"] = Field("html", description="Kind of page.")
+    remark: str = Field("", max_length=500, description="A text of yours on the page, line by line.")
     datum: Datum = with_defaults(
         Datum,
         "Where places of gauges are measured from, in the deck's unit of length: on the page and the sheets, in workshop.csv and "

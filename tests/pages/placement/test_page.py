@@ -10,6 +10,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from strainsight.config.placement import Report
 from strainsight.estimation.decision import Benefit
 from strainsight.pages.page.sections import SPACE_SCRIPTS, text_of
 from strainsight.pages.placement.figures import elbow, placement_figures
@@ -130,6 +131,12 @@ def test_a_placement_without_benefit_leads_what_the_gauges_tell(full):
     assert "Placement brings no benefit here for E: 6 of 10 random" in said(shown, none)
     assert "no benefit" not in said(shown, some)
     assert "That the placement helps E is not shown: 3 of 10 random layouts" in said(shown, some)
+
+
+def test_a_remark_of_the_config_is_on_the_page_line_by_line_and_only_there_where_it_has_one(full):
+    remark = Report(remark="bond by May\nask <Tom>")
+    assert "bond by May<br>ask &lt;Tom&gt;" in page(replace(full(), settings=remark))
+    assert "Remark" not in page(full())
 
 
 @pytest.mark.parametrize("hostile", [HOSTILE, *slowly("F" * 400, "_")])

@@ -13,6 +13,7 @@ from typing import Literal
 
 import numpy as np
 
+from strainsight.config.placement import Report
 from strainsight.estimation.decision import Benefit, Claim
 from strainsight.pages.arrays import FloatArray, History, IntArray, Reading
 from strainsight.pages.picture.layout import PictureLayout
@@ -189,7 +190,7 @@ class Check:
 class PlacementReport:
     """All that the page of a placement shows.
 
-    name of the config, title for people; frequencies [Hz] of the model at the reference;
+    name of the config, title for people; settings: its section `report`; frequencies [Hz] of the model at the reference;
     metrics: every one, that of the layout first; criteria: layouts by every rule, ours first; cases: what could be
     distinguished; observability: name → number;
     load_cases: what the layout is placed for together, None where it is the loads as stated;
@@ -204,6 +205,7 @@ class PlacementReport:
 
     name: str
     title: str
+    settings: Report
     unknowns: tuple[Unknown, ...]
     layout: PictureLayout
     trend: Trend

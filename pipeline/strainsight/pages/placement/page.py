@@ -292,6 +292,7 @@ def placement_page(
     parts = (
         placement_screen(report, scene, scene_problem),
         sections.notes_card("The test", words * bool(report.test)),
+        sections.section("Remark", escape(report.settings.remark).replace("\n", "<br>"), "remark"),
         space_section([("", report.layout)], shapes),
         sections.advice_card(report.advice),
         sections.section("Load cases", load_cases_table(report), "load-cases"),

@@ -53,6 +53,7 @@ def placement_report(context: Context[PlacementConfig], mesh: Mesh, shop: Worksh
     return data.PlacementReport(
         name=config.name,
         title=f"{config.name}: {count} {word}{'s' * (count != 1)} for {listed(names)}",
+        settings=config.report,
         unknowns=tuple(unknown_of(name, "input" if name in config.loads else "parameter", up) for name in names),
         layout=measured(layout_of_page(mesh, up, config.loads), shop, config.gauges),
         trend=trend_of(up["place"]),
