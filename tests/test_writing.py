@@ -12,13 +12,13 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
-from strainsight.csv_cells import FORMULA, csv_bytes, plain_cell
 from strainsight.errors import DeckError, UserError
 from strainsight.experiment.structure.bonded_gauges import NEEDED, read_bonded
 from strainsight.foreign.matrices.files import csv_columns
 from strainsight.measurements.csv_file import read_csv
 from strainsight.pages.chart.files import write_figures
 from strainsight.runner.runner import locked
+from strainsight.text import FORMULA, csv_bytes, plain_cell
 from strainsight.writing import make_folder, open_file, write_file
 from strainsight_cli import runlog
 from strainsight_cli.main import app

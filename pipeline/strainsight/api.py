@@ -38,7 +38,7 @@ from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.load import load_config
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError
-from strainsight.experiment.resources import silent
+from strainsight.experiment.system import silent
 from strainsight.mesh.model import Mesh
 from strainsight.parallel import Sweep, serial
 from strainsight.placement.arrays import ArrayPlacement, place_arrays, place_modes

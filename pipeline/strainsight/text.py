@@ -1,10 +1,12 @@
-"""Numbers as people read them: four digits, SI prefixes, per cent."""
+"""Numbers as people read them (four digits, SI prefixes, per cent); cells of CSV as no spreadsheet takes them for formulas."""
 
 from __future__ import annotations
 
+import csv
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from types import SimpleNamespace
 
 PREFIXES = {-9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G", 12: "T"}
 READINGS = {"strain": "strain", "m/s^2": "acceleration", "m/s²": "acceleration", "m": "displacement"}
@@ -104,3 +106,30 @@ def short(name: str, length: int = 20) -> str:
     """A name that fits into a figure: cut after `length` characters, in one line."""
     line = " ".join(name.split())
     return line if len(line) <= length else line[: length - 1] + "…"
+
+
+FORMULA = "=+-@\t\r\n＝＋－＠"
+"""What a formula begins with, in one spreadsheet or another. Source: OWASP, "CSV injection"."""
+MARK = "'"
+"""In front of a text that begins like a formula, or with a mark: spreadsheets take the cell for text."""
+_NUMBER = re.compile(r"[+-]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?|inf|nan)", re.ASCII)
+
+
+def csv_bytes(rows: Iterable[Sequence[str]]) -> bytes:
+    """The lines of a table in UTF-8; `plain_cell` undoes what is done to a cell."""
+    lines: list[str] = []
+    # a cell that holds a sign of the end of lines is put in quotes
+    writer = csv.writer(SimpleNamespace(write=lines.append), lineterminator="\r\n")
+    writer.writerows([safe_cell(cell) for cell in row] for row in rows)
+    return "".join(line.removesuffix("\r\n") + "\n" for line in lines).encode(errors="replace")
+
+
+def safe_cell(cell: str) -> str:
+    """A text as it is written; numbers are left as they are."""
+    marked = cell[:1] in FORMULA + MARK and cell and not _NUMBER.fullmatch(cell)
+    return MARK + cell if marked else cell
+
+
+def plain_cell(cell: str) -> str:
+    """A text as it was before `safe_cell`."""
+    return cell[1:] if cell[:1] == MARK and cell[1:2] and cell[1] in FORMULA + MARK else cell

@@ -14,7 +14,7 @@ from strainsight.config.bench.bench import SurfaceField
 from strainsight.config.load import load_config
 from strainsight.errors import StrainsightError
 from strainsight.experiment.bench.reduction import BodyMotion, field_output, instants, points
-from strainsight.experiment.resources import silent
+from strainsight.experiment.system import silent
 from strainsight.parallel import serial
 from strainsight.records.bench import ReducedBodies
 from strainsight.records.mesh import Meshes

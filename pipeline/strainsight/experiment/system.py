@@ -1,14 +1,16 @@
-"""What an experiment needs of the system that it is made on, a reduced structure or a bench, whichever filter it has."""
+"""What an experiment needs: a system, a reduced structure or a bench with its filter, and resources beside its config."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import fields
+from pathlib import Path
 from typing import Protocol
 
 import numpy as np
 
 from strainsight.config.base import Section
+from strainsight.parallel import Sweep
 from strainsight.sensors.installation import InstallationStd
 
 
@@ -44,3 +46,33 @@ def installation_std(tolerances: Section | None) -> InstallationStd:
     names = [field.name for field in fields(InstallationStd)]
     std = {name: float(value) for name, value in dict(tolerances or {}).items() if name in names}
     return InstallationStd(**std | {"angle": float(np.deg2rad(std.get("angle", 0.0)))})
+
+
+class Resources(Protocol):
+    """files: dotted key of the config ("mesh.file") → path; progress: progress("elimination", 0.4); notice: a sentence for
+    the user, at once; sweep: many calls of one function."""
+
+    @property
+    def files(self) -> Mapping[str, Path]: ...
+    @property
+    def progress(self) -> Callable[[str, float], None]: ...
+    @property
+    def notice(self) -> Callable[[str], None]: ...
+    @property
+    def sweep(self) -> Sweep: ...
+
+
+def silent(doing: str, share: float) -> None:
+    """Say nothing."""
+
+
+def of_steps(
+    progress: Callable[[str, float], None], doing: str, steps: int, *, first: int = 0, share: float = 1.0
+) -> Callable[[int], None]:
+    """Called with the number of a step, counted from `first`, reports every fiftieth; share of the whole that all steps are."""
+
+    def report(step: int) -> None:
+        if step % 50 == 0:
+            progress(doing, share * (first + step) / steps)
+
+    return report

@@ -7,9 +7,9 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from strainsight.csv_cells import plain_cell
 from strainsight.errors import UserError, did_you_mean
 from strainsight.measurements.records import decoded, known_unit, plain, seconds_in, spelling
+from strainsight.text import plain_cell
 
 DELIMITERS = (",", ";", "\t")
 _QUOTED = re.compile(r'"[^"]*"')

@@ -14,7 +14,7 @@ from typing import Any
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import UserError
-from strainsight.experiment.resources import silent
+from strainsight.experiment.system import silent
 from strainsight.pages.chart.drawing import Drawing, kept
 from strainsight.pages.chart.files import figure_files
 from strainsight.runner.artefact import Artefact, missing_in

@@ -12,7 +12,7 @@ from strainsight.config.bench.bench import BenchConfig, SurfaceField
 from strainsight.config.bench.bodies import FlexibleBodySection, FrameSection, Modulus
 from strainsight.errors import ConfigError, InfeasibleError, blame
 from strainsight.experiment.recorded import damping_of, named_regions
-from strainsight.experiment.resources import Resources
+from strainsight.experiment.system import Resources
 from strainsight.fem.affine import AffineOperator, Parameter
 from strainsight.fem.model import FiniteElementModel, build_model, nodal
 from strainsight.fem.recovery import facet_strain, surface_model, surface_state

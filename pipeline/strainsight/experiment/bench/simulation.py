@@ -21,7 +21,7 @@ from strainsight.experiment.bench.sensors import (
     read_in_time,
     sensors_of,
 )
-from strainsight.experiment.resources import Resources, of_steps
+from strainsight.experiment.system import Resources, of_steps
 from strainsight.mesh.facets import exterior_facets
 from strainsight.mesh.model import CellBlock
 from strainsight.mesh.vtkhdf import VtkHdf, facet_cells, unstructured_grid

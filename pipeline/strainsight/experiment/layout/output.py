@@ -9,7 +9,6 @@ import numpy as np
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial.distance import cdist
 
-from strainsight.csv_cells import csv_bytes
 from strainsight.experiment.layout.comparison import RuleComparison, criteria_table
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
@@ -39,6 +38,7 @@ from strainsight.records.record import FieldPlace, record_from, written
 from strainsight.runner.output import Dataset, Output, Scalar, Table, warnings_table
 from strainsight.sensors.candidates import channels_of_gauges, grouped, units_in_words
 from strainsight.sensors.export import uff_text
+from strainsight.text import csv_bytes
 
 R = TypeVar("R", bound=PlacedLayout)
 CLUSTER = 0.05

@@ -10,7 +10,6 @@ import numpy as np
 
 from strainsight.config.gauges import GaugeType, Typed, gauge_type
 from strainsight.config.placement import Report
-from strainsight.csv_cells import csv_bytes
 from strainsight.experiment.layout.gauge_list import (
     GaugeList,
     cell,
@@ -24,6 +23,7 @@ from strainsight.mesh.model import Mesh
 from strainsight.positions import PositionAxes
 from strainsight.sensors.edges import EdgeDimensions, carrier
 from strainsight.sensors.export import uff_text
+from strainsight.text import csv_bytes
 
 
 @dataclass(frozen=True)

@@ -16,7 +16,6 @@ from strainsight.estimation.decision import Decision
 from strainsight.estimation.run import FilterRun
 from strainsight.estimation.smoother import WantedCovariances
 from strainsight.experiment.hold_out import held_out
-from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import bonded_gauges
 from strainsight.experiment.structure.consistency import (
     Judgement,
@@ -62,6 +61,7 @@ from strainsight.experiment.structure.surface import (
     virtual_of,
     wanted_of,
 )
+from strainsight.experiment.system import Resources
 from strainsight.loads.input_models import Unknowns
 from strainsight.mesh.model import Mesh
 from strainsight.mesh.vtkhdf import VtkHdf

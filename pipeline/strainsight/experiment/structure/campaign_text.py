@@ -7,7 +7,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.consistency import verdict
 from strainsight.estimation.decision import record_verdict
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
@@ -28,6 +27,7 @@ from strainsight.records.estimated import CampaignRecord, DamageAt, Damaged, Est
 from strainsight.records.mesh import vtkhdf_datasets
 from strainsight.records.record import below, written
 from strainsight.runner.output import Output, Scalar, Table, warnings_table
+from strainsight.text import csv_bytes
 
 
 def campaign_output(campaign: Campaign) -> Output:

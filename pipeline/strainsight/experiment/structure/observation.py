@@ -13,11 +13,11 @@ import numpy as np
 from strainsight.config.placement import PlacementConfig
 from strainsight.errors import InfeasibleError, blame
 from strainsight.experiment.recorded import signal_of
-from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.candidates import channels_of, largest_of_quantity, reading_sizes
 from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.references import characteristic
 from strainsight.experiment.structure.start import loading_of, motion_of
+from strainsight.experiment.system import Resources
 from strainsight.fem.affine import DAMPING, of_stiffness
 from strainsight.loads.histories import Sine, instant_values
 from strainsight.loads.linearisation import linearisation_instants, linearise

@@ -17,7 +17,6 @@ from strainsight.experiment.layout.gauge_list import GaugeList
 from strainsight.experiment.layout.output import layout_output, layout_record
 from strainsight.experiment.layout.placement import Placement, Subject, place
 from strainsight.experiment.layout.task import LoadCases, PoolReadings, PoolRows, Task, UnknownStates, layout_limits
-from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.candidates import (
     CandidateChannels,
     largest_of_quantity,
@@ -54,6 +53,7 @@ from strainsight.experiment.structure.references import families
 from strainsight.experiment.structure.screening import COHERENCE, avoids_errors
 from strainsight.experiment.structure.start import ringing_in_words
 from strainsight.experiment.structure.structure import Structure
+from strainsight.experiment.system import Resources
 from strainsight.loads.histories import instant_values
 from strainsight.loads.linearisation import linearise, measurement_rows
 from strainsight.loads.observability import Observability, observability

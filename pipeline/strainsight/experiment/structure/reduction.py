@@ -15,7 +15,6 @@ from strainsight.config.placement import PlacementConfig, Train
 from strainsight.contrib.mpi.session import OverMpi
 from strainsight.errors import DeckError, InfeasibleError, UserError, blame
 from strainsight.experiment.recorded import damping_of
-from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.references import (
     damping_parameter,
     load_shapes,
@@ -26,6 +25,7 @@ from strainsight.experiment.structure.references import (
 )
 from strainsight.experiment.structure.results import model_of_results
 from strainsight.experiment.structure.training import refuse_damping
+from strainsight.experiment.system import Resources
 from strainsight.fem.affine import DAMPING, Parameter, at_their_references
 from strainsight.fem.factorisation import Factorise, factorise, relief_of
 from strainsight.fem.loads import misalignment_shapes

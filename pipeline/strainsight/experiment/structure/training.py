@@ -14,7 +14,6 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.errors import ConfigError, InfeasibleError, at_least, at_most, blame
 from strainsight.experiment.layout.gauge_list import zone_of
 from strainsight.experiment.recorded import signal_of
-from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.bonded_gauges import read_given
 from strainsight.experiment.structure.candidates import (
     OnSurface,
@@ -26,6 +25,7 @@ from strainsight.experiment.structure.candidates import (
 )
 from strainsight.experiment.structure.references import characteristic
 from strainsight.experiment.structure.start import Loading, loading_of, motion_of
+from strainsight.experiment.system import Resources
 from strainsight.fem.affine import NO_CHANGE
 from strainsight.foreign.matrices.files import read_numbering
 from strainsight.loads.histories import Constant, Signal, instant_values

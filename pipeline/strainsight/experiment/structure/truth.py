@@ -16,14 +16,13 @@ from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import tolerances_of
 from strainsight.errors import blame
 from strainsight.experiment.recorded import damping_of
-from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.candidates import thickness_at
 from strainsight.experiment.structure.problem import Problem
 from strainsight.experiment.structure.reduction import full_model, solver_of
 from strainsight.experiment.structure.references import load_shapes, parameters_of, point_loads
 from strainsight.experiment.structure.start import Loading, motion_of
 from strainsight.experiment.structure.structure import Structure
-from strainsight.experiment.system import installation_std
+from strainsight.experiment.system import Resources, installation_std
 from strainsight.fem.affine import Parameter, at_their_references, of_stiffness
 from strainsight.fem.loads import PointLoad, misaligned_shape, misalignment_shapes
 from strainsight.fem.model import FiniteElementModel, FullModel, nodal

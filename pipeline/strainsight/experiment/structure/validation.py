@@ -9,7 +9,6 @@ import numpy as np
 
 from strainsight.config.placement import PlacementConfig
 from strainsight.config.tolerances import NONE, tolerances_of
-from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.conditional import no_nuisances
 from strainsight.estimation.consistency import after_start, nees, nis, settling_time, verdict, whiteness
 from strainsight.estimation.decision import (
@@ -31,7 +30,6 @@ from strainsight.estimation.update import output_std
 from strainsight.experiment.filters_compared import comparison_table, disagreements_in_words, ratios
 from strainsight.experiment.layout.advice import budget_tables
 from strainsight.experiment.layout.gauge_list import layout_labels
-from strainsight.experiment.resources import Resources
 from strainsight.experiment.structure.filtering import (
     beyond_ranges,
     by_bank,
@@ -56,6 +54,7 @@ from strainsight.experiment.structure.structure import Structure
 from strainsight.experiment.structure.studies import Rank, rank_of, studies_of, sweep_table, sweeps_of
 from strainsight.experiment.structure.trial import Trial, real_and_claimed, scaled_error, trial_of
 from strainsight.experiment.structure.truth import truth_of
+from strainsight.experiment.system import Resources
 from strainsight.ordering import first_of_largest
 from strainsight.parallel import Sweep, side_by_side, watched
 from strainsight.records.mesh import STRAIN as STRAIN_UNIT
@@ -68,7 +67,7 @@ from strainsight.records.validated import Consistency, Field, RandomSetErrors, S
 from strainsight.runner.output import Output, Scalar, Table
 from strainsight.sensors.candidates import ACCELERATION, STRAIN, units_in_words
 from strainsight.sensors.screening import CLEARANCE
-from strainsight.text import number
+from strainsight.text import csv_bytes, number
 
 SETTLED = 0.01
 """Share of the truth that an estimate stays within once it has settled."""

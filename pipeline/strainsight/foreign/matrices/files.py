@@ -17,7 +17,6 @@ import numpy as np
 from numpy.lib import format as npy
 from scipy import sparse
 
-from strainsight.csv_cells import plain_cell
 from strainsight.decks.text import error_at, no_integer, parse_integer, read_text
 from strainsight.errors import DeckError
 from strainsight.foreign.matrices.formats import (
@@ -31,6 +30,7 @@ from strainsight.foreign.matrices.formats import (
     text_matrices,
 )
 from strainsight.memory import require_memory
+from strainsight.text import plain_cell
 
 SUFFIXES = ".op4, .mtx, .mtx.gz, .npz, .sti, .mas"
 SYMMETRIC = 1e-8

@@ -12,10 +12,10 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from strainsight.csv_cells import csv_bytes
 from strainsight.pages.arrays import FloatArray
 from strainsight.pages.chart.drawing import MUTED, Drawing, saved, styled
 from strainsight.pages.chart.panels import DOTS
+from strainsight.text import csv_bytes
 from strainsight.writing import make_folder, write_file
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ from strainsight.experiment.bench.inverse.truth import Reality, drawn_reality, r
 from strainsight.experiment.bench.sensors import channel_labels, misread
 from strainsight.experiment.bench.simulation import turns_in_a_step
 from strainsight.experiment.hold_out import LeftOut, held_out, left_out
-from strainsight.experiment.resources import Resources
+from strainsight.experiment.system import Resources
 from strainsight.multibody.coupled import coupled_modes, followed, missed
 from strainsight.multibody.inverse.linear import indistinct
 from strainsight.records.bench import BenchTruths, RingEstimate, Simulated

@@ -20,7 +20,7 @@ from strainsight.experiment.bench.inverse.trial import BenchTrial
 from strainsight.experiment.bench.loads import load_units, loads_of
 from strainsight.experiment.bench.sensors import instants_of, read_in_time, unit_of
 from strainsight.experiment.recorded import signals_of
-from strainsight.experiment.resources import Resources, of_steps
+from strainsight.experiment.system import Resources, of_steps
 from strainsight.multibody.inverse.model import AugmentedStep
 from strainsight.multibody.simulate import simulate, simulate_radau
 from strainsight.records import record

@@ -11,7 +11,6 @@ import numpy as np
 
 from strainsight.config.bench.bench import BenchConfig
 from strainsight.config.bench.estimate import BenchEstimateSection, FromFile
-from strainsight.csv_cells import csv_bytes
 from strainsight.estimation.decision import (
     BEYOND,
     BORNE_OUT,
@@ -40,7 +39,7 @@ from strainsight.experiment.hold_out import hold_out_numbers, hold_out_table, mi
 from strainsight.records.bench import BenchEstimated
 from strainsight.records.record import written
 from strainsight.runner.output import Output, Scalar, Table, warnings_table
-from strainsight.text import number
+from strainsight.text import csv_bytes, number
 
 HARDLY = 0.5
 """σ of a load over its largest value above which it is weakly observable."""

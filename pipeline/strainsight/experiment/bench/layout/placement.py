@@ -28,7 +28,7 @@ from strainsight.experiment.layout.gauge_list import GaugeList, gauge_list
 from strainsight.experiment.layout.output import layout_output, layout_record
 from strainsight.experiment.layout.placement import Placement, Subject, place
 from strainsight.experiment.layout.task import PoolReadings, PoolRows, Task, UnknownStates, Whole, layout_limits
-from strainsight.experiment.resources import Resources
+from strainsight.experiment.system import Resources
 from strainsight.mesh.model import Mesh
 from strainsight.multibody.inverse.linear import LinearBench
 from strainsight.placement.baselines import random_sets
