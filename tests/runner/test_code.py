@@ -14,7 +14,6 @@ import pytest
 
 import strainsight
 from strainsight.errors import ArtefactError
-from strainsight.records.artefacts import BENCH, PLACEMENT
 from strainsight.records.record import read
 from strainsight.runner import artefact as artefacts
 from strainsight.runner import plan as plan_module
@@ -26,7 +25,7 @@ from strainsight.runner.stage import Stage
 from strainsight.runner.store import commit_of
 from strainsight.stages.rom import MODES
 
-from ..shared import job_of, stages_of
+from ..shared import job_of, script, stages_of
 from .numbers import KEPT, differs, numbers_of
 from .release import KEPT as released_KEPT
 from .release import LARGEST, TINY, unpacked
@@ -142,7 +141,8 @@ def test_numbers_change_with_the_version_of_their_stage_alone(tmp_path):
 
 
 RELEASED = sorted(path.name.removesuffix(".tar.xz") for path in released_KEPT.glob("*.tar.xz"))
-RECORDS = {"structure": PLACEMENT, "bench": PLACEMENT | BENCH}
+_artefacts = script("docs/artefact_reference.py")
+RECORDS = {"structure": _artefacts.PLACEMENT, "bench": _artefacts.PLACEMENT | _artefacts.BENCH}
 
 
 @pytest.fixture(scope="module", params=RELEASED)
