@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import re
+from typing import get_args
 
 import numpy as np
 import pytest
 
+from strainsight.config.estimate import FileFormat
 from strainsight.errors import UserError
 from strainsight.measurements.csv_layout import TextFormat
-from strainsight.measurements.reader import read_recording
+from strainsight.measurements.reader import FORMATS, read_recording
 
 from ..refusals import expect_refusal
 
@@ -205,3 +207,7 @@ def test_a_delimiter_at_the_end_of_every_line(tmp_path):
     path = written(tmp_path / "b.csv", ["Time,G1,F", *(f"{row}," for row in rows(",", "."))])
     with pytest.raises(UserError, match="4 cells where the names are 3"):
         read(path)
+
+
+def test_a_config_names_every_format_that_is_read():
+    assert get_args(FileFormat) == ("auto", *FORMATS)

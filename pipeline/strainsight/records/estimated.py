@@ -161,7 +161,7 @@ class TestSource:
     file: str = dataset("1", "", "name of the file")
     sha256: str = dataset("1", "", "digest of its bytes")
     bytes: int = dataset("1", "", "its size in bytes")
-    format: str = dataset("1", "", "csv, hdf5 or uff58")
+    format: str = dataset("1", "", "format of its file: csv, hdf5, uff58, mdf, tdms or mat")
     date: str = dataset("1", "", "when it was measured, as the config states it; empty where it does not")
     channel: tuple[str, ...] = dataset("1", "/channel", "name of every channel in the file")
     measures: tuple[str, ...] = dataset("1", "/channel", "the gauge and grid, or the known load, it is")
