@@ -95,7 +95,7 @@ WORDS: dict[str, tuple[tuple[str, ...], list[str]]] = {
     "config": (("config",), CONFIG_LINES),
     "deck": (("decks",), [*INCLUDES, *DECK_LINES]),
     "measurement": (("measurements",), TABLE_LINES),
-    "results": (("decks/results",), []),
+    "results": (("foreign/results",), []),
 }
 """Group → modules whose words are those of its formats, and lines beside them."""
 

@@ -200,6 +200,7 @@ def test_shear_factors_are_shares_of_the_area():
         ("HAT1", (1, 1, 1, 1, 1), "HAT1 is not known"),
         ("BAR", (1, 2, 3), "3 dimensions .* instead of 2"),
         ("ROD", (0,), "cannot have the dimensions 0"),
+        ("ROD", (1e200,), "cannot have the dimensions 1e.200: not positive, too large"),
         ("TUBE", (1, 1), "cannot"),
         ("BOX", (5, 7, 3.5, 1), "cannot"),
         ("CHAN", (4, 2, 0.5, 1), "cannot"),

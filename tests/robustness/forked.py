@@ -12,13 +12,12 @@ import json
 import os
 import signal
 import sys
-from contextlib import suppress
 
 NEEDED = (
     "strainsight.config.load",
     "strainsight.stages.placement",
     "strainsight.stages.estimate",
-    *(f"strainsight.stages.bench.{name}" for name in ("pipeline", "import_bodies", "reduce", "place", "simulate")),
+    *(f"strainsight.stages.bench.{name}" for name in ("pipeline", "import_bodies", "place", "simulate")),
     *(f"strainsight.stages.bench.{name}" for name in ("estimate", "field", "report")),
     "strainsight.runner.runner",
     "strainsight.fem.factorisation",
@@ -37,7 +36,7 @@ NEEDED = (
 def serve() -> None:
     from strainsight_cli.main import main
 
-    with open(os.devnull, "w") as nowhere, suppress(ImportError):
+    with open(os.devnull, "w") as nowhere:
         for name in NEEDED:
             importlib.import_module(name)
         while line := sys.stdin.readline():

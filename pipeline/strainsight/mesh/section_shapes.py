@@ -45,9 +45,9 @@ def section_of_shape(kind: str, dimensions: Sequence[float]) -> BeamSection:
         if not (np.array(dimensions) > 0).all():
             raise NoFit
         return section_from(build(*map(float, dimensions)))
-    except NoFit:
+    except (NoFit, OverflowError):
         raise DeckError(
-            f"the section {kind} cannot have the dimensions {given}: they are not positive, or a wall has no length left",
+            f"the section {kind} cannot have the dimensions {given}: not positive, too large, or a wall has no length left",
             remedy="check them against the figure of the PBARL, or give a PBAR",
         ) from None
 

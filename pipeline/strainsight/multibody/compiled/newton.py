@@ -225,16 +225,14 @@ def moved(s: Arrays, trial: TrialState, change: StateChange, share: float) -> Tr
                     dot -= 1.0
                 for a in range(3):
                     R[3 * i + a] -= 0.5 * dot * C[3 * j + a]
-    z = further(trial.z, change.z, share, 0)
-    return TrialState(
-        q, z, further(trial.mu, change.mu, share, s.rigid), further(trial.lam, change.lam, share, s.rigid)
-    )
+    z = further(trial.z, change.z, share)
+    return TrialState(q, z, further(trial.mu, change.mu, share), further(trial.lam, change.lam, share))
 
 
 @inner
-def further(x: np.ndarray, change: np.ndarray, share: float, first: int) -> np.ndarray:
-    """x (m,) with a share of the change (k, 1) of those from `first` on."""
-    x = x.copy()
+def further(x: np.ndarray, change: np.ndarray, share: float) -> np.ndarray:
+    """x (m,) with a share of the change (k, 1) of its last k."""
+    x, first = x.copy(), len(x) - len(change)
     for k in range(len(change)):
         x[first + k] += share * change[k, 0]
     return x
