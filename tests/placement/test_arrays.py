@@ -105,6 +105,8 @@ def test_modes_and_a_strain_operator_give_the_best_pair():
 def test_without_loads_every_mode_has_a_force_of_its_own():
     _, shapes, frequencies, S = beam()
     placed = place_modes(shapes, frequencies, 0.02, S, keep=3)
+    undamped = place_modes(shapes, frequencies, 0.0, S, keep=3)
+    np.testing.assert_allclose(undamped.std, placed.std, rtol=0.1)
     assert placed.names == ("modal force 1", "modal force 2", "modal force 3")
     assert np.all(placed.std < 1)
     assert np.all(placed.std_of_pool <= placed.std)
@@ -122,12 +124,35 @@ def test_without_loads_every_mode_has_a_force_of_its_own():
         ({"names": ["a"]}, "1 names of 4"),
         ({"criterion": "best"}, "criterion 'best'"),
         ({"keep": 9}, "9 gauges"),
+        ({"fixed": [8]}, "fixed names row 8"),
+        ({"apart": [[0, -1]]}, "apart names row -1"),
+        ({"apart": [0, 1, 2]}, "apart"),
     ],
 )
 def test_arrays_that_contradict_each_other_are_refused(change, words):
     F, H, Q, R = system()
     with pytest.raises(ConfigError, match=words):
         place_arrays(**({"F": F, "H": H, "Q": Q, "R": R, "keep": 3} | change))
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        {"noise": [1e-6, 1e-6]},
+        {"noise": 0.0},
+        {"amplitude": [1.0, 1.0]},
+        {"load_frequency": -1.0},
+        {"damping": [0.02, 0.02]},
+        {"damping": -0.02},
+        {"rate": 0.0},
+        {"names": ("a", "a", "b")},
+    ],
+)
+def test_numbers_that_are_too_few_or_not_positive_are_refused(change):
+    _, shapes, frequencies, S = beam()
+    settings = {"damping": 0.02, "strain_operator": S, "keep": 3} | change
+    with pytest.raises(ConfigError, match=next(iter(change))):
+        place_modes(shapes, frequencies, **settings)
 
 
 def test_modes_that_cannot_be_used_are_refused():

@@ -78,9 +78,14 @@ def place_arrays(
     """
     F, H, Q = (np.asarray(matrix, dtype=float) for matrix in (F, H, Q))
     r, labels, at = _checked(F, H, Q, np.asarray(R, dtype=float), names, states, criterion)
+    _check_rows("fixed", np.array(list(fixed), dtype=int), len(H))
+    pairs = None if apart is None else np.asarray(apart, dtype=int)
+    if pairs is not None and (pairs.ndim != 2 or pairs.shape[1] != 2):
+        raise ConfigError(f"apart {pairs.shape}", remedy="give pairs of rows of H (p, 2)")
+    _check_rows("apart", np.zeros(0, dtype=int) if pairs is None else pairs, len(H))
     pool = solve_pool(Scenario(F, Q, H, r, np.zeros(len(F))), labels)
     pools = [pool.under(Metric(weight_of_pools([pool], at), criterion_of(criterion)))]
-    limits = limits_of(len(H), keep, fixed=fixed, near=apart)
+    limits = limits_of(len(H), keep, fixed=fixed, near=pairs)
     eliminated = eliminate_from(pools, limits, names=[labels[i] for i in at])
     gauges = exchange(pools, eliminated.kept, limits=limits).gauges
     cost = score(pools, gauges)
@@ -144,7 +149,7 @@ def place_modes(
         raise ConfigError(f"loads {np.shape(loads)}", remedy=f"give loads ({len(Phi)}, number of loads)")
     force = np.eye(len(f)) if loads is None else Phi.T @ np.asarray(loads, dtype=float)
     n, u, omega, rows = len(f), force.shape[1], 2 * np.pi * f, S @ Phi
-    sigma = np.broadcast_to(np.asarray(noise, dtype=float), len(rows))
+    sigma = _positive("noise", noise, len(rows))
     if amplitude is None:
         felt = np.abs((rows / omega**2) @ force / sigma[:, None]).max(axis=0)
         if not np.all(felt > 0):
@@ -153,22 +158,24 @@ def place_modes(
                 remedy="give more candidates or modes, or leave this load out",
             )
         amplitude = CLEAR / felt
-    a = np.broadcast_to(np.asarray(amplitude, dtype=float), u)
+    a = _positive("amplitude", amplitude, u)
     labels = tuple(names) or tuple(f"load {i}" if loads is not None else f"modal force {i}" for i in range(1, u + 1))
-    if len(labels) != u:
-        raise ConfigError(f"{len(labels)} names of {u} loads", remedy="give as many names as there are loads")
+    if len(labels) != u or len(set(labels)) < u:
+        raise ConfigError(f"names {', '.join(labels)} of {u} loads", remedy="give every load a name of its own")
     walks = Unknowns(labels, (), dict(zip(labels, a.tolist(), strict=True)), {})
-    speed = np.broadcast_to(np.asarray(f.min() if load_frequency is None else load_frequency, dtype=float), u)
+    speed = _positive("load_frequency", f.min() if load_frequency is None else load_frequency, u)
+    zeta = _positive("damping", damping, n, zero=True)
+    samples = _positive("rate", SAMPLES * f.max() if rate is None else rate, 1)[0]
     F = np.zeros((2 * n + u, 2 * n + u))
     F[:n, n : 2 * n] = np.eye(n)
     F[n : 2 * n, :n] = -np.diag(omega**2)
-    F[n : 2 * n, n : 2 * n] = -2 * np.diag(np.broadcast_to(np.asarray(damping, dtype=float), n) * omega)
+    F[n : 2 * n, n : 2 * n] = -2 * np.diag(zeta * omega)
     F[n : 2 * n, 2 * n :] = force * a
     return place_arrays(
         F,
         np.hstack([rows, np.zeros((len(rows), n + u))]),
         process_intensity(n, walks, dict(zip(labels, speed.tolist(), strict=True)), {}, kappa=WALK),
-        gauge_intensity(sigma, 1 / (SAMPLES * f.max() if rate is None else rate)),
+        gauge_intensity(sigma, 1 / samples),
         keep=keep,
         states=range(2 * n, 2 * n + u),
         names=(*(f"q{i}" for i in range(1, n + 1)), *(f"dq{i}/dt" for i in range(1, n + 1)), *labels),
@@ -181,6 +188,21 @@ def place_modes(
 def _std(pool: Pool, P: np.ndarray | None, at: np.ndarray) -> np.ndarray:
     """σ (u,) of these states, inf where P is None."""
     return np.full(len(at), np.inf) if P is None else np.sqrt(np.diag(P)[at]) * pool.scale[at]
+
+
+def _positive(what: str, values: np.ndarray | float, count: int, zero: bool = False) -> np.ndarray:
+    """So many positive numbers, from as many or one; zero: whether that is allowed, too."""
+    numbers = np.asarray(values, dtype=float)
+    allowed = np.isfinite(numbers) & ((numbers > 0) | (zero & (numbers == 0)))
+    if numbers.shape not in ((), (count,)) or not np.all(allowed):
+        raise ConfigError(f"{what} {values}", remedy=f"give one positive number, or {count} of them")
+    return np.broadcast_to(numbers, count)
+
+
+def _check_rows(what: str, rows: np.ndarray, count: int) -> None:
+    outside = rows[(rows < 0) | (rows >= count)]
+    if outside.size:
+        raise ConfigError(f"{what} names row {outside[0]} of H", remedy=f"give rows from 0 to {count - 1}")
 
 
 def _checked(
