@@ -32,8 +32,32 @@ LONGEST_SENTENCE = 30
 LONGEST_LINE = 120
 LONGEST_PARAGRAPH = 5
 VAGUE = set(
-    "own found said there given drawn judged held beside beyond alike apart asked stated taken seen made laid idle kept gone "
-    "met told doing".split()
+    [
+        "own",
+        "found",
+        "said",
+        "there",
+        "given",
+        "drawn",
+        "judged",
+        "held",
+        "beside",
+        "beyond",
+        "alike",
+        "apart",
+        "asked",
+        "stated",
+        "taken",
+        "seen",
+        "made",
+        "laid",
+        "idle",
+        "kept",
+        "gone",
+        "met",
+        "told",
+        "doing",
+    ]
 )
 """Names that say nothing about their value."""
 SENTENCE_END = re.compile(r"(?<=[.!?…])[)\"'*_`]*\s+(?=[\"'(*_`\[]*[A-ZΑ-Ωσλφ0-9{])")
@@ -57,7 +81,7 @@ def count_words(sentence):
 
 @cache
 def forbidden():
-    """(pattern, pattern of exceptions, replacement, whether names are read) of each forbidden word; a space is any white space."""
+    """(pattern, exceptions, replacement, whether names are read) of each forbidden word; a space is any white space."""
     entries = []
     for entry in tomllib.loads(WORDS.read_text(encoding="utf-8"))["entry"]:
         word = entry["word"].replace(" ", r"\s+")
