@@ -31,35 +31,6 @@ GENERATED = ("docs/config/", "docs/history/", "docs/api/")
 LONGEST_SENTENCE = 30
 LONGEST_LINE = 120
 LONGEST_PARAGRAPH = 5
-VAGUE = set(
-    [
-        "own",
-        "found",
-        "said",
-        "there",
-        "given",
-        "drawn",
-        "judged",
-        "held",
-        "beside",
-        "beyond",
-        "alike",
-        "apart",
-        "asked",
-        "stated",
-        "taken",
-        "seen",
-        "made",
-        "laid",
-        "idle",
-        "kept",
-        "gone",
-        "met",
-        "told",
-        "doing",
-    ]
-)
-"""Names that say nothing about their value."""
 SENTENCE_END = re.compile(r"(?<=[.!?…])[)\"'*_`]*\s+(?=[\"'(*_`\[]*[A-ZΑ-Ωσλφ0-9{])")
 ABBREVIATIONS = re.compile(r"\b(e\.g|i\.e|cf|vs|etc|eq|Eq|Fig|fig|approx|no|No|al|ch|sec|p|pp|Dr|St)\.(?=\s)")
 
@@ -80,10 +51,15 @@ def count_words(sentence):
 
 
 @cache
+def lists():
+    return tomllib.loads(WORDS.read_text(encoding="utf-8"))
+
+
+@cache
 def forbidden():
     """(pattern, exceptions, replacement, whether names are read) of each forbidden word; a space is any white space."""
     entries = []
-    for entry in tomllib.loads(WORDS.read_text(encoding="utf-8"))["entry"]:
+    for entry in lists()["entry"]:
         word = entry["word"].replace(" ", r"\s+")
         exceptions = re.compile("|".join(entry.get("except", [])) or r"(?!)")
         pattern = re.compile(rf"(?<!\w)(?:{word})(?!\w)", re.IGNORECASE)
@@ -195,7 +171,7 @@ def source_problems(path, text):
     for node in ast.walk(tree):
         is_name = isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store)
         name = node.id if is_name else node.arg if isinstance(node, ast.arg) else getattr(node, "name", None)
-        if isinstance(name, str) and name.strip("_") in VAGUE:
+        if isinstance(name, str) and name.strip("_") in lists()["vague_names"]:
             yield node.lineno, f"'{name}' as a name → the field's term for its value"
     for node in docstrings(tree).values():
         for paragraph in re.split(r"\n\s*\n|\n(?=\s*[\w,.*| ]+ {2,}\S)|\n(?=\s*[-*\d] )", node.value):
