@@ -42,8 +42,8 @@ def sentences(text):
 
 
 def count_words(sentence):
-    """Number of words of a sentence; a formula or code in backticks counts as one word."""
-    sentence = re.sub(r"`[^`]*`|\$[^$]*\$", "x", sentence)
+    """Number of words of a sentence without formulas and code in backticks."""
+    sentence = re.sub(r"`[^`]*`|\$[^$]*\$", "", sentence)
     return sum(bool(re.search(r"\w", word)) for word in sentence.split())
 
 

@@ -1,11 +1,11 @@
-"""The tables of docs/artefacts.md, from the records: `python docs/artefact_reference.py` writes them anew.
+"""Write the tables of datasets that docs/artefacts.md includes, one file per record.
 
-Only tables are made; what stands around them is written by hand.
+`python docs/artefact_reference.py FOLDER`; the build of the manual calls it. The tables are not kept in the repository.
 """
 
 from __future__ import annotations
 
-import re
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -29,7 +29,6 @@ from strainsight.records.suite import SuiteNumbers
 from strainsight.records.training import Screened, Training
 from strainsight.records.validated import Validated
 
-PAGE = Path(__file__).parent / "artefacts.md"
 HEAD = "| dataset | shape | unit | what |\n|---|---|---|---|\n"
 
 PLACEMENT: dict[str, Any] = {
@@ -45,7 +44,7 @@ PLACEMENT: dict[str, Any] = {
     "estimate": Estimated,
     "suite": SuiteNumbers,
 }
-"""Stage of a placement → the record that its artefact is read as; `suite` is one of benches, too."""
+"""Stage of a placement → record of its results file; `suite` is also a stage of suites of benches."""
 
 BENCH: dict[str, Any] = {
     "reduce": ReducedBodies,
@@ -59,29 +58,27 @@ BENCH: dict[str, Any] = {
     "modes": Coupled,
 }
 """The same of a bench."""
-BESIDE: dict[str, Any] = {"estimate.h5 of several records": CampaignRecord}
-"""Heading in docs/artefacts.md → what an artefact has in another case."""
-SHARED = ("import", "modes", "place", "estimate", "report")
-"""Stages of both: docs/artefacts.md says "of a bench" in the heading of the second."""
 
 
-def table(kind: type) -> str:
-    """One row a dataset, by path."""
-    rows = sorted(listed(kind, FieldPlace("", what="metric")))
-    return HEAD + "".join(f"| `{path}` | {shape} | {unit} | {what} |\n" for path, shape, unit, what in rows)
+def tables() -> dict[str, str]:
+    """File name → table, one row per dataset, sorted by path."""
+    kinds = PLACEMENT | {"estimate-records": CampaignRecord}
+    kinds |= {f"bench-{stage}" if stage in PLACEMENT else stage: kind for stage, kind in BENCH.items()}
+    rows = {name: sorted(listed(kind, FieldPlace("", what="metric"))) for name, kind in kinds.items()}
+    return {
+        f"{name}.txt": HEAD + "".join(f"| `{path}` | {axes} | {unit} | {what} |\n" for path, axes, unit, what in datasets)
+        for name, datasets in rows.items()
+    }
 
 
-def renewed(text: str) -> str:
-    """The page with the table of every artefact that is a record made anew."""
-    kinds = {f"{stage}.h5": kind for stage, kind in PLACEMENT.items()}
-    kinds |= {f"{stage}.h5{' of a bench' * (stage in SHARED)}": kind for stage, kind in BENCH.items()}
-    for heading, kind in (kinds | BESIDE).items():
-        pattern = rf"(^## {re.escape(heading)}\n(?:(?!^## |^\| dataset ).*\n)*)(?:^\|.*\n)+"
-        text, found = re.subn(pattern, lambda own, kind=kind: own[1] + table(kind), text, flags=re.MULTILINE)
-        if found != 1:
-            raise ValueError(f"{PAGE.name} has {found} tables under '{heading}', not one")
-    return text
+def write(folder: Path) -> None:
+    """Write the tables whose content changed."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for name, content in tables().items():
+        path = folder / name
+        if not path.exists() or path.read_text(encoding="utf-8") != content:
+            path.write_text(content, encoding="utf-8")
 
 
 if __name__ == "__main__":
-    PAGE.write_text(renewed(PAGE.read_text(encoding="utf-8")), encoding="utf-8")
+    write(Path(sys.argv[1]))

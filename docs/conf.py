@@ -10,6 +10,7 @@ from docutils.utils.math import MathError
 from docutils.utils.math.latex2mathml import tex2mathml
 
 sys.path.insert(0, str(Path(__file__).parent))
+import artefact_reference
 import benchmark_history
 import config_reference
 import example_pages
@@ -71,6 +72,7 @@ def setup(app):
     app.connect("source-read", only_within)
     app.connect("source-read", only_drawn)
     app.connect("builder-inited", lambda app: config_reference.write(Path(app.srcdir) / "config"))
+    app.connect("builder-inited", lambda app: artefact_reference.write(Path(app.srcdir) / "artefacts"))
     app.add_config_value("run_examples", True, "env")
     app.connect("builder-inited", lambda app: example_pages.write(bool(int(app.config.run_examples))))
     app.connect("builder-inited", lambda app: gallery_pages.write() if int(app.config.run_examples) else None)
