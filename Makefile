@@ -25,7 +25,7 @@ WORDS ?= --changed
 # Modules that are compiled once start a worker in half the time.
 TESTS := PYTHONDONTWRITEBYTECODE= $(ONE_THREAD) $(VENV)/$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q
 
-.PHONY: help run status test test-all shard lint all-configs hub hub-fine lug bench thesis manual pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
+.PHONY: help run status test test-all shard lint all-configs hub hub-fine lug bench thesis manual release pages lowest coverage mutants fuzz soak history setup lock $(STAGES)
 .DEFAULT_GOAL := help
 
 help:
@@ -50,6 +50,7 @@ help:
 	@echo 'make soak           10 million steps of the filter and 1000 placements, each in one process; takes an hour'
 	@echo 'make history        ratios of processor times to other packages, kept in benchmarks/history'
 	@echo 'make manual         the manual as a site: site/index.html'
+	@echo 'make release        wheel and sdist in dist/, checked in an empty environment; prints what is left to do by hand'
 	@echo 'make lock           renew requirements-dev.lock and .ci/lowest.lock from pyproject.toml'
 	@echo
 	@echo 'CONFIG=$(CONFIG)'
@@ -143,6 +144,9 @@ lint: $(READY)
 manual: $(READY)
 	@$(VENV)/$(BIN)/sphinx-build --quiet --fail-on-warning --keep-going --doctree-dir .sphinx docs site
 	@echo site/index.html
+
+release: $(READY)
+	@$(VENV)/$(BIN)/python .ci/release.py
 
 setup: $(READY)
 

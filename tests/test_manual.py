@@ -13,6 +13,7 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from strainsight import api
 from strainsight.config.template import config_schema
 from strainsight_cli.main import app
 
@@ -78,6 +79,19 @@ def test_a_key_of_the_reference_shows_type_default_and_unit():
     assert "| `place.keep` | whole number ≥ 1 | required |" in pages["placement-place"]
     assert "| `place.instants` | whole number ≥ 1 | `20` |" in pages["placement-place"]
     assert re.search(r"\| `train.time_step` \| number \\> 0 \| required \| .*\\\[s\\\]", pages["placement-train"])
+
+
+def test_api_reference_lists_every_public_name():
+    text = (DOCS / "api.md").read_text(encoding="utf-8")
+    listed = re.findall(r"^\.\. auto\w+:: (\w+)$", text.split("## Errors")[0], re.MULTILINE)
+    assert sorted(listed) == sorted(api.__all__)
+
+
+def test_api_reference_formats_formulas_code_and_fields():
+    lines = ["Steady filter.", "", "    0 = F P + P Fᵀ", "", "Use `a*b`, not a*b.", "gain  factor [-]"]
+    assert script("docs/api_reference.py").restructured(lines) == [
+        "Steady filter.", "", "", "::", "", "    0 = F P + P Fᵀ", "", "", "Use ``a*b``, not a\\*b.", ":gain: factor [-]",
+    ]  # fmt: skip
 
 
 @pytest.mark.slow

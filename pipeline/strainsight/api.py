@@ -42,6 +42,7 @@ from strainsight.experiment.system import silent
 from strainsight.mesh.model import Mesh
 from strainsight.parallel import Sweep, serial
 from strainsight.placement.arrays import ArrayPlacement, place_arrays, place_modes
+from strainsight.placement.criteria import Criterion
 from strainsight.records.bench import BenchEstimated, BenchPlaced, ReducedBodies, ReducedBody, Simulated
 from strainsight.records.mesh import Meshes
 from strainsight.records.placed import HotSpots, Observed
@@ -82,6 +83,7 @@ __all__ = [
     "BenchRun",
     "Campaign",
     "Case",
+    "Criterion",
     "Estimation",
     "Expectation",
     "Gauges",
@@ -124,6 +126,10 @@ def __getattr__(name: str) -> Any:
     if name in _RETURNED:
         return getattr(import_module(f"strainsight.{_RETURNED[name]}"), name)
     raise AttributeError(f"module 'strainsight.api' has no attribute '{name}'")
+
+
+def __dir__() -> list[str]:
+    return __all__
 
 
 Config = TypeVar("Config", PlacementConfig, BenchConfig)

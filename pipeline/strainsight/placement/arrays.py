@@ -12,7 +12,7 @@ from strainsight.loads.input_models import WALK, Unknowns
 from strainsight.loads.linearisation import gauge_intensity, process_intensity
 from strainsight.ordering import tied_order
 from strainsight.placement.certificate import certify
-from strainsight.placement.criteria import CRITERIA, Metric, criterion_of
+from strainsight.placement.criteria import CRITERIA, Criterion, Metric, criterion_of
 from strainsight.placement.elimination import eliminate_from
 from strainsight.placement.exchange import exchange
 from strainsight.placement.failure import loss_if_one_fails
@@ -61,7 +61,7 @@ def place_arrays(
     keep: int,
     states: Sequence[int] | None = None,
     names: Sequence[str] = (),
-    criterion: str = "trace",
+    criterion: str | Criterion = "trace",
     fixed: Collection[int] = (),
     apart: np.ndarray | None = None,
 ) -> ArrayPlacement:
@@ -71,8 +71,8 @@ def place_arrays(
 
     F (n, n) [1/s]; H (m, n), or (m, c, n) for gauges of up to c channels; Q (n, n), R (m,) or (m, c), or (m, m) diagonal:
     intensities of w and v, of a sample's noise σ every h seconds σ²h; states: numbers of those that count, all by default,
-    each relative to its σ with every candidate; names (n,) of the states; criterion: "trace", "log_determinant" or
-    "worst_eigenvalue"; fixed: rows of H that stay; apart (p, 2): pairs of rows that are not kept both.
+    each relative to its σ with every candidate; names (n,) of the states; criterion: "trace", "log_determinant",
+    "worst_eigenvalue" or a `Criterion`; fixed: rows of H that stay; apart (p, 2): pairs of rows that are not kept both.
     Raises ConfigError where shapes contradict each other, InfeasibleError where no layout detects every state.
     Source: thesis, algorithm 2 and (5.14).
     """
@@ -118,7 +118,7 @@ def place_modes(
     noise: np.ndarray | float = 1e-6,
     rate: float | None = None,
     names: Sequence[str] = (),
-    criterion: str = "trace",
+    criterion: str | Criterion = "trace",
     fixed: Collection[int] = (),
     apart: np.ndarray | None = None,
 ) -> ArrayPlacement:
@@ -212,7 +212,7 @@ def _checked(
     R: np.ndarray,
     names: Sequence[str],
     states: Sequence[int] | None,
-    criterion: str,
+    criterion: str | Criterion,
 ) -> tuple[np.ndarray, tuple[str, ...], np.ndarray]:
     """The intensities of the noise, a name for every state, and the numbers of those that count."""
     n = len(F)
@@ -234,6 +234,6 @@ def _checked(
         raise ConfigError(f"states {at.tolist()} of {n}", remedy=f"give different numbers from 0 to {n - 1}")
     if names and len(names) != n:
         raise ConfigError(f"{len(names)} names of {n} states", remedy="give a name for every state, or none")
-    if criterion not in {c.name for c in CRITERIA}:
+    if isinstance(criterion, str) and criterion not in {c.name for c in CRITERIA}:
         raise ConfigError(f"criterion '{criterion}'", remedy=f"choose one of {', '.join(c.name for c in CRITERIA)}")
     return R, tuple(names) or tuple(f"x{i}" for i in range(n)), at

@@ -191,9 +191,9 @@ class WorstEigenvalue(Criterion):
 CRITERIA: tuple[Criterion, ...] = (Trace(), LogDeterminant(), WorstEigenvalue())
 
 
-def criterion_of(name: str) -> Criterion:
-    """The criterion of that name in a config."""
-    return next(criterion for criterion in CRITERIA if criterion.name == name)
+def criterion_of(criterion: str | Criterion) -> Criterion:
+    """The criterion of a name in a config, or the criterion itself."""
+    return next(known for known in CRITERIA if known.name == criterion) if isinstance(criterion, str) else criterion
 
 
 @dataclass(frozen=True)
