@@ -1,8 +1,9 @@
 """Check the prose of the project: forbidden words, sentences over 30 words, long lines and paragraphs of the manual, vague names.
 
-Usage: prose.py [--changed] [--count | --list | --sample N [--seed S]]
+Usage: prose.py [--changed] [--count | --list | --sample N [--seed S]] [PREFIX …]
 
     (none)      print `file:line: problem` for each problem and exit with 1 if there is one
+    PREFIX      read only files whose path begins with it
     --changed   read only files changed by the last commit or since
     --count     print the number of problems by rule and by package
     --list      print every sentence that a user can meet, as `file:line: text`
@@ -90,6 +91,7 @@ def words_in(text, is_name):
 # -- Python source
 
 
+@cache
 def split_name(name):
     """`aName_of` as "a Name of"."""
     return re.sub(r"(?<=[a-z])(?=[A-Z])|_+", " ", name).strip()
@@ -107,29 +109,21 @@ def joined(node):
     return None
 
 
-def docstrings(tree):
-    """The string statements of a module: docstrings, and the comment strings below fields and constants."""
-    return {
-        id(node.value): node.value
-        for node in ast.walk(tree)
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
-    }
-
-
-def texts(tree):
-    """The outermost strings of a module that are no docstrings, in order."""
-    comments = docstrings(tree)
+def strings(tree):
+    """(docstrings and the comment strings below fields, other strings and f-strings) of a module: lists of nodes."""
+    comments, others = [], []
 
     def walk(node):
-        if id(node) in comments:
-            return
-        if joined(node) is not None:
-            yield node
-            return
-        for child in ast.iter_child_nodes(node):
-            yield from walk(child)
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+            comments.append(node.value)
+        elif joined(node) is not None:
+            others.append(node)
+        else:
+            for child in ast.iter_child_nodes(node):
+                walk(child)
 
-    return walk(tree)
+    walk(tree)
+    return comments, others
 
 
 def is_sentence(text):
@@ -145,7 +139,7 @@ def user_sentences():
         for path in sorted((ROOT / top).rglob("*.py")):
             tree = ast.parse(path.read_text(encoding="utf-8"))
             name = path.relative_to(ROOT).as_posix()
-            for node in texts(tree):
+            for node in strings(tree)[1]:
                 text = " ".join(joined(node).split())
                 if is_sentence(text):
                     yield name, node.lineno, text
@@ -173,10 +167,11 @@ def source_problems(path, text):
         name = node.id if is_name else node.arg if isinstance(node, ast.arg) else getattr(node, "name", None)
         if isinstance(name, str) and name.strip("_") in lists()["vague_names"]:
             yield node.lineno, f"'{name}' as a name → the field's term for its value"
-    for node in docstrings(tree).values():
+    comments, others = strings(tree)
+    for node in comments:
         for paragraph in re.split(r"\n\s*\n|\n(?=\s*[\w,.*| ]+ {2,}\S)|\n(?=\s*[-*\d] )", node.value):
             yield from long_sentences(node.lineno, paragraph)
-    for node in texts(tree):
+    for node in others:
         if is_sentence(" ".join(joined(node).split())):
             yield from long_sentences(node.lineno, joined(node))
 
@@ -269,13 +264,13 @@ def changed_files():
     return None if {".ci/prose.py", ".ci/words.toml"} & names else names
 
 
-def problems(names=None):
-    """(file, line, problem) of the files `names`, or of all, in order."""
+def problems(names=None, prefixes=("",)):
+    """(file, line, problem) of the files `names`, or of all, whose path begins with one of `prefixes`, in order."""
     result = set()
     for pattern, (reader, checker) in READERS.items():
         for path in ROOT.glob(pattern):
             name = path.relative_to(ROOT).as_posix()
-            if name.startswith(GENERATED) or (names is not None and name not in names):
+            if name.startswith(GENERATED) or not name.startswith(prefixes) or (names is not None and name not in names):
                 continue
             content = path.read_text(encoding="utf-8")
             for first, text, is_name in reader(path, content):
@@ -305,15 +300,17 @@ def main():
     parser.add_argument("--list", action="store_true")
     parser.add_argument("--sample", type=int)
     parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("prefix", nargs="*")
     options = parser.parse_args()
+    prefixes = tuple(options.prefix) or ("",)
     if options.list or options.sample:
-        listed = list(user_sentences())
+        listed = [entry for entry in user_sentences() if entry[0].startswith(prefixes)]
         if options.sample:
             listed = random.Random(options.seed).sample(listed, options.sample)
         for name, line, text in listed:
             print(f"{name}:{line}: {text}")
         return 0
-    hits = problems(changed_files() if options.changed else None)
+    hits = problems(changed_files() if options.changed else None, prefixes)
     if options.count:
         for by in (lambda hit: rule(hit[2]), lambda hit: package(hit[0])):
             for what, count in Counter(map(by, hits)).most_common():
