@@ -3,12 +3,13 @@
     docs/reproduction.md    every comparison of configs/thesis/suite.yaml, from results/thesis/suite.h5
     docs/thesis-runs.md     every statement of configs/bench/suite.yaml, from results/bench/suite.h5
 
-A suite that was not run leaves its page as it is; other results are an argument. Only what stands below a page's heading is made,
-the rest is written by hand. A comparison or statement that does not hold and says no reason ends it.
+The argument is the folder of the results (default: results). A suite without results leaves its page unchanged. Only the text
+below the heading is generated. A row that does not hold needs a reason (`why`) in the suite, else the script ends with an error.
 """
 
 from __future__ import annotations
 
+import re
 import sys
 from collections import Counter, defaultdict
 from collections.abc import Iterable, Sequence
@@ -23,26 +24,30 @@ from strainsight.runner.artefact import Artefact
 
 DOCS = Path(__file__).parent
 CONFIGS = DOCS.parent / "configs"
+RESULTS = {"contradicted": "does not hold", "holds under its settings only": "holds as printed only"}
+"""Result of a row → how the manual prints it, where that differs."""
+RANGE = re.compile(r" \([^()]* to [^()]*\)")
+"""10 and 90 % quantiles of the histories."""
 
 
 def comparisons(numbers: SuiteNumbers) -> str:
-    """How many rows came to which verdict, and a row a comparison."""
+    """Number of rows by result, and a table with one row per comparison."""
     rows = numbers.comparisons
     refuse(zip(rows.source, rows.verdict, rows.why, strict=True))
     text = [
         f"{len(numbers.runs.name)} runs. {counted(rows.verdict)}",
         "",
-        *head("", "the thesis", "printed", "as printed, here", "ours", ""),
+        *head("", "thesis", "printed", "as printed", "ours", "result"),
     ]
     for source, says, printed, theirs, ours, verdict, why in zip(
         rows.source, rows.says, rows.printed, rows.as_printed, rows.ours, rows.verdict, rows.why, strict=True
     ):
-        text.append(line([source, says, printed, theirs, ours, cell(verdict, why)]))
+        text.append(line([source, says, printed, *without_repetition(theirs, ours), cell(verdict, why)]))
     return "\n".join(text) + "\n"
 
 
 def statements(numbers: SuiteNumbers) -> str:
-    """How many statements hold, and a row each: what was measured and what it has to be, as the suite's page has them."""
+    """Number of statements by result, and a table with measured median and target of each."""
     suite = load_config(CONFIGS / "bench" / "suite.yaml").model
     assert isinstance(suite, SuiteConfig)
     rows, found = numbers.statements, defaultdict(list)
@@ -54,37 +59,46 @@ def statements(numbers: SuiteNumbers) -> str:
     text = [
         f"{len(numbers.runs.name)} runs. {counted(rows.verdict)}",
         "",
-        *head("statement", "measured", "to be", ""),
+        *head("statement", "measured", "target", "result"),
     ]
     for i, (own, verdict, why) in enumerate(zip(suite.claims, rows.verdict, rows.why, strict=True)):
         told = Statement(own.text, tuple(found[i]), own.above, own.below, own.equals, own.unit)
-        text.append(line([own.text, measured(told), target(told), cell(verdict, why)]))
+        text.append(line([own.text, RANGE.sub("", measured(told)), target(told), cell(verdict, why)]))
     return "\n".join(text) + "\n"
 
 
 def refuse(rows: Iterable[tuple[str, str, str]]) -> None:
-    """End where a row of name, verdict and reason owes a reason."""
+    """Exit if a row of (name, result, reason) lacks a reason."""
     if owing := [f"{name}: {verdict}" for name, verdict, why in rows if unexplained(verdict, why)]:
-        sys.exit("give them a why in the suite:\n" + "\n".join(owing))
+        sys.exit("Add a reason (why) to these rows of the suite:\n" + "\n".join(owing))
 
 
 def counted(verdicts: Sequence[str]) -> str:
-    """How often each verdict came out."""
-    return " ".join(f"{verdict.capitalize()}: {many}." for verdict, many in Counter(verdicts).items())
+    """Number of rows by result."""
+    return ", ".join(f"{RESULTS.get(verdict, verdict)}: {many}" for verdict, many in Counter(verdicts).items()) + "."
+
+
+def without_repetition(theirs: str, ours: str) -> tuple[str, str]:
+    """Cells of a comparison without the ranges over histories, and with a common target once."""
+    target_of = re.compile(r" \([^()]*\)$")
+    theirs, ours = (re.sub(RANGE.pattern + r"(?=.*\([^()]*\)$)", "", text) for text in (theirs, ours))
+    if (hit := target_of.search(theirs)) and ours.endswith(hit[0]):
+        ours = target_of.sub("", ours)
+    return theirs, ours
 
 
 def cell(verdict: str, why: str) -> str:
-    """A verdict and its reason."""
-    return f"**{verdict}**" + (f". {why}" if why else "")
+    """A result and its reason."""
+    return f"**{RESULTS.get(verdict, verdict)}**" + (f". {why}" if why else "")
 
 
 def head(*columns: str) -> tuple[str, str]:
-    """The first two lines of a table."""
+    """Header of a table."""
     return line(columns), line(["---"] * len(columns))
 
 
 def line(cells: Sequence[str]) -> str:
-    """A row of a table."""
+    """Row of a table."""
     return "| " + " | ".join(own.replace("|", "\\|") for own in cells) + " |"
 
 
@@ -92,14 +106,14 @@ PAGES = (
     ("thesis", "reproduction.md", "## Figure by figure\n", comparisons),
     ("bench", "thesis-runs.md", "### Statement by statement\n", statements),
 )
-"""Suite, page, heading, and what stands below it."""
+"""Suite, page, heading, and the function that writes the text below it."""
 
 if __name__ == "__main__":
     results = Path(sys.argv[1] if len(sys.argv) > 1 else "results")
     for suite, page, heading, below in PAGES:
         file, path = results / suite / "suite.h5", DOCS / page
         if not file.exists():
-            print(f"{page}: {file} is not there, the page stays as it is")
+            print(f"{page}: {file} not found, page unchanged")
             continue
         by_hand = path.read_text(encoding="utf-8").split(heading)[0]
         path.write_text(by_hand + heading + below(read(SuiteNumbers, Artefact(file))), encoding="utf-8")

@@ -55,7 +55,8 @@ def test_the_tip_force_with_the_modulus_of_the_run_before(run):
 
 def test_the_cantilevers_gauges_for_a_force_are_those_that_are_stated(tmp_path):
     text = (ROOT / "docs" / "measured.md").read_text(encoding="utf-8")
-    said = re.search(r"cantilever-input\.yaml`, E at its guess of ([\d.e]+) Pa, ([\d, ]+) with σ ([\d.]+);", text)
+    row = r"cantilever-input\.yaml` without certificate, E at its guess of ([\d.e]+) Pa \| gauges ([\d, ]+); σ ([\d.]+) \|"
+    said = re.search(row, text)
     config = ROOT / "configs" / "cantilever-input.yaml"
     job = job_of(config, tmp_path, f"parameters.E.guess={said[1]}", "place.certificate=false")
     stages = PLACEMENT[: [stage.name for stage in PLACEMENT].index("place") + 1]
