@@ -72,7 +72,7 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
         done = CliRunner().invoke(app, ["import", "own.yaml"])
         return done.exit_code, done.stderr
 
-    chosen, ignored = (r"spc: +# ← set of supports that hold: 1, 7", "spc: 1"), (r"ignore: \[\]", "ignore: [ACCEL1, CQUAD]")
+    chosen, ignored = (r"spc: +# ← active support set: 1, 7", "spc: 1"), (r"ignore: \[\]", "ignore: [ACCEL1, CQUAD]")
     assert "say which hold: mesh.spc: 1" in imported(ignored)[1]
     assert "mesh.ignore: [ACCEL1, CQUAD]" in imported(chosen)[1]
     assert imported(ignored, chosen)[0] == 0
@@ -111,7 +111,7 @@ def test_faces_and_a_material_make_a_deck_of_solids_alone_whole(init):
     config = load_config("own.yaml").model
     assert {name: face.near for name, face in config.mesh.faces.items()} == {"held": (0, 0.05, 0.04), "loaded": (1, 0.05, 0.04)}
     assert (config.mesh.supports[0].set, config.loads["force"].set) == ("held", "loaded")
-    assert config.mesh.materials["own"].youngs_modulus == config.parameters["E"].guess == 2.1e11
+    assert config.mesh.materials["material"].youngs_modulus == config.parameters["E"].guess == 2.1e11
     done = CliRunner().invoke(app, ["import", "own.yaml"])
     assert done.exit_code == 0, done.output
 
@@ -143,7 +143,7 @@ def test_weight_and_rotation_of_the_deck_are_offered_and_taken_as_they_are(init)
     text = bricks((4, 2, 2)).replace("ENDDATA", "GRAV,5,,9.81,0.,0.,-1.\nRFORCE,6,,,10.,0.,0.,2.\nENDDATA")
     assert init(*LOAD, text=text)[0] == 0
     written = Path("own.yaml").read_text()
-    weight = r"deck_load: LOAD-5 +# gravity of 9.81 m/s² along \(0, 0, -1\) on all mass; with `factor: true`, and no direction"
+    weight = r"deck_load: LOAD-5 +# gravity of 9.81 m/s² along \(0, 0, -1\) on all mass; with `factor: true`, without direction"
     assert re.search(f"#   {weight}", written)
     assert re.search(r"#   deck_load: LOAD-6 +# rotation at 125.7 rad/s about \(0, 0, 1\) on all mass", written)
     assert init("--load", "deck_load LOAD-5", "--frequency", "5", text=text)[0] == 0
@@ -210,6 +210,6 @@ def test_a_mesh_of_quadrangles_alone_asks_for_their_thickness(tmp_path, monkeypa
     Path("own.yaml").write_text(written.replace("thickness: }", "thickness: 0.01}"))
     config = load_config("own.yaml").model
     assert config.mesh.supports[0].components == (1, 2, 3, 4, 5, 6)
-    assert config.mesh.materials["own"].regions == (3,)
+    assert config.mesh.materials["material"].regions == (3,)
     done = CliRunner().invoke(app, ["import", "own.yaml"])
     assert (done.exit_code, "16 quad4" in done.output) == (0, True)

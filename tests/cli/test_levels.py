@@ -91,7 +91,7 @@ def good(context) -> Output:
 
 
 def bad(context) -> Output:
-    raise InfeasibleError("too much", where=f"{Path.cwd()}/own.yaml:1:1", remedy="take less")
+    raise InfeasibleError("too much", where=f"{Path.cwd()}/own.yaml:1:1", remedy="use less")
 
 
 def crash(context) -> Output:

@@ -183,7 +183,7 @@ def test_too_small_a_limit_of_memory_stops_before_anything_is_loaded(tmp_path):
 @posix
 def test_a_config_that_is_a_pipe_is_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "c.yaml")
-    with pytest.raises(ConfigError, match="is not a plain file"):
+    with pytest.raises(ConfigError, match="is not a regular file"):
         load_config(tmp_path / "c.yaml")
 
 

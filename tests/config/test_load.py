@@ -88,7 +88,7 @@ UNKNOWN = ["loads.tip.known=false", "place.estimate=[tip, E]", "validate.initial
         (["estimate.initial_std={F: 0.2}"], "estimate.initial_std.F", "no unknown 'F'"),
         (["estimate.initial_std={tip: 0.2}"], "estimate.initial_std.tip", "no unknown 'tip'"),
         (["estimate.inputs={top: {channel: b, unit: N}}"], "estimate.inputs.top", "no load 'top'"),
-        (UNKNOWN, "estimate.inputs.tip", "would not be read"),
+        (UNKNOWN, "estimate.inputs.tip", "has no effect"),
     ],
 )
 def test_a_load_or_name_that_nothing_would_estimate_or_read_is_refused(write, overrides, key, says):
@@ -156,7 +156,7 @@ def test_half_of_a_sign_is_no_text(write):
     good = load_config(write(EXAMPLE.replace("parameters:", r'"parameters":')), [r'name="a\u005fb"'])
     assert good.model.name == "a_b"
     (error,) = refused(write(EXAMPLE.replace("name: cantilever", r'name: "\ud83d" # ')))
-    assert "half of a sign" in error.what
+    assert "half of a surrogate pair" in error.what
     (error,) = refused(write(EXAMPLE.replace("seed: 1", r'seed: "\ud83d\ude00"')))
     assert "'😀'" in error.what
 

@@ -90,10 +90,10 @@ CHANGES = [
     ("table: gauges.csv}", "table: gauges.csv}, direction: {type: axis, axis: [1, 0, 0]}", "gauges.direction"),
 ]
 SECTIONS = [
-    ("regions: all", "", "none of 'thickness', 'area' is given"),
-    ("regions: all, thickness: 0.002, area: 1.0e-4", "", "are both given"),
+    ("regions: all", "", "none of 'thickness', 'area' is set"),
+    ("regions: all, thickness: 0.002, area: 1.0e-4", "", "are both set"),
     ("regions: all, thickness: 0", ".thickness", "has to be above 0"),
-    ("regions: all, thickness: 0.002, direction: [0, 0, 1]", ".direction", "is of beams"),
+    ("regions: all, thickness: 0.002, direction: [0, 0, 1]", ".direction", "applies to beams only"),
     ("regions: all, area: 1.0e-4, direction: [0, 0, 1]", ".direction", "this is a rod"),
     (BEAM.replace("torsion: 1.0e-9, ", ""), ".torsion", "missing"),
     (BEAM.replace("[0, 0, 1]", "[0, 0, 0]"), ".direction", "length zero"),
@@ -147,23 +147,23 @@ def test_a_case_without_overrides_is_the_loads_as_stated():
 @pytest.mark.parametrize(
     ("cases", "key", "what", "remedy"),
     [
-        ("{a: {weight: 0}}", "place.load_cases.a.weight", "0 has to be above 0", ""),
+        ("{a: {weight: 0}}", "place.load_cases.a.weight", "is 0, but has to be above 0", ""),
         ("{a: {loads: {sid: none}}}", "place.load_cases.a.loads.sid", "no load 'sid'", "did you mean side?"),
         ("{a: {loads: {side: none, tip: none}}, b: {}}", "place.load_cases.a.loads", "no load acts", "remove the case"),
-        ("{a: {loads: {side: none}}}", "place.load_cases", "'side' is silent in every case", "let side act"),
+        ("{a: {loads: {side: none}}}", "place.load_cases", "'side' is silent in every case", "add a signal of side"),
         ("{a: {loads: {tip: {signal: {type: sin, frequency: 1, amplitude: 1}}}}}", "place.load_cases.a.loads.tip.signal.type",
          "'sin' is not one of", "did you mean sine?"),
         ("{a: {loads: {tip: {signal: {type: sine, frequency: 900, amplitude: 1}}}}}", "place.load_cases.a.time_step",
-         "of load 'tip' (900 Hz)", "take at most"),
+         "of load 'tip' (900 Hz)", "use at most"),
         ("{a: {loads: {tip: {signal: {type: sine, frequency: 9, amplitude: 1}, frequency: 900}}}}",
-         "place.load_cases.a.loads.tip.frequency", "900 Hz", "take at most"),
+         "place.load_cases.a.loads.tip.frequency", "900 Hz", "use at most"),
         ("{a: {loads: {tip: {signal: {type: csv, file: f.csv, time_column: t, value_column: F}}}}}",
          "place.load_cases.a.loads.tip.frequency", "needs a typical frequency", "[Hz]"),
         ("{a: {loads: {tip: {signal: {type: multisine, lowest: 9, highest: 3, count: 2, amplitude: 1}}}}}",
-         "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "swap them"),
+         "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "swap the two"),
         ("{a: {loads: {side: none, tip: {signal: {type: sine, frequency: 1, amplitude: 1}}}, time_step: 0.01}, b: {}}",
-         "place.load_cases.a.loads.side", "30 Hz, of which the time step of this case takes 3.33 steps", "a shorter step"),
-        ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "take"),
+         "place.load_cases.a.loads.side", "for 30 Hz, the time step of this case gives 3.33 steps", "a smaller time step"),
+        ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "use"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_with_its_key_and_the_remedy(cases, key, what, remedy):
@@ -180,7 +180,7 @@ def test_the_step_of_a_case_resolves_the_process_noise_that_a_load_has_as_stated
     slow = "{type: sine, frequency: 1, amplitude: 1}"
     cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
     assert loaded(cases)["a"].time_step == 0.01
-    with expect_refusal(ConfigError, "40 Hz, of which the time step of this case", key="loads.side.process_noise.frequency"):
+    with expect_refusal(ConfigError, "for 40 Hz, the time step of this case", key="loads.side.process_noise.frequency"):
         loaded(cases, "loads.side.process_noise.frequency=40")
 
 
@@ -243,11 +243,11 @@ def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(load_t
 @pytest.mark.parametrize(
     ("overrides", "said"),
     [
-        (["gauges.type=3/530"], r"gauges\.type: no type of gauge is called '3/530' +did you mean 3/350"),
-        (["gauges.type=3/350-rosette"], r"gauges\.type: 3/350-rosette has 3 grids, and a gauge here has 1"),
+        (["gauges.type=3/530"], r"gauges\.type: unknown gauge type '3/530' +did you mean 3/350"),
+        (["gauges.type=3/350-rosette"], r"gauges\.type: gauge type 3/350-rosette has 3 grids, but the gauges"),
         (
             ["gauges.type=3/350", "gauges.rosette=true", "gauges.direction={type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}"],
-            r"3/350 has 1 grid, and a gauge here has 3 +take 3/350-rosette",
+            r"gauge type 3/350 has 1 grid, but the gauges of the config have 3 +take 3/350-rosette",
         ),
     ],
 )

@@ -159,7 +159,7 @@ def test_what_is_wrong_with_the_config_of_a_run_is_placed_there_and_reported_onc
 def test_a_guess_from_a_run_that_comes_later_is_refused(write):
     head, first, _, last = SUITE.split("  - config: ")
     (error,) = refused(write(f"{head}  - config: {last}  - config: {first}"))
-    assert "which the suite runs later" in error.what
+    assert "which runs later in this suite" in error.what
     assert error.key == "parameters.E.guess.from"
     assert "cantilever-input.yaml:" in error.where
 
@@ -179,7 +179,7 @@ def test_a_section_that_was_replaced_whole_is_reported(write):
     errors = [error for error in refused(write(text)) if error.what == "missing"]
     assert errors
     for error in errors:
-        assert error.remedy == "`set` replaced all of train: write train.duration: 0.2"
+        assert error.remedy == "`set` replaced the whole section train; write train.duration: 0.2"
         assert place(text, "{train") in error.where
 
 
@@ -202,32 +202,32 @@ MISTAKES = {
         ("suffix: -short", "suffix: a b", "suffix", "is not a name"),
         ("{place.keep: 5}", "{place..keep: 5}", "runs[0].set.place..keep", "is not a dotted key"),
         ("{place.keep: 5}", "{name: other}", "runs[0].set.name", "cannot set 'name'"),
-        ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite itself"),
-        ("name: watched", "name: cantilever-youngs-modulus", "runs[1].name", "as is runs[0]"),
-        ("name: all", "name: watched-short", "runs[1].name", "as is the suite itself"),
+        ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite"),
+        ("name: watched", "name: cantilever-youngs-modulus", "runs[1].name", "name of runs[0]"),
+        ("name: all", "name: watched-short", "runs[1].name", "name of the suite itself"),
         ("title: Two runs", 'title: "Two \\e[31mruns"', "title", "control character U+001B"),
         ("label: E, only observed", 'label: "a\\0b"', "runs[1].label", "control character U+0000"),
         *(
-            ("cantilever-input.yaml", name, "runs[2].config", "no such file")
+            ("cantilever-input.yaml", name, "runs[2].config", "file not found")
             for name in ("x" * 300, r'"a\0b"', "../" * 2000)
         ),
     ],
     STUDIES: [
-        ("run: long,", "run: lnog,", "claims[0].run", "no run 'lnog'"),
-        (", below: 3", "", "claims[0]", "has no bound"),
+        ("run: long,", "run: lnog,", "claims[0].run", "unknown run 'lnog'"),
+        (", below: 3", "", "claims[0]", "no limit is set"),
         ("above: 4.5", "above: 6", "claims[1].above", "6 is not smaller than below, 5.5"),
-        ("below: 3", "against_number: steps, below: 3", "claims[0].against_number", "no run to compare"),
-        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is no number in runs[0], 'long-x'"),
-        ("over: simulate.time_step, ", "", "studies[0].numbers", "nothing to draw them over"),
-        ("name: steps, note", "name: stops, note", "studies[0].name", "no run is of the study 'stops'"),
-        ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "is listed twice"),
+        ("below: 3", "against_number: steps, below: 3", "claims[0].against_number", "the reference run is missing"),
+        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is not a number in runs[0], 'long-x'"),
+        ("over: simulate.time_step, ", "", "studies[0].numbers", "have no horizontal axis"),
+        ("name: steps, note", "name: stops, note", "studies[0].name", "no run belongs to the study 'stops'"),
+        ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "appears twice"),
         ("long, stage: simulate", "long, stage: simulat", "claims[0].stage", "has no stage 'simulat'"),
         ("long, stage: simulate, ", "long, ", "claims[0].run", "has no stage 'estimate'"),
     ],
     COMPARED: [
-        (", below: 9}", "}", "comparisons[0].as_printed", "has no bound"),
-        ("run: other", "run: otter", "comparisons[1].ours.run", "no run 'otter'"),
-        ("    why: A drawing.\n", "", "comparisons[2]", "nothing is measured, and nothing says why"),
+        (", below: 9}", "}", "comparisons[0].as_printed", "no limit is set"),
+        ("run: other", "run: otter", "comparisons[1].ours.run", "unknown run 'otter'"),
+        ("    why: A drawing.\n", "", "comparisons[2]", "no result and no explanation is set"),
         ("says: It is drawn.", 'says: "It is\\ndrawn."', "comparisons[2].says", "a line break"),
     ],
 }
@@ -282,4 +282,4 @@ def test_what_is_measured_on_another_run_follows_the_suffix(write):
     later = text.replace("NAME", "late") + "  - {config: full.yaml, name: late, label: l}\n"
     (error,) = refused(write(later))
     assert error.key == "estimate.measured.from"
-    assert "which the suite runs later" in error.what
+    assert "which runs later in this suite" in error.what

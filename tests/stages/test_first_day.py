@@ -40,7 +40,7 @@ CONFIG = {
     "a decimal comma": ([("ratio: 0.01", "ratio: 0,01")], "test.yaml:13:10  damping: ',01'", "decimal point, as in 0.01"),
     "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: '0.4 s'", "without its unit"),
     "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: 'no'", "write false"),
-    "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: given twice", "remove one of them"),
+    "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "remove one of them"),
     "a coarse step": (
         [("time_step: 1.0e-3}", "time_step: 1.0e-2}")],
         "train.time_step: 0.01 s gives 1.67 steps",
@@ -84,8 +84,8 @@ FILES = {
 """What the files contradict, before the import."""
 WORDS = {
     "a misspelt override": (["run", "test.yaml", "--set", "place.kep=3"], "--set place.kep  place.kep", "did you mean keep?"),
-    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  larger than 128 KiB", "give a config, not a deck"),
-    "a misspelt config": (["run", "tset.yaml"], "tset.yaml  no such config file", "strainsight init DECK writes one"),
+    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  larger than 128 KiB", "specify a config, not a deck"),
+    "a misspelt config": (["run", "tset.yaml"], "tset.yaml  config file not found", "create one with `strainsight init DECK`"),
     "a config for a deck": (["init", "test.yaml"], "test.yaml  a config, not a deck", "strainsight run test.yaml"),
 }
 """What the command line says by itself."""

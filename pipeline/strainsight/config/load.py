@@ -1,4 +1,4 @@
-"""A config file, checked whole: every problem is reported at once, each with its place."""
+"""Load and check a config file: all problems are reported at once, each with its location."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ KINDS: dict[str, tuple[type[Config], Callable[[Any], Iterator[Problem]]]] = {
     "bearing": (BearingConfig, bearing_problems),
     "suite": (SuiteConfig, suite_problems),
 }
-"""Kind → its model, and what finds the contradictions between its fields."""
+"""Kind of config: its model, and the check for inconsistencies between fields."""
 
 
 @dataclass(frozen=True)
 class LoadedConfig:
-    """A valid config and where each of its keys is written.
+    """A valid config with the location of each key.
 
-    path       the file as given
+    path       path of the file, as passed
     model      the checked config
-    overrides  what was put over the file, in order
+    overrides  overrides of the file, in order
     """
 
     path: Path
@@ -48,18 +48,18 @@ class LoadedConfig:
 
     @property
     def data(self) -> dict[str, Any]:
-        """The config as JSON data, defaults filled in, paths as written."""
+        """The config as JSON data, with defaults, and paths as written."""
         return self.model.model_dump(mode="json", by_alias=True)
 
     def locate(self, key: str) -> str:
-        """ "file:line:column" of a key's value, or of the longest part of the key that is there; "--set KEY" if set."""
+        """Location "file:line:column" of a key or of its nearest existing parent; "--set KEY" for an override."""
         return _locate(self._places, key)
 
 
 def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> LoadedConfig:
-    """Read and check a config file with overrides on top; a text is "KEY=VALUE", as behind --set.
+    """Read and check a config file with overrides; a text override is "KEY=VALUE", as after --set.
 
-    Raises ConfigError that lists every problem with file:line:column, key and remedy.
+    Raises ConfigError with every problem: file:line:column, key and remedy.
     """
     path = Path(path)
     put_over = tuple(parsed(text) if isinstance(text, str) else text for text in overrides)
@@ -83,7 +83,7 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
 
 
 def kind_of(path: Path | str) -> Any:
-    """What the file says under `kind`; the rest is not checked."""
+    """The value of `kind` in the file; the rest is not checked."""
     return _read(Path(path))[0].get("kind")
 
 
@@ -92,9 +92,11 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
     if not isinstance(kind, str) or kind not in KINDS:
         known = ", ".join(KINDS)
         if kind is None:
-            return None, [Problem("kind", "missing", f"give kind: {known}", at_key=True)]
+            return None, [Problem("kind", "missing", f"set kind to one of {known}", at_key=True)]
         return None, [
-            Problem("kind", f"'{kind}' is not one of {known}", did_you_mean(str(kind), KINDS, f"give kind: {known}"))
+            Problem(
+                "kind", f"'{kind}' is not one of {known}", did_you_mean(str(kind), KINDS, f"set kind to one of {known}")
+            )
         ]
     kind_model, contradictions = KINDS[kind]
     data = dict(filled(data)) if kind == "placement" else data
@@ -108,29 +110,39 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
-    """Data, and the place of every value and of every key."""
+    """Data, and the location of every value and of every key."""
     if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for
-        raise ConfigError("is not a plain file", where=str(path), remedy="write the config to a file")
+        raise ConfigError("the config is not a regular file", where=str(path), remedy="write the config to a file")
     try:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST + 1)
         if len(raw) > LARGEST:
-            raise ConfigError(f"larger than {LARGEST // 1024} KiB", where=str(path), remedy="give a config, not a deck")
+            raise ConfigError(
+                f"the config is larger than {LARGEST // 1024} KiB",
+                where=str(path),
+                remedy="specify a config, not a deck",
+            )
         text = raw.decode("utf-8-sig")
     except FileNotFoundError:
-        raise ConfigError("no such config file", where=str(path), remedy="strainsight init DECK writes one") from None
+        raise ConfigError(
+            "config file not found", where=str(path), remedy="create one with `strainsight init DECK`"
+        ) from None
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise ConfigError("not UTF-8 text", where=f"{path}:{line}", remedy="save the file as UTF-8") from None
     except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", where=str(path), remedy="give a config file") from None
+        raise ConfigError(
+            f"the config cannot be read: {error.strerror}", where=str(path), remedy="specify a config file"
+        ) from None
     try:
         document = parse(text)
     except YamlProblem as problem:
         raise _error_at(f"{path}:{problem.line}:{problem.column}", problem) from None
     if not isinstance(document.data, dict):
         raise ConfigError(
-            "not a mapping of keys to values", where=f"{path}:1:1", remedy="strainsight init DECK writes one"
+            "the file is not a mapping of keys to values",
+            where=f"{path}:1:1",
+            remedy="create a config with `strainsight init DECK`",
         )
     return document.data, *_places(path, document)
 
@@ -158,7 +170,7 @@ def _error_at(where: str, problem: Problem | YamlProblem) -> ConfigError:
 
 
 def _error(wrong: Sequence[tuple[str, Problem]]) -> ConfigError:
-    """The first problem, with the others behind it."""
+    """The first problem, with the others attached."""
     errors = [_error_at(where, problem) for where, problem in wrong]
     errors[0].others = tuple(errors[1:])
     return errors[0]
