@@ -118,9 +118,9 @@ def test_no_command_writes_through_a_link(tmp_path, outside, monkeypatch):
         assert "is a link to" in refused(command, "beam.yaml")
     (project / "results").unlink()
     (project / "new.yaml").symlink_to(outside / "new.yaml")
-    assert "the file exists" in refused("init", "beam.bdf", "-o", "new.yaml")
+    assert "the file already exists" in refused("init", "beam.bdf", "-o", "new.yaml")
     (project / "lug.yaml").symlink_to(outside / "new.yaml")
-    assert "the file exists" in refused("example", "lug")
+    assert "the file already exists" in refused("example", "lug")
     done = CliRunner().invoke(app, ["init", "beam.bdf", "-o", "new.yaml", "--force"])
     assert done.exit_code == 0, done.output
     assert not (project / "new.yaml").is_symlink()

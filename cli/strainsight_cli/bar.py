@@ -1,4 +1,4 @@
-"""A bar for every run at work, with the time that is left."""
+"""A progress bar with the remaining time for every active run."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from strainsight_cli.work import Progress
 
 @contextmanager
 def progress_bar(wanted: bool) -> Iterator[Progress]:
-    """Bars on a terminal only; yields the callback that moves them: (run, stage, doing, share, left)."""
+    """Progress bars, on a terminal only; yields the callback that updates them: (run, stage, activity, fraction, left)."""
     if not (wanted and shown(Level.INFO) and sys.stderr.isatty()):
         yield lambda run, stage, doing, share, left: None
         return
@@ -26,7 +26,7 @@ def progress_bar(wanted: bool) -> Iterator[Progress]:
     from rich.text import Text
 
     class TimeLeft(ProgressColumn):
-        """Counts down between two moves."""
+        """Count down between two updates."""
 
         max_refresh = 1.0
 

@@ -62,7 +62,7 @@ def test_files_that_are_there_stay_and_force_overwrites(call, tmp_path):
     (tmp_path / "cantilever.bdf").unlink()
     refused = call("cantilever")
     assert refused.exit_code == 2
-    assert refused.stderr.startswith("cantilever.yaml  the file exists, and nothing was written\n    go to an empty folder")
+    assert refused.stderr.startswith("cantilever.yaml  the file already exists with other content; nothing was written\n    use an empty folder")
     assert "--force" in refused.stderr
     assert own.read_text(encoding="utf-8") == "mine"
     assert not (tmp_path / "cantilever.bdf").exists()
@@ -153,7 +153,7 @@ def test_after_import_the_mesh_is_pictured_and_a_changed_config_is_reported(view
     ("words", "text"),
     [
         (("--screenshot", "a.jpg"), "ends in .png"),
-        (("--screenshot", "none/a.png"), "no such folder"),
+        (("--screenshot", "none/a.png"), "folder not found"),
         (("--what", "stress"), "'field'"),
         (("--body", "hub"), "one body"),
     ],
@@ -190,11 +190,11 @@ def lines(result) -> list[str]:
 
 def test_the_size_is_known_after_the_import_and_what_is_done_has_no_line(forecast_call, monkeypatch):
     assert lines(forecast_call("run", "--dry-run")) == [
-        "forecast: the deck has 0.0 MB; time and memory are known once it is imported"
+        "forecast: the deck has 0.0 MB; time and memory are known after the import"
     ]
     assert lines(forecast_call("import")) == []
     (line,) = lines(forecast_call("run", "--dry-run"))
     assert line.startswith(FORECAST)
     monkeypatch.setattr(memory, "available_memory", lambda: 0.1 * 2**30)
     (line,) = lines(forecast_call("run", "--dry-run"))
-    assert line.endswith("; 0.1 GiB are there: take a coarser mesh or a larger machine")
+    assert line.endswith("; only 0.1 GiB are available: use a coarser mesh or a larger machine")

@@ -105,8 +105,8 @@ def test_a_killed_process_is_named_with_what_to_do(works, capsys):
     assert failed(works("dies", "slow")) == 1
     said = capsys.readouterr().err
     assert "run 1 of 2 dies1" in said
-    assert "a process was killed, probably for lack of memory: --set jobs=1" in said
-    assert "report them" not in said
+    assert "a process was killed, probably for lack of memory; use --set jobs=1" in said
+    assert "report the details" not in said
 
 
 def test_an_interrupted_suite_leaves_no_word_about_semaphores(tmp_path):

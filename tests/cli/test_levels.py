@@ -64,7 +64,7 @@ def test_two_levels_contradict_each_other(call, tmp_path):
     for words in (("-q", "-v"), ("-q", "--log-level", "info")):
         done = call(*words)
         assert done.exit_code == 2
-        assert done.stderr.endswith("contradict each other\n    give one: -q is --log-level error, -v is --log-level debug\n")
+        assert done.stderr.endswith("exclude each other\n    use one of them: -q is --log-level error, -v is --log-level debug\n")
     assert not (tmp_path / "results").exists()
     assert call("--log-level", "loud").exit_code == 2
 
@@ -129,7 +129,7 @@ def test_a_line_a_start_and_an_end_with_time_memory_message_and_warnings(work):
     assert starts == "good starts: never run"
     assert warning == "warning: �[2Jlook at this"
     assert re.fullmatch(r"good done after \d+\.\d s, peak \d+\.\d\d GiB: three numbers", done)
-    assert re.fullmatch(r"ends after \d\.\d s, peak \d+\.\d\d GiB", ends)
+    assert re.fullmatch(r"finished after \d\.\d s, peak \d+\.\d\d GiB", ends)
 
 
 @pytest.mark.parametrize(("function", "error"), [(bad, InfeasibleError), (crash, FileNotFoundError)])
@@ -138,7 +138,7 @@ def test_a_failure_has_its_traceback_and_no_place_of_this_machine(work, function
         run(work(good, function))
     log = (work(good).job.folder / "run.log").read_text(encoding="utf-8")
     said = texts(log)
-    assert re.match(rf"{function.__name__} fails after \d\.\d s", next(text for text in said if "fails" in text))
+    assert re.match(rf"{function.__name__} failed after \d\.\d s", next(text for text in said if "fails" in text))
     assert any('File "strainsight/runner/runner.py", line ' in text for text in said)
     assert any(error.__name__ in text for text in said)
     assert not re.search(r"(?<![\w.…)/])/\w", log), log

@@ -130,7 +130,7 @@ def test_memory_that_runs_out_is_two_and_says_what_was_asked_for(call, monkeypat
     done = call("run", CONFIG)
     assert done.exit_code == 2
     message = done.output + (done.stderr or "")
-    assert "there is not enough memory: Unable to allocate 4.00 EiB" in message
+    assert "not enough memory: Unable to allocate 4.00 EiB" in message
     assert "internal error" not in message
 
 

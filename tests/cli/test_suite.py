@@ -86,7 +86,7 @@ def test_suite_prints_runs_claims_and_times(first, folder):
         assert heading in first.splitlines()
     statement = next(line for line in first.splitlines() if line.startswith("Fine takes"))
     assert " ".join(statement.split()) == "Fine takes ten times the steps. 9 to 11 5 contradicted"
-    head, *rows, total = (line.split() for line in first.split("where the time goes")[1].splitlines()[1:6])
+    head, *rows, total = (line.split() for line in first.split("run time [s]")[1].splitlines()[1:6])
     assert (head[0], head[-1]) == ("run", "all")
     assert float(total[-1]) == pytest.approx(sum(float(row[-1]) for row in rows), abs=0.2)
     assert Artefact(folder / "results" / "both" / "suite.h5")["/claim/verdict"].tolist() == ["confirmed", "contradicted"]
@@ -196,7 +196,7 @@ def test_a_guess_from_a_run_that_ends_before_it_or_comes_later_is_refused(guessi
         guessing("first", until="place")
     assert caught.value.key == "runs[0].until"
     assert "guess.yaml:5:" in caught.value.where
-    assert caught.value.remedy == "runs[1] takes its guess from it: until: validate"
+    assert caught.value.remedy == "runs[1] needs it for its guess; set until: validate"
     with pytest.raises(ConfigError, match="which runs later in this suite"):
         guessing(guessing.path, place=0)
 

@@ -149,7 +149,7 @@ def test_a_record_beside_the_config_is_named(project, monkeypatch):
     monkeypatch.chdir(project / "elsewhere")
     words = ["estimate", "../test.yaml", "--measurements", "test.csv"]
     refused(
-        project, words, "test.csv  --measurements: no such file", "did you mean ../test.csv? --measurements starts from"
+        project, words, "test.csv  --measurements: file not found", "did you mean ../test.csv? --measurements starts from"
     )
 
 
@@ -159,7 +159,7 @@ def test_from_another_working_directory_the_results_that_are_there_are_named(pro
     (project / "elsewhere").mkdir()
     monkeypatch.chdir(project / "elsewhere")
     there = project / "results"
-    note = f"note: nothing is computed in results/test yet, but in {there / 'test'}: to go on from there give --results {there}\n"
+    note = f"note: results/test has no results yet, but {there / 'test'} has; to use them, set --results {there}\n"
     for words in (["status", "../test.yaml"], ["import", "../test.yaml"]):
         done = CliRunner().invoke(app, words)
         assert (done.exit_code, done.stderr) == (0, note)
