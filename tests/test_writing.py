@@ -55,7 +55,7 @@ def test_a_pipe_a_device_and_a_folder_are_no_files(tmp_path):
     (tmp_path / "device").symlink_to("/dev/null")
     (tmp_path / "folder").mkdir()
     for name in ("pipe", "device", "folder"):
-        with pytest.raises(UserError, match="is not a file"):
+        with pytest.raises(UserError, match="is not a regular file"):
             write_file(tmp_path / name, b"ours")
     assert (tmp_path / "device").is_symlink()
 

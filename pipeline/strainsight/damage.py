@@ -286,7 +286,7 @@ def interval_of(draws: np.ndarray) -> Interval:
     Raises ValueError for fewer draws. Source: Weibull (1939); Hyndman and Fan, The American Statistician 50 (1996), type 6.
     """
     if len(draws) < FEWEST:
-        raise ValueError(f"{len(draws)} draws for an interval of 95 %, fewer than {FEWEST}")
+        raise ValueError(f"{len(draws)} samples are not enough for a 95 % interval; {FEWEST} are needed")
     ordered = np.sort(draws, axis=0)
     return Interval(*(_between(ordered, q) for q in (0.5, 0.025, 0.975)))
 

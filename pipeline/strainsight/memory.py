@@ -11,7 +11,7 @@ GIB = 1024.0**3
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 
 
-SMALLER = "take a coarser mesh or a larger machine, or end other programs"
+SMALLER = "use a coarser mesh or a larger machine, or end other programs"
 
 
 def require_memory(needed: float, what: str, remedy: str = SMALLER) -> None:
@@ -19,7 +19,7 @@ def require_memory(needed: float, what: str, remedy: str = SMALLER) -> None:
     there = available_memory()
     if needed > there:
         raise UserError(
-            f"{what}: {needed / GIB:.3g} GiB of memory are needed, {there / GIB:.3g} GiB are available",
+            f"{what}: {needed / GIB:.3g} GiB of memory are needed, but {there / GIB:.3g} GiB are available",
             remedy=remedy,
         )
 

@@ -176,7 +176,8 @@ def _spread(task: Callable[[S, P], R], points: Sequence[P], shared: S, count: in
                 keep(repeated(result))
     except TerminatedWorkerError:
         warnings.warn(
-            "a process of a sweep was killed, probably for lack of memory: the rest goes on in one (--jobs 1)",
+            "a process of a sweep was killed, probably for lack of memory; the sweep continues in one process "
+            "(--jobs 1)",
             MachineWarning,
             stacklevel=2,
         )

@@ -68,12 +68,12 @@ def _audit(folder: str | None, event: str, arguments: tuple[Any, ...]) -> None:
     if event == "open":
         path, _, flags = arguments
         if flags & _WRITING and not _is_writable(path, folder):
-            raise PermissionError(f"a reader may not write {path!r}")
+            raise PermissionError(f"the reader process must not write {path!r}")
     elif event in ("compile", "exec"):
         if sys._getframe(1).f_globals.get("__name__") not in _COMPILERS:
-            raise PermissionError(f"a reader may not {event} text")
+            raise PermissionError(f"the reader process must not {event} text")
     elif event in _REFUSED or event.startswith(_REFUSED_MODULES):
-        raise PermissionError(f"a reader may not call {event}")
+        raise PermissionError(f"the reader process must not call {event}")
 
 
 def _is_writable(path: str | bytes | int, folder: str | None) -> bool:

@@ -24,9 +24,9 @@ def make_folder(folder: Path) -> None:
     """Make a folder where there is none. Raises UserError for a link, of which only the folders above may be one."""
     if folder.is_symlink() or getattr(os.path, "isjunction", lambda _: False)(folder):
         raise UserError(
-            f"is a link to {os.readlink(folder)}, which is not written to",
+            f"is a link to {os.readlink(folder)}, and results are not written through links",
             where=str(folder),
-            remedy="remove the link, or give another results folder with --results DIR",
+            remedy="remove the link, or use another results folder with --results DIR",
         )
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -34,7 +34,7 @@ def make_folder(folder: Path) -> None:
 def write_file(path: Path, content: bytes) -> None:
     """Write the file, complete or not at all. Raises UserError for a folder, a pipe or a device of that name."""
     if path.exists() and not path.is_file():
-        raise UserError("is not a file", where=str(path), remedy="give another name")
+        raise UserError("is not a regular file", where=str(path), remedy="use another name")
     part = temporary(path, partial(write_bytes, content))
     try:
         replace_file(part, path)

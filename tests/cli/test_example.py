@@ -62,7 +62,7 @@ def test_files_that_are_there_stay_and_force_overwrites(call, tmp_path):
     (tmp_path / "cantilever.bdf").unlink()
     refused = call("cantilever")
     assert refused.exit_code == 2
-    assert refused.stderr.startswith("cantilever.yaml  the file already exists with other content; nothing was written\n    use an empty folder")
+    assert refused.stderr.startswith("cantilever.yaml  the file already exists with other content; nothing was written\n")
     assert "--force" in refused.stderr
     assert own.read_text(encoding="utf-8") == "mine"
     assert not (tmp_path / "cantilever.bdf").exists()
@@ -155,7 +155,7 @@ def test_after_import_the_mesh_is_pictured_and_a_changed_config_is_reported(view
         (("--screenshot", "a.jpg"), "ends in .png"),
         (("--screenshot", "none/a.png"), "folder not found"),
         (("--what", "stress"), "'field'"),
-        (("--body", "hub"), "one body"),
+        (("--body", "hub"), "single body"),
     ],
 )
 def test_what_cannot_be_is_refused_with_exit_code_2(view_call, words, text):

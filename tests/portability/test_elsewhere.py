@@ -72,7 +72,7 @@ def test_a_second_run_is_refused_with_the_first_and_a_killed_one_is_reported(pro
         first.kill()
     after = call("windows", *words)
     assert after.returncode == 0
-    assert f"an earlier run (process {first.pid}) was stopped" in after.stderr
+    assert f"an earlier run (process {first.pid}) was interrupted" in after.stderr
     assert not (folder / ".lock").exists()
 
 

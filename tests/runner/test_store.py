@@ -194,11 +194,11 @@ def test_numbers_changed_by_another_program_are_noticed(tmp_path):
 
 
 def test_a_file_that_is_not_there_or_not_ours_is_refused(tmp_path):
-    with pytest.raises(ArtefactError, match="no such results file"):
+    with pytest.raises(ArtefactError, match="results file not found"):
         Artefact(tmp_path / "none.h5")
     with h5py.File(tmp_path / "foreign.h5", "w") as file:
         file["x"] = 1.0
-    with pytest.raises(ArtefactError, match="not written by strainsight"):
+    with pytest.raises(ArtefactError, match="not a strainsight results file"):
         Artefact(tmp_path / "foreign.h5")
     path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
     with h5py.File(path, "a") as file:

@@ -150,7 +150,7 @@ def one_more(line):
     ("records", "also", "key", "remedy"),
     [
         (one_more("{name: more, file: low.csv}"), (), "estimate.records[3].file", "remove one of the two"),
-        (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "paths start from"),
+        (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "paths are relative"),
         ("  file: low.csv\n" + RECORDS, (), "estimate.records", "one file, or a list of records"),
         (
             one_more("{name: more, file: more.csv, channels: [{channel: G1, gauge: G1, unit: m/m}]}"),

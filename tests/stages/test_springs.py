@@ -41,7 +41,7 @@ def test_a_face_or_a_set_shares_the_stiffness_and_rotations_are_those_of_a_node_
 
 
 def test_a_body_of_a_bench_has_no_springs(tmp_path):
-    with pytest.raises(ConfigError, match=r"mesh.supports.0: springs of a body are not supported"):
+    with pytest.raises(ConfigError, match=r"mesh.supports.0: a flexible body cannot have springs"):
         finished(tmp_path, "import", MESH, {"bodies.beam.mesh.supports": [{"node": TIP, "stiffness": K}]}, BENCH_CONFIG)
 
 

@@ -169,9 +169,9 @@ def content_digest(file: h5py.File, contents: Mapping[str, Entry], message: str)
 
 
 def damaged(path: Path | str, why: str) -> ArtefactError:
-    """The error for a file that is not as it was written."""
+    """Error for a file that differs from what was written."""
     return ArtefactError(
-        f"the results file is damaged: {why}", where=str(path), remedy="run again: a damaged artefact is written anew"
+        f"the results file is damaged: {why}", where=str(path), remedy="run the stage again; it replaces the file"
     )
 
 
@@ -194,17 +194,21 @@ class _Reading:
         entries = dict(self._below(self.root, "", 1))
         missing = [path for path in ("/summary", "/tables") if path not in entries]
         if missing:
-            raise damaged(self.name, f"it has no {missing[0]}")
+            raise damaged(self.name, f"{missing[0]} is missing")
         return entries
 
     def _below(self, group: h5g.GroupID, path: str, depth: int) -> Iterator[tuple[str, Entry]]:
         for encoded in sorted(group):
             name = f"{path}/{encoded.decode()}"
             if group.links.get_info(encoded).type != h5l.TYPE_HARD:
-                raise damaged(self.name, f"{name} is a link to elsewhere, which is not followed")
+                raise damaged(self.name, f"{name} is an external link, which is not supported")
             item = h5o.open(group, encoded)
             if (address := _address(item)) in self.seen or len(self.seen) > MAX_OBJECTS:
-                what = "is another name of an object above" if address in self.seen else f"follows {MAX_OBJECTS} others"
+                what = (
+                    "is a second name of an object above"
+                    if address in self.seen
+                    else f"follows {MAX_OBJECTS} other objects"
+                )
                 raise damaged(self.name, f"{name} {what}")
             self.seen.add(address)
             if isinstance(item, h5d.DatasetID):
@@ -213,7 +217,7 @@ class _Reading:
                 yield name, Entry(self.attributes(item, name))
             if isinstance(item, h5g.GroupID):
                 if depth >= MAX_DEPTH:
-                    raise damaged(self.name, f"groups nested deeper than {MAX_DEPTH} at {name}")
+                    raise damaged(self.name, f"the groups at {name} are nested deeper than {MAX_DEPTH} levels")
                 yield from self._below(item, name, depth + 1)
 
     def attributes(self, item: Any, name: str) -> dict[str, Any]:
@@ -228,9 +232,9 @@ class _Reading:
             text = h5py.check_string_dtype(dtype)
             empty = attribute.get_space().get_simple_extent_type() == h5s.NULL
             if empty or (dtype.hasobject and (text is None or shape != ())):
-                raise damaged(self.name, f"attribute {key} of {name} is not stored as it was written")
+                raise damaged(self.name, f"attribute {key} of {name} has an unexpected storage layout")
             if attribute.get_storage_size() > self.size:
-                raise damaged(self.name, f"the attributes of {name} claim more bytes than the file holds")
+                raise damaged(self.name, f"the attributes of {name} are larger than the file")
             array = np.empty(shape, dtype)
             attribute.read(array)
             value: Any = array[()]
@@ -246,12 +250,14 @@ class _Reading:
         claimed = -1 if shape is None else int(np.prod(shape, dtype=object)) * dtype.itemsize
         layout = plan.get_layout()
         if layout == h5d.VIRTUAL or plan.get_external_count():
-            raise damaged(self.name, f"{name} keeps its data in another file, which is not followed")
+            raise damaged(self.name, f"{name} has its data in another file, which is not supported")
         if dtype.hasobject or stored != claimed or stored > self.size:
-            raise damaged(self.name, f"{name} claims {claimed} bytes and the file holds {min(stored, self.size)}")
+            raise damaged(
+                self.name, f"{name} has a size of {claimed} bytes, but the file only {min(stored, self.size)} bytes"
+            )
         if layout == h5d.CHUNKED:  # can unpack to a piece of any size
-            raise damaged(self.name, f"{name} is not stored as it was written")
-        self._claim(stored, f"{name} and what is above it")
+            raise damaged(self.name, f"{name} has an unexpected storage layout")
+        self._claim(stored, f"{name} and the objects above")
         if self.size > IN_MEMORY:
             return None
         array = np.empty(shape, dtype)
@@ -262,7 +268,7 @@ class _Reading:
     def _claim(self, size: int, what: str) -> None:
         self.claimed += size
         if self.claimed > self.size:
-            raise damaged(self.name, f"{what} claim more bytes than the file holds")
+            raise damaged(self.name, f"{what} are larger than the file")
 
 
 def _address(item: Any) -> int:

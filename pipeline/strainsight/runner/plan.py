@@ -107,9 +107,9 @@ ESTIMATED, MEASURED = "validate", "simulate"
 """Stages whose artefacts another run starts from: `guess: {from: NAME}`, but for its `stage`, and `measured: {from: NAME}`."""
 UP_TO_DATE = "up to date"
 WILL_RUN = "will run"
-OTHER_CODE = "by other code of the same stage version: --force computes it anew"
+OTHER_CODE = "computed by other code of the same stage version; use --force to compute it again"
 """Of what is up to date by its version, and was not made by the code that is here."""
-NO_CODE = "by code that was not recorded: --force computes it anew"
+NO_CODE = "computed by unknown code; use --force to compute it again"
 """Of what an earlier release made."""
 
 Locate = Callable[[str], str | None]
@@ -246,7 +246,7 @@ def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finishe
     complete = len(upstream) == len(stage.upstream) and len(inputs.digests) == len(inputs.files)
     # The comparison above is for people; the key decides. A header altered by hand is caught here.
     if not reasons and complete and inputs.key(stage, upstream) != header.key:
-        reasons.append("its inputs changed")
+        reasons.append("the inputs changed")
     return reasons
 
 
@@ -290,11 +290,14 @@ def _input_path(key: str, value: str, job: Job) -> Path:
 
 
 def _no_such_file(key: str, written: str, path: Path, job: Job) -> ConfigError:
-    what, remedy = f"no such file: {_shown(path)}", "paths start from the folder of the config file"
+    what, remedy = f"file not found: {_shown(path)}", "paths are relative to the folder of the config"
     if key.endswith(".from") and path.is_relative_to(job.results) and "/" not in written:
-        what, remedy = f"no result of a run '{written}' ({_shown(path)})", f"run the config named '{written}' first"
+        what, remedy = (
+            f"run '{written}' has no result ({_shown(path)})",
+            f"first run the config with the name '{written}'",
+        )
     elif path.is_dir():
-        what, remedy = f"{_shown(path)} is a folder, not a file", "name a file in it"
+        what, remedy = f"{_shown(path)} is a folder, not a file", "specify a file in the folder"
     return ConfigError(what, key=key, where=job.locate(key), remedy=remedy)
 
 

@@ -87,7 +87,7 @@ def _acquire(path: Path) -> int:
             raise UserError(
                 f"another run{f' (process {pid})' if pid else ''} is writing to this folder",
                 where=str(path.parent),
-                remedy="wait until it has ended, or give another folder with --results DIR",
+                remedy="wait until it has finished, or use another folder with --results DIR",
             ) from None
         # The holder before us may have removed the file between our open and our lock: then we hold a lock on nothing.
         try:
@@ -152,7 +152,7 @@ def _taken(source: Path, folder: Path, header: ArtefactHeader, records: tuple[st
         parts.append((_shared(source, folder), folder / source.name))
         own = Artefact(parts[0][0])
         if own.header != header:
-            raise ArtefactError("replaced while it was copied", where=str(source))
+            raise ArtefactError("the file was replaced during the copy", where=str(source))
         for name, digest in (own.header.beside or {}).items():
             size = (own.header.sizes or {}).get(name, -1)
             parts.append(
@@ -174,7 +174,7 @@ def _beside(path: Path, size: int, digest: str, part: Path) -> None:
                 copied += copy.write(block)
                 found.update(block)
     if not as_stated or copied != size or found.hexdigest() != digest:
-        raise ArtefactError(f"{path.name} is not the file that was written beside it", where=str(path))
+        raise ArtefactError(f"{path.name} is not the file that was written with the artefact", where=str(path))
 
 
 def _as_stated(found: os.stat_result, size: int, free: int) -> bool:
@@ -249,7 +249,7 @@ def run(
         inputs = {stage.name: inputs_of(stage, job) for stage in stages}
     with locked(job.folder) as left_by:
         if left_by is not None:
-            notice(f"an earlier run (process {left_by}) was stopped in {job.folder}; its finished stages are kept")
+            notice(f"an earlier run (process {left_by}) was interrupted in {job.folder}; its finished stages are kept")
         for part in job.folder.glob(f"{TEMPORARY}*"):  # of a run that was killed
             part.unlink(missing_ok=True)
         finished: dict[str, Artefact] = {}
@@ -269,7 +269,7 @@ def run(
             start = time.perf_counter()
             reason = status.reason
             key = inputs[stage.name].key(stage, {name: finished[name].digest for name in stage.upstream})
-            waits = f"{job.config['name']} waits for another process that computes {stage.name}"
+            waits = f"{job.config['name']} waits for another process to compute {stage.name}"
             with computing(job.results, key, partial(notice, waits)):
                 taken = None if stage.name in forced else reused(stage, job, key)
                 if taken is not None:

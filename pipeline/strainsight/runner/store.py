@@ -208,7 +208,7 @@ def kept_on_disk(path: Path) -> Iterator[None]:
         raise UserError(
             f"cannot be written: {os.strerror(error.errno)}",
             where=str(path),
-            remedy="make room, or give a folder that can be written to with --results DIR; what was there before is untouched",
+            remedy="free some disk space, or use a writable folder with --results DIR; existing files are unchanged",
         ) from error
 
 

@@ -47,9 +47,9 @@ def figures_of(
     ready = [page for page in pages if not missing_in(folder, page.upstream)]
     if not ready:
         raise UserError(
-            f"there are no figures yet: {folder / missing_in(folder, pages[-1].upstream)[0]}.h5 has not been written",
+            f"no figures yet: {folder / missing_in(folder, pages[-1].upstream)[0]}.h5 is missing",
             where=config_file,
-            remedy=f"run first: strainsight run {config_file}",
+            remedy=f"first run: strainsight run {config_file}",
         )
     data = config.model_dump(mode="json", by_alias=True)
     counted = {}

@@ -30,7 +30,7 @@ def run_rom(context: Context[PlacementConfig]) -> Output:
     worst = float(max(np.max(np.abs(reduced.error.frequency)), np.max(reduced.error.static)))
     size, first = len(reduced.static), float(reduced.frequency[0])
     other = reduced.results or reduced.matrices
-    source = "the results of the other program" if reduced.results else "the ready matrices"
+    source = "imported results" if reduced.results else "imported matrices"
     return Output(
         datasets=written(reduced) | grid,
         attributes=attributes,
@@ -91,10 +91,10 @@ def run_spectrum(context: Context[PlacementConfig]) -> Output:
     """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
     found = spectrum_of(context.config, inputs.mesh(context), context)
     frequency, size = found.frequency, len(found.shape)
-    message = "shapes change with the parameters: the modes of the truth are found with it"
+    message = "mode shapes depend on the parameters; validate computes the modes of the simulated test"
     if len(frequency):
         band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
-        message = f"{len(frequency)} modes of {size} unknowns, {band} in the middle of the ranges"
+        message = f"{len(frequency)} modes of {size} unknowns, {band} at the centre of the parameter ranges"
     return Output(written(found), {"unknowns": size, "modes": len(frequency)}, message)
 
 

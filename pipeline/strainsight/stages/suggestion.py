@@ -67,7 +67,7 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
     faces = None if facets is None else faces_of(converted.position, facets)
     return Suggestion(
         *(units or ("", "")),
-        odd=f"E {stiff[0]:.4g} and ρ {stiff[1]:.4g} fit no usual units" if stiff and not units else "",
+        odd=f"E {stiff[0]:.4g} and ρ {stiff[1]:.4g} are implausible in all common units" if stiff and not units else "",
         region=region,
         several_moduli=bool(count) and bool(without_modulus(mesh, region)),
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
@@ -168,7 +168,7 @@ def _of_mass(pulls: Sequence[BodyForce]) -> str:
             words.append(f"gravity of {g:.4g} m/s² along {_unit(pull.factor * pull.acceleration)}")
         if speed := float(np.linalg.norm(pull.rotation)):
             words.append(f"rotation at {speed:.4g} rad/s about {_unit(pull.rotation)}")
-    return f"{', '.join(words) or 'a pull of nothing'} on all mass"
+    return f"{', '.join(words) or 'zero load'} on all mass"
 
 
 def _unit(v: np.ndarray) -> str:
@@ -196,7 +196,7 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
     ]
     for reference in dict.fromkeys(tie.reference for tie in ties):
         led = [tie for tie in ties if tie.reference == reference]
-        what = f"reference of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
+        what = f"reference node of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
         yield DeckPlace("node", str(mesh.node_ids[reference]), what, bool(held[reference]))
     for name, ids in mesh.node_sets.items():
         nodes = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))

@@ -149,9 +149,9 @@ def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[SuiteS
         for number in study.numbers:
             if number not in known:
                 raise ConfigError(
-                    f"no run of the study '{name}' has a number '{number}'",
+                    f"no run of the study '{name}' has a result '{number}'",
                     key=f"studies.{i}.numbers",
-                    remedy=did_you_mean(number, known, f"they have {', '.join(known) or 'none'}"),
+                    remedy=did_you_mean(number, known, f"they have {', '.join(known) or 'no results'}"),
                 )
         studies.append(SuiteStudy(name, study.note, study.over, tuple(study.numbers), places))
     return tuple(studies)
@@ -200,14 +200,16 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
     if isinstance(value, bool | int | float):
         if isinstance(value, bool) != (measure.equals is not None):
             what = f"'{name}' is {'true or false' if isinstance(value, bool) else 'a number'} in '{run.name}'"
-            remedy = "give equals: true or false" if isinstance(value, bool) else "give above or below"
+            remedy = "set equals: true or false" if isinstance(value, bool) else "set above or below"
             raise ConfigError(what, key=measure.key, remedy=remedy)
         return float(value)
     if value is None and numbers.get("lost"):
         return float("nan")
     known = [key for key in numbers if not isinstance(numbers[key], str)]
-    what = f"no number '{name}' in the stage '{measure.stage}' of '{run.name}'"
-    raise ConfigError(what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"it has {', '.join(known)}"))
+    what = f"result '{name}' not found in the stage '{measure.stage}' of '{run.name}'"
+    raise ConfigError(
+        what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"the stage has {', '.join(known)}")
+    )
 
 
 OF_A_LOAD = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")
@@ -350,10 +352,10 @@ def run(context: Context[SimpleNamespace]) -> Output:
     wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in FAULTS)
     none = without_benefit(suite)
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
-    message += f"; placement brings no benefit in {len(none)}" * bool(none)
-    message += f"; {confirmed} of {len(verdicts)} statements confirmed" if verdicts else ""
+    message += f"; placement has no benefit in {len(none)}" * bool(none)
+    message += f"; {confirmed} of {len(verdicts)} claims confirmed" if verdicts else ""
     held = sum(row.verdict == HOLDS for row in suite.comparisons)
-    message += f"; {held} of {len(suite.comparisons)} comparisons hold" if suite.comparisons else ""
+    message += f"; {held} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""
     message += f"; report.html, {len(page) / 1024:.0f} KiB"
     return Output(
         datasets=written(numbers_of(suite)),

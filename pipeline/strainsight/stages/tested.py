@@ -161,7 +161,7 @@ def _damage(damaged: Damaged | None, config: PlacementConfig) -> Table | None:
 def _hidden(summary: Mapping[str, object]) -> str:
     """What the channels cannot tell; empty where that is nothing."""
     hidden = summary.get("unobservable")
-    return f"the channels cannot tell {hidden}" if hidden else ""
+    return f"the channels cannot distinguish {hidden}" if hidden else ""
 
 
 def _warnings(record: Estimated, summary: Mapping[str, object], doubts: list[str], noise: Verdict) -> tuple[str, ...]:
@@ -186,7 +186,7 @@ def _moment(record: Estimated, points: np.ndarray) -> SurfaceMoment | None:
     factor, std = exaggerated(points, shift), then.von_mises_std
     sigma = None if std is None else std.astype(float) / MEGA
     mises = Map("von Mises stress", "MPa", then.von_mises.astype(float) / MEGA, sigma)
-    strain = Map("principal strain of largest size", "µm/m", then.principal_strain.astype(float) * MICRO)
+    strain = Map("principal strain of largest magnitude", "µm/m", then.principal_strain.astype(float) * MICRO)
     return SurfaceMoment(then.time, then.label, factor * shift, factor, (strain, mises))
 
 

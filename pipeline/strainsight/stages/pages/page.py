@@ -120,28 +120,30 @@ def _doubts(validate: Artefact, names: list[str]) -> list[str]:
             notes.append(f"{name} is {claims[0].words(number)}")
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(
-                f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
-                f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all"
+                f"Random sets from all candidates have a median σ of {100 * np.nanmedian(random):.2g} % for "
+                f"{name}, the selected set {100 * std:.2g} %: the screening removed better locations. Try screen.keep: all"
             )
     notes += map(capital, disagreements_in_words(validated.compared))
     if lost := int(summary["lost_runs"]):
-        notes.append(f"{lost} runs of the studies diverged and are left out of the medians")
+        notes.append(f"{lost} runs of the studies diverged, and are not part of the medians")
     return [f"{note}." for note in notes]
 
 
 def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tuple[str, ...]:
-    notes = ["No measured data: the truth is simulated."]
+    notes = ["No test data: the measurements are simulated."]
     if place.by_case is not None:
-        notes.append("The load cases: the truth is simulated under the loads as stated.")
+        notes.append("Load cases: the measurements are simulated under the configured loads.")
     if config.validation.truth.model == "rom":
-        notes.append("The truth is the filter's own model: no model error was tested.")
+        notes.append("The simulated test uses the model of the filter, so no model error was tested.")
     elif config.validation.truth.model == "modes":
-        notes.append("Damping, gauges and loads are exact in this truth; choose truth model rich to test them.")
+        notes.append(
+            "Damping, gauges and loads are exact in the simulated test; use truth model rich to test their errors."
+        )
     elif read(Training, train).given is not None:
-        notes.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
+        notes.append("Gauge positions are exact: imported rows of the strain operator cannot be moved or rotated.")
     errors = tolerances_of(config.tolerances)
-    outside = "temperature" * (errors.temperature == 0), "drift" * (errors.drift == 0), "supports that give"
-    notes.append(f"{', '.join(filter(None, outside)).capitalize()} and the bond are outside this model.")
+    outside = "temperature" * (errors.temperature == 0), "drift" * (errors.drift == 0), "deformation of the supports"
+    notes.append(f"{', '.join(filter(None, outside)).capitalize()} and the bond are not part of this model.")
     return tuple(notes)
 
 
@@ -234,7 +236,7 @@ def _metric(criterion: Criterion, place: Artefact) -> data.MetricWords:
     """In words, with the unknowns that it covers where these are not all."""
     layout = read(PlacedLayout, place)
     names = layout.elimination.unknowns
-    of = f", of {' and '.join(names)} alone" * (len(names) < len(layout.criteria.std))
+    of = f", for {' and '.join(names)} only" * (len(names) < len(layout.criteria.std))
     return data.MetricWords(criterion.symbol, criterion.meaning + of)
 
 
