@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from strainsight_cli import pipelines
-from strainsight_cli.failures import CONTRADICTED, reported
+from strainsight_cli.failures import INCONSISTENT, reported
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
 from strainsight_cli.printing import Level, json_line, say, shown
 from strainsight_cli.render import print_tables
@@ -88,4 +88,4 @@ def check_modes(
             to = f"to {100 * worst:.3g} % (at most {tolerance:g} %)" if isfinite(worst) else "for a mode at 0 Hz"
             say(f"{len(pairs)} modes {verdict}: frequencies {to}{shapes}")
         if not agrees:
-            raise typer.Exit(CONTRADICTED)
+            raise typer.Exit(INCONSISTENT)

@@ -177,10 +177,12 @@ def check_packages() -> list[DoctorFinding]:
     if ended:
         broken[facts.get("at", "")] = ended
     return [
-        DoctorFinding(own.subject, FAILS, f"{own.found}; import: {why}", f"pip install --force-reinstall {own.subject}")
-        if (why := broken.get(MODULES.get(own.subject, own.subject)))
-        else own
-        for own in findings
+        DoctorFinding(
+            entry.subject, FAILS, f"{entry.found}; import: {why}", f"pip install --force-reinstall {entry.subject}"
+        )
+        if (why := broken.get(MODULES.get(entry.subject, entry.subject)))
+        else entry
+        for entry in findings
     ]
 
 
@@ -199,8 +201,8 @@ def asked_for() -> tuple[str, list[str]]:
         if project.get("name") == "strainsight":
             return project["requires-python"], list(project["dependencies"])
     noted = metadata.metadata("strainsight")
-    asked = [line for line in noted.get_all("Requires-Dist") or [] if "extra ==" not in line]
-    return (noted.get_all("Requires-Python") or [""])[0], asked
+    requirements = [line for line in noted.get_all("Requires-Dist") or [] if "extra ==" not in line]
+    return (noted.get_all("Requires-Python") or [""])[0], requirements
 
 
 def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
@@ -217,19 +219,19 @@ def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
     remedy = f"use Python {python}: make PYTHON=/path/to/python"
     findings = [_version_finding("python", running, python, within, remedy)]
     for line in requirements:
-        asked = Requirement(line)
-        if asked.marker is not None and not asked.marker.evaluate():
+        requirement = Requirement(line)
+        if requirement.marker is not None and not requirement.marker.evaluate():
             continue
-        wanted = str(asked.specifier)
-        remedy = f"pip install '{asked.name}{wanted}'"
+        wanted = str(requirement.specifier)
+        remedy = f"pip install '{requirement.name}{wanted}'"
         try:
-            version = metadata.version(asked.name)
+            version = metadata.version(requirement.name)
         except metadata.PackageNotFoundError:
-            verdict, need = (WARNING, "wanted") if asked.name in CAN_DO_WITHOUT else (FAILS, "needed")
-            findings.append(DoctorFinding(asked.name, verdict, f"not installed; {need}: {wanted}", remedy))
+            verdict, need = (WARNING, "wanted") if requirement.name in CAN_DO_WITHOUT else (FAILS, "needed")
+            findings.append(DoctorFinding(requirement.name, verdict, f"not installed; {need}: {wanted}", remedy))
             continue
-        within = asked.specifier.contains(version, prereleases=True)
-        findings.append(_version_finding(asked.name, version, wanted, within, remedy))
+        within = requirement.specifier.contains(version, prereleases=True)
+        findings.append(_version_finding(requirement.name, version, wanted, within, remedy))
     return findings
 
 

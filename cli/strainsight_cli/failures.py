@@ -22,7 +22,7 @@ from strainsight.errors import printable
 from strainsight.processes import end_children
 from strainsight_cli.printing import Level, level_of, say, shown, speaking
 
-INTERNAL, USER, CONTRADICTED, INTERRUPTED = 1, 2, 3, 130
+INTERNAL, USER, INCONSISTENT, INTERRUPTED = 1, 2, 3, 130
 SHOW_CURSOR = b"\x1b[?25h\n"
 """Escape sequence to show the cursor, which a progress bar hides."""
 KEPT = "interrupted; finished stages are kept"
@@ -68,9 +68,9 @@ def failure_of(error: Exception) -> Failure:
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL:
         return Failure(USER, f"{os.strerror(error.errno)}\n    free some disk space, or write to another disk", details)
     if isinstance(error, MemoryError):
-        asked = f": {printable(str(error))}" if str(error) else ""
+        detail = f": {printable(str(error))}" if str(error) else ""
         remedy = "use a coarser mesh or a larger machine, end other programs, or use --jobs 1"
-        return Failure(USER, f"not enough memory{asked}\n    {remedy}", details)
+        return Failure(USER, f"not enough memory{detail}\n    {remedy}", details)
     text = f"internal error: {type(error).__name__}: {printable(str(error))}"
     return Failure(INTERNAL, f"{text}\n    run the command again with -v, and report the details", details)
 

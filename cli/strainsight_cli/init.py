@@ -111,7 +111,7 @@ def init(
         if not hints.solids:
             nothing = "the deck has no surface for gauges (solids, shells, sides of beams)"
             first = f"{nothing}; set mesh.matrices and gauges.given. Then {first}"
-        say(f"wrote {target}: {first}, then run: strainsight run {shlex.quote(str(target))}")
+        say(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 
 
 def read_vector(option: str, text: str) -> str:
@@ -205,8 +205,8 @@ def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
     sets = ", ".join(map(str, hints.support_sets))
     ask("spc", f"{what} ({sets})", partial(read_support_set, hints=hints), bool(hints.support_sets))
     _list_places(hints.places)
-    held = "location of the support (number above, node ID, or x, y, z in m)"
-    ask("held", held, _numbered(hints, read_support), not hints.supports)
+    support_question = "location of the support (number above, node ID, or x, y, z in m)"
+    ask("held", support_question, _numbered(hints, read_support), not hints.supports)
     ask("load", "location of the load (as above)", _numbered(hints, read_place))
     free = answers.load is None or answers.load.kind != "deck_load"
     ask("direction", "direction of the load (x, y, z)", partial(read_direction, "direction"), free)

@@ -189,7 +189,7 @@ def estimate(
     from strainsight.config.load import kind_of
     from strainsight.errors import ConfigError, UserError
 
-    asked: list[str | Override] = [*(options.overrides or ())]
+    overrides: list[str | Override] = [*(options.overrides or ())]
 
     if measurements is not None and kind_of(config) == "bench":
         raise ConfigError(
@@ -201,19 +201,19 @@ def estimate(
         )
     if measurements is not None:
         if not measurements.is_file():
-            beside = config.parent / measurements
+            sibling = config.parent / measurements
             remedy = f"the path of --measurements is relative to the current folder, {Path.cwd()}"
-            if beside.is_file():
-                remedy = f"did you mean {beside}? {remedy}"
+            if sibling.is_file():
+                remedy = f"did you mean {sibling}? {remedy}"
             raise UserError("file not found", where=str(measurements), key="--measurements", remedy=remedy)
         # From the config's folder, as all paths of a config: no absolute path gets into the results.
         relative = os.path.relpath(measurements.resolve(), config.resolve().parent)
-        asked.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
+        overrides.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
     if allow_unobservable:
-        asked.append("estimate.allow_unobservable=true")
+        overrides.append("estimate.allow_unobservable=true")
     if accept:
-        asked.append("estimate.accept=true")
-    work = pipelines.work_of_one(config, options.results, asked, "estimate")
+        overrides.append("estimate.accept=true")
+    work = pipelines.work_of_one(config, options.results, overrides, "estimate")
     if "estimate" not in [stage.name for stage in work.stages]:
         raise ConfigError(
             "the config has no section `estimate`",
@@ -257,7 +257,7 @@ def main() -> None:
     if refused := missing():
         say(*refused.split("\n"), error=True)
         raise SystemExit(USER)
-    # Handed on to the processes that clear up after others when Ctrl-C has ended those: they need not speak of it.
+    # Handed on to the processes that clear up after others when Ctrl-C has ended those: they must not report it.
     sys.warnoptions.append("ignore:resource_tracker")
     code: int | str | None = 0
     try:

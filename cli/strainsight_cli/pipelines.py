@@ -79,8 +79,8 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
     if not (loaded.path.parent / str(last.get("file") or "")).is_file():
         note(f"{artefact} is not used: the measurement file {last.get('file')} is missing")
         return loaded
-    kept = [Override(f"estimate.{key}", last[key], str(artefact)) for key in LAST_TEST if last.get(key)]
-    return loaded_config(path, [*(overrides or ()), *kept])
+    last_test = [Override(f"estimate.{key}", last[key], str(artefact)) for key in LAST_TEST if last.get(key)]
+    return loaded_config(path, [*(overrides or ()), *last_test])
 
 
 def loaded_config(path: Path, overrides: Iterable[str | Override] | None) -> LoadedConfig:

@@ -114,10 +114,10 @@ class Pipe(io.FileIO):
 def prepare_streams() -> None:
     """Open closed standard streams as null devices, and replace characters that the terminal cannot encode by question marks."""
     # the numbers that are free are the first that files get, and a library may print on 1 and 2
-    while (taken := os.open(os.devnull, os.O_RDWR)) < LAST_STREAM:
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) < LAST_STREAM:
         pass
-    if taken > LAST_STREAM:
-        os.close(taken)
+    if descriptor > LAST_STREAM:
+        os.close(descriptor)
     sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     sys.stdout, sys.stderr = _for_pipe(sys.stdout, line_buffering=False), _for_pipe(sys.stderr, line_buffering=True)

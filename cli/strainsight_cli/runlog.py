@@ -99,8 +99,8 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
 
 def peak() -> str:
     """Peak memory of this process, as in "peak 0.38 GiB"."""
-    held = peak_memory()
-    return "peak memory unknown on this system" if held is None else f"peak {held / 2**30:.2f} GiB"
+    peak_bytes = peak_memory()
+    return "peak memory unknown on this system" if peak_bytes is None else f"peak {peak_bytes / 2**30:.2f} GiB"
 
 
 def append(path: Path, text: str, wait: bool = True) -> None:

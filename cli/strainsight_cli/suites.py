@@ -111,10 +111,8 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
     works = []
     for run, stages in zip(runs, all_of(runs, lambda run: _stages(suite, run)), strict=True):
         name = run.config.model.name
-        beside = f"run {run.place + 1} of {len(runs)} {name}"
-        works.append(
-            replace(pipelines.work_of(run.config, results), stages=stages, run=name, beside=beside, where=where)
-        )
+        label = f"run {run.place + 1} of {len(runs)} {name}"
+        works.append(replace(pipelines.work_of(run.config, results), stages=stages, run=name, label=label, where=where))
     # the suite's own stage, on the numbers of its runs
     config = suite_config(suite, runs, [[stage.name for stage in work.stages] for work in works])
     page = Work((SUITE,), Job(config, results, results, suite.locate), config["name"])
@@ -177,12 +175,12 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
     assert isinstance(suite.model, SuiteConfig)
     measures = measures_of(suite.model.claims, suite.model.comparisons).values()
     wanted = {run.entry.until, *OF_A_BENCH, *(measure.stage for measure in measures)}
-    kept: list[Stage] = []
+    selected: list[Stage] = []
     for stage in reversed(reached):
         if stage.name in wanted:
-            kept.insert(0, stage)
+            selected.insert(0, stage)
             wanted.update(stage.upstream)
-    return tuple(kept)
+    return tuple(selected)
 
 
 def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool = False) -> None:
@@ -199,7 +197,7 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
         if as_json:
             say(*(render.stage_json(status, work.run) for status in statuses))
             continue
-        say(f"{work.beside}: {sum_of(statuses)}")
+        say(f"{work.label}: {sum_of(statuses)}")
         if waits or verbose:
             print_statuses(statuses, verbose, indent=2, head=False)
     (status_of_page,) = plan(works[-1].stages, works[-1].job, works[-1].forced(force))
@@ -267,7 +265,7 @@ def _named(work: Work) -> Iterator[None]:
 
 
 def _heading(work: Work) -> str:
-    return work.beside or f"suite {work.run}"
+    return work.label or f"suite {work.run}"
 
 
 def _look_for_inputs(works: Sequence[Work]) -> None:
@@ -328,7 +326,7 @@ def side_by_side(
 @contextmanager
 def _processes(count: int, verbose: bool) -> Iterator[tuple[ProcessPoolExecutor, Any]]:
     context = get_context("spawn")
-    # the process that clears up semaphores after Ctrl-C need not speak of it
+    # the process that clears up semaphores after Ctrl-C must not report it
     sys.warnoptions.append("ignore:resource_tracker")
     try:
         resource_tracker.ensure_running()
@@ -362,7 +360,7 @@ def _killed(works: Sequence[Work]) -> Exception:
 
     return StrainsightError(
         "a process was killed, probably for lack of memory; use --set jobs=1",
-        where=", ".join(work.beside for work in works),
+        where=", ".join(work.label for work in works),
     )
 
 

@@ -30,16 +30,16 @@ def tried(name: str, words: Sequence[str] = (), seconds: float = SECONDS) -> tup
         )
     except subprocess.TimeoutExpired as late:
         text = late.stdout or b""
-        return _found(
+        return _results(
             text.decode(errors="replace") if isinstance(text, bytes) else text
         ), f"no result after {seconds:g} s"
     if done.returncode < 0:
-        return _found(done.stdout), f"crashed with {_signal(-done.returncode)}"
+        return _results(done.stdout), f"crashed with {_signal(-done.returncode)}"
     last = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-    return _found(done.stdout), last[0] if done.returncode else ""
+    return _results(done.stdout), last[0] if done.returncode else ""
 
 
-def _found(text: str) -> dict[str, Any]:
+def _results(text: str) -> dict[str, Any]:
     """Results among the printed lines; libraries may print other lines."""
     facts: dict[str, Any] = {}
     for line in text.splitlines():

@@ -123,11 +123,11 @@ def figures(
         model = viewable(loaded, config)
         folder = results / str(loaded.data["name"])
         pages = [stage for stage in pipelines.stages_of(loaded.data) if stage.name in pipelines.PAGES]
-        drawn = figures_of(model, pages, folder, str(config))
-        say_stale(loaded, results, drawn.read, "figures")
-        write_figures(folder / "figures", drawn.files)
-        many = sum(drawn.counted.values())
-        of = _of_what(drawn.counted, loaded)
+        figures = figures_of(model, pages, folder, str(config))
+        say_stale(loaded, results, figures.read, "figures")
+        write_figures(folder / "figures", figures.files)
+        many = sum(figures.counted.values())
+        of = _of_what(figures.counted, loaded)
         say(f"wrote {many} figures{of} as SVG, PNG and CSV: {folder / 'figures'}")
 
 

@@ -33,13 +33,13 @@ def note(text: str) -> None:
 
 @dataclass(frozen=True)
 class Work:
-    """The stages of one config and their environment; run: its name in a suite; beside: its label in the progress bar; where:
+    """The stages of one config and their environment; run: its name in a suite; label: its label in the progress bar; where:
     location of its sweeps."""
 
     stages: tuple[Stage, ...]
     job: Job
     run: str = ""
-    beside: str = ""
+    label: str = ""
     where: Where = field(default_factory=Where)
 
     def forced(self, force: bool) -> list[str]:
@@ -107,16 +107,16 @@ def bring_up_to_date(
     at_work, started, following, forecast_said = "", time.time(), None, as_json or bool(work.run)
     last = seconds_of(work.stages, work.job)
 
-    def move(stage: str, doing: str, share: float) -> None:
+    def move(stage: str, activity: str, share: float) -> None:
         left = RemainingTime(ends_at(started, time.time(), share, last.get(stage)), following)
-        progress(work.beside, stage, doing, share, left)
+        progress(work.label, stage, activity, share, left)
 
     def notice(text: str) -> None:
         log(f"note: {text}")
         note(text)
 
-    asked = " ".join(stage.name for stage in work.stages)
-    with run_log(work.job, asked) as log, opened(work.where, available_memory) as sweep:
+    command = " ".join(stage.name for stage in work.stages)
+    with run_log(work.job, command) as log, opened(work.where, available_memory) as sweep:
         try:
             for text in config_warnings(work.job):
                 warn(text)

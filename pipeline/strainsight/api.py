@@ -167,10 +167,8 @@ class BenchCase(_Checked[BenchConfig]):
         return read(ReducedBodies, InMemory(reduce_output(self.config, meshes, self).datasets)).bodies
 
     def place(self, meshes: Mapping[str, Mesh], bodies: Mapping[str, ReducedBody]) -> BenchPlaced:
-        """The layout of the section `place`, with a bound and layouts drawn at random beside it.
-
-        Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
-        """
+        """Layout of the section `place`, with an optimality bound and random layouts.
+        Raises InfeasibleError if no permitted layout can observe every unknown in every pose."""
         from strainsight.experiment.bench.layout.placement import placement_output
 
         self._has("place")
@@ -209,8 +207,8 @@ class BenchCase(_Checked[BenchConfig]):
             duration = settings.truth.duration or self.config.filter_duration
             truths = truths_of(bench_of(self.config, bodies, meshes, placed), settings.truth, duration, self)
         bench = bench_of(self.config, bodies, meshes, placed, free_properties(settings))
-        found = estimate_output(self.config, estimate_bench(bench, measured, truths, self))
-        return read(BenchEstimated, InMemory(found.datasets))
+        output = estimate_output(self.config, estimate_bench(bench, measured, truths, self))
+        return read(BenchEstimated, InMemory(output.datasets))
 
     def _has(self, section: str) -> None:
         if getattr(self.config, section) is None:
@@ -261,9 +259,9 @@ def mesh(case: Case) -> Mesh:
     """The deck with what the config adds, checked, in SI units. Raises DeckError with file:line."""
     from strainsight.experiment.structure.mesh import checked, mesh_of
 
-    found = mesh_of(case.config.mesh, case.files["mesh.file"], base=case.base)
-    checked(found, case.config.mesh)
-    return found
+    mesh = mesh_of(case.config.mesh, case.files["mesh.file"], base=case.base)
+    checked(mesh, case.config.mesh)
+    return mesh
 
 
 def modes(case: Case, mesh: Mesh) -> Modes:

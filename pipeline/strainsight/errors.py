@@ -34,8 +34,8 @@ class StrainsightError(Exception):
         head = "  ".join(part for part in (where, key and f"{key}: {what}") if part)
         if not key:
             head = f"{where}  {what}" if where else what or ""
-        own = f"{head}\n    {remedy}" if remedy else head
-        return "\n".join([own, *map(str, self.others)])
+        message = f"{head}\n    {remedy}" if remedy else head
+        return "\n".join([message, *map(str, self.others)])
 
 
 LONGEST = 1500

@@ -129,12 +129,12 @@ class BenchRun(Written):
 
 
 def open_run(folder: Path | str) -> Run:
-    """Results of a placement in `results/NAME`. Raises UserError if there are none."""
+    """Results of a placement in `results/NAME`. Raises UserError if the folder has no results."""
     return Run(_results(folder))
 
 
 def open_bench(folder: Path | str) -> BenchRun:
-    """Results of a bench, or of bearings alone, in `results/NAME`. Raises UserError if there are none."""
+    """Results of a bench, or of bearings alone, in `results/NAME`. Raises UserError if the folder has no results."""
     return BenchRun(_results(folder))
 
 
@@ -142,16 +142,18 @@ def to_pyvista(grid: VtkHdf | Mesh, step: int = 0) -> pyvista.UnstructuredGrid:
     """A mesh, or a grid at one of its steps."""
     from pyvista import UnstructuredGrid
 
-    own = unstructured_grid(grid.position, grid.elements) if isinstance(grid, Mesh) else grid
-    offset, points = own.datasets["Offsets"], own.datasets["Points"]
-    cells = np.insert(own.datasets["Connectivity"], offset[:-1], np.diff(offset))
-    found = UnstructuredGrid(cells, own.datasets["Types"], points)
-    for path, values in own.datasets.items():
+    surface = unstructured_grid(grid.position, grid.elements) if isinstance(grid, Mesh) else grid
+    offset, points = surface.datasets["Offsets"], surface.datasets["Points"]
+    cells = np.insert(surface.datasets["Connectivity"], offset[:-1], np.diff(offset))
+    result = UnstructuredGrid(cells, surface.datasets["Types"], points)
+    for path, values in surface.datasets.items():
         where, _, name = path.partition("/")
         if where in ("PointData", "CellData"):
-            data, size = (found.point_data, len(points)) if where == "PointData" else (found.cell_data, len(offset) - 1)
+            data, size = (
+                (result.point_data, len(points)) if where == "PointData" else (result.cell_data, len(offset) - 1)
+            )
             data[name] = values[step * size :][:size] if len(values) > size else values
-    return found
+    return result
 
 
 def _results(folder: Path | str) -> Path:

@@ -148,7 +148,7 @@ def test_rigid_motions_of_a_free_structure_are_left_out_by_the_frequencies_of_ou
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="there are no pipes with names")
 def test_a_pipe_is_not_waited_for_and_an_unknown_ending_names_those_that_are_known(tmp_path):
     os.mkfifo(tmp_path / "a.f06")
-    with pytest.raises(DeckError, match="is not a regular file"):
+    with pytest.raises(DeckError, match="is not a plain file"):
         modes_of_file(tmp_path / "a.f06", None)
     with pytest.raises(DeckError, match=r"\.f06, \.dat, \.frd"):
         modes_of_file(tmp_path / "a.txt", None)

@@ -42,7 +42,7 @@ def test_versions_out_of_range_and_missing_packages_have_a_remedy():
     elsewhere = "none-on-any-machine>=1; platform_machine == 'abacus'"
     python, numpy, missing = doctor.compared(">=99", ["numpy>=99.0", "no-such-package>=1", elsewhere])
     assert (python.verdict, numpy.verdict, missing.verdict) == (FAILS, FAILS, FAILS)
-    assert numpy.found.endswith(", >=99.0 is needed")
+    assert numpy.found.endswith(", but >=99.0 is needed")
     assert numpy.remedy == "pip install 'numpy>=99.0'"
     assert "not installed" in missing.found
 

@@ -119,9 +119,9 @@ def test_faces_and_a_material_make_a_deck_of_solids_alone_whole(init):
 def test_a_deck_of_solids_alone_leaves_material_and_support_blank(init):
     assert init(*LOAD, text=solids())[0] == 0
     assert blanks() == [
-        "mesh.materials.own.youngs_modulus",
-        "mesh.materials.own.poisson_ratio",
-        "mesh.materials.own.density",
+        "mesh.materials.material.youngs_modulus",
+        "mesh.materials.material.poisson_ratio",
+        "mesh.materials.material.density",
         "parameters.E.guess",
         "parameters.E.range",
         "validate.truth.parameters.E",
@@ -206,7 +206,7 @@ def test_a_mesh_of_quadrangles_alone_asks_for_their_thickness(tmp_path, monkeypa
     assert CliRunner().invoke(app, ["init", "strip.msh", "-o", "own.yaml", *options]).exit_code == 0
     written = Path("own.yaml").read_text()
     assert blanks() == ["mesh.sections.shells"]
-    assert "of its triangles and quadrangles: skin ←" in written
+    assert "shells of the regions skin ←" in written
     Path("own.yaml").write_text(written.replace("thickness: }", "thickness: 0.01}"))
     config = load_config("own.yaml").model
     assert config.mesh.supports[0].components == (1, 2, 3, 4, 5, 6)

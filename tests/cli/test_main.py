@@ -169,7 +169,7 @@ def test_a_working_folder_that_is_gone_is_named(tmp_path):
     (tmp_path / "gone").mkdir()
     done = shell('cd gone && rmdir ../gone && "$@"', tmp_path, "status", "c.yaml")
     assert done.returncode == 2
-    assert done.stderr.startswith("the working folder is gone, or may not be read\n    change to")
+    assert done.stderr.startswith("the working folder does not exist, or cannot be read\n    change to")
 
 
 @posix

@@ -48,7 +48,7 @@ class Lacking:
 class Suggestion:
     """Properties of a deck that determine its config.
 
-    length_unit, mass_unit   units with plausible materials; empty if there are none, with the reason in `odd`
+    length_unit, mass_unit   units with plausible materials; empty without any, with the reason in `odd`
     region           id of the largest region; several_moduli: it is a laminate or anisotropic; youngs_modulus [Pa] or None
     lacking          missing material data
     supports, solids whether the deck has any

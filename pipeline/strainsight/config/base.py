@@ -73,10 +73,10 @@ def shown_key(key: str) -> str:
 
 def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
     """Yield a problem unless exactly one of the values is set."""
-    stated = [f"'{name}'" for name, value in values.items() if value is not None]
-    if len(stated) != 1:
+    names = [f"'{name}'" for name, value in values.items() if value is not None]
+    if len(names) != 1:
         listed = [f"'{name}'" for name in values]
-        what = f"{' and '.join(stated)} are both set" if stated else f"none of {', '.join(listed)} is set"
+        what = f"{' and '.join(names)} are both set" if names else f"none of {', '.join(listed)} is set"
         yield Problem(key, what, f"set exactly one of {', '.join(listed)}", at_key=True)
 
 

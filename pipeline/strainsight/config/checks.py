@@ -33,9 +33,9 @@ def problems(config: PlacementConfig) -> Iterator[Problem]:
     yield from section_problems(config)
     yield from model_problems(config)
     yield from gauge_problems(config)
-    stated = {name: load.signal for name, load in config.loads.items()}
-    yield from _time("train", config.train.duration, config.train.time_step, stated)
-    yield from _time("validate", config.validation.duration, config.validation.time_step, stated)
+    signals = {name: load.signal for name, load in config.loads.items()}
+    yield from _time("train", config.train.duration, config.train.time_step, signals)
+    yield from _time("validate", config.validation.duration, config.validation.time_step, signals)
     yield from _settle("train", config.train.settle, min(config.train.time_step, config.validation.time_step))
     yield from _load_cases(config)
     yield from _estimate(config)
@@ -83,16 +83,18 @@ def _load_cases(config: PlacementConfig) -> Iterator[Problem]:
         signals |= {load_name: entry.signal for load_name, entry in case.loads.items() if isinstance(entry, CaseLoad)}
         yield from _time(key, case.duration or train.duration, step, signals)
         yield from _settle(key, train.settle if case.settle is None else case.settle, step)
-        asked = {}
+        frequencies = {}
         for load_name, load in config.loads.items():
             entry, noise = case.loads.get(load_name), load.process_noise.frequency
             if isinstance(entry, CaseLoad) and entry.frequency is not None:
-                asked[f"{key}.loads.{load_name}.frequency"] = entry.frequency
+                frequencies[f"{key}.loads.{load_name}.frequency"] = entry.frequency
             elif not load.known and noise is not None:
-                asked[f"loads.{load_name}.process_noise.frequency"] = noise
+                frequencies[f"loads.{load_name}.process_noise.frequency"] = noise
             elif not load.known and entry == "none" and (highest := _highest(load.signal)) is not None:
-                asked[f"{key}.loads.{load_name}"] = highest  # silent, it has the process noise that it has as stated
-        yield from _resolved(asked, step, "the time step of this case")
+                frequencies[f"{key}.loads.{load_name}"] = (
+                    highest  # silent, it has the process noise that it has as stated
+                )
+        yield from _resolved(frequencies, step, "the time step of this case")
 
 
 def _highest(signal: LoadSignal) -> float | None:
@@ -149,18 +151,18 @@ def _input_models(config: PlacementConfig) -> Iterator[Problem]:
 def _fast(config: PlacementConfig) -> Iterator[Problem]:
     """Check that the training step resolves the frequencies that are not those of signals."""
     step = config.train.time_step
-    asked = {f"observe.frequencies.{i}": f for i, f in enumerate(config.observe.frequencies)}
-    asked |= {
+    frequencies = {f"observe.frequencies.{i}": f for i, f in enumerate(config.observe.frequencies)}
+    frequencies |= {
         f"loads.{name}.process_noise.frequency": load.process_noise.frequency
         for name, load in config.loads.items()
         if not load.known and load.process_noise.frequency is not None
     }
-    yield from _resolved(asked, step, "train.time_step")
+    yield from _resolved(frequencies, step, "train.time_step")
 
 
-def _resolved(asked: Mapping[str, float], step: float, of: str) -> Iterator[Problem]:
+def _resolved(frequencies: Mapping[str, float], step: float, of: str) -> Iterator[Problem]:
     """Yield a problem for each frequency [Hz] that a step [s] does not resolve; of: name of the step."""
-    for key, frequency in asked.items():
+    for key, frequency in frequencies.items():
         if step * frequency * FEWEST_STEPS_A_PERIOD > 1 + 1e-9:
             yield Problem(
                 key,
@@ -229,10 +231,10 @@ def _measurements(config: PlacementConfig) -> Iterator[Problem]:
     for name in config.estimate.initial_std:
         yield from known(f"estimate.initial_std.{name}", name, config.place.estimate, "unknown")
     yield from record_problems(config, config.estimate)
-    stated = {f"estimate.inputs.{name}": name for name in config.estimate.inputs}
+    load_names = {f"estimate.inputs.{name}": name for name in config.estimate.inputs}
     for i, record in enumerate(config.estimate.records):
-        stated |= {f"estimate.records.{i}.inputs.{name}": name for name in record.inputs or ()}
-    for key, name in stated.items():
+        load_names |= {f"estimate.records.{i}.inputs.{name}": name for name in record.inputs or ()}
+    for key, name in load_names.items():
         yield from known(key, name, config.loads, "load")
         if name in config.loads and not config.loads[name].known:
             yield Problem(
@@ -276,9 +278,9 @@ def _other_channels(
         return
     for i, (one, other) in enumerate(zip(channels, shared, strict=True)):
         for field in ("gauge", "grid", "bias"):
-            stated, expected = getattr(one, field), getattr(other, field)
-            if stated != expected:
-                yield Problem(f"{key}.{i}", f"{field} is {stated}, but {expected} in estimate.channels.{i}", remedy)
+            actual, expected = getattr(one, field), getattr(other, field)
+            if actual != expected:
+                yield Problem(f"{key}.{i}", f"{field} is {actual}, but {expected} in estimate.channels.{i}", remedy)
 
 
 def _not_of_several(config: PlacementConfig, settings: Estimate) -> Iterator[Problem]:

@@ -137,7 +137,7 @@ def _second_results(config: PlacementConfig, results: ResultsSection) -> Iterato
 
 
 MODULI = ("youngs_modulus", "e1", "e2", "g12", "g1z", "g2z")
-RESERVED = {"constant", "factors", "roots", "weights"}  # what stands beside the terms of an affine operator in a file
+RESERVED = {"constant", "factors", "roots", "weights"}  # other datasets of an affine operator
 
 
 def model_problems(config: PlacementConfig) -> Iterator[Problem]:
@@ -261,7 +261,7 @@ LARGEST_ROSETTE = 3
 def gauge_problems(config: PlacementConfig) -> Iterator[Problem]:
     """Yield the inconsistencies between the fields of the candidates and of the layout limits."""
     gauges = config.gauges
-    yield from _given(config)
+    yield from _strain_rows(config)
     if isinstance(gauges.noise_std, AbsoluteNoise) and (value := gauges.noise_std.value) > LARGEST_NOISE:
         yield Problem(
             "gauges.noise_std.value",
@@ -297,7 +297,7 @@ def channels_of_a_gauge(config: PlacementConfig) -> int:
     return max([len(direction.angles) if direction is not None and config.gauges.rosette else 1, *counts])
 
 
-def _given(config: PlacementConfig) -> Iterator[Problem]:
+def _strain_rows(config: PlacementConfig) -> Iterator[Problem]:
     """Check for keys that need a mesh surface, if candidates are rows of the strain operator."""
     gauges = config.gauges
     if gauges.given is None:

@@ -56,8 +56,8 @@ class MeanStressSection(Section):
 
     rule: Literal["none", "goodman", "fkm"] = expert(
         "none",
-        description="Rule. none: no correction. goodman: Δσ/(1 − σ_m/R_m) for tensile mean stress. fkm: mean stress "
-        "sensitivity M of the FKM guideline.",
+        description="Rule. With `none`: no correction. With `goodman`: Δσ/(1 − σ_m/R_m) for tensile mean stress. With `fkm`: "
+        "mean stress sensitivity M of the FKM guideline.",
     )
     tensile_strength: Stress | None = expert(None, description="Tensile strength R_m for goodman [Pa].")
     sensitivity: Annotated[float, Field(ge=0, le=1)] | None = expert(
@@ -103,10 +103,10 @@ class DamageSettings(Section):
             what = "has no effect: without second_slope, ranges below the knee point cause no damage"
             yield Problem("curve.cut_off", what, "set second_slope, or remove this key", at_key=True)
         for rule, name in (("goodman", "tensile_strength"), ("fkm", "sensitivity")):
-            stated = getattr(mean, name) is not None
-            if mean.rule == rule and not stated:
+            is_set = getattr(mean, name) is not None
+            if mean.rule == rule and not is_set:
                 yield Problem("mean_stress", f"{rule} needs {name}", f"set estimate.damage.mean_stress.{name}")
-            if mean.rule != rule and stated:
+            if mean.rule != rule and is_set:
                 remedy = f"remove the key, or set rule: {rule}"
                 yield Problem(f"mean_stress.{name}", f"has no effect with the rule {mean.rule}", remedy, at_key=True)
 
@@ -120,7 +120,7 @@ class BridgeSection(Section):
     """Wheatstone bridge of a channel in mV/V."""
 
     arrangement: BridgeKind = Field(
-        description="Bridge circuit, see docs/estimation.md; sum: a bridge of gauges.fixed."
+        description="Bridge circuit, see docs/estimation.md; `sum`: a bridge of gauges.fixed."
     )
     gauge_factor: Annotated[Positive, GAUGE_FACTOR] = Field(description="Gauge factor [-].")
     poisson_ratio: float | None = expert(
@@ -153,16 +153,16 @@ class Channel(Section):
     """A channel of the file and its corrections. Unit and bridge are never guessed."""
 
     channel: Text = Field(
-        description="Name of the channel: column, dataset, node:direction or id line of a UFF function, channel or "
-        "group/channel of MDF4 and TDMS, or variable of a MAT file (a.b for a struct)."
+        description="Name of the channel: column, dataset, channel or variable (a.b for a struct of a MAT file). For UFF: "
+        "node:direction or id line of the function. For MDF4 and TDMS: channel or group/channel."
     )
     unit: Text = Field(
         description="Unit of the readings: um/m, mV/V, m/s2, g, mm, kN, …; it has to agree with the unit in the file."
     )
     override: bool = expert(
         False,
-        description="true: accept this channel although its unit differs from the file, its readings are so small that the "
-        "unit looks wrong, or it repeats values like a slower channel.",
+        description="`true`: accept this channel although its unit differs from the file, its readings are implausibly "
+        "small, or it repeats values like a slower channel.",
     )
     bridge: BridgeSection | None = Field(
         None, description="Wheatstone bridge; required for mV/V and V/V, not permitted otherwise."
@@ -282,7 +282,7 @@ class RecordedFile(Section):
 
     format: FileFormat = expert(
         "auto",
-        description="File format; auto: by the file extension. mdf and tdms need the optional dependencies `daq`.",
+        description="File format; `auto`: by the file extension. mdf and tdms need the optional dependencies `daq`.",
     )
     text: TextForm = expert(default_factory=TextForm, description="Format of a CSV file.")
     time: ClockSection = with_defaults(ClockSection, "Time of the samples.")
@@ -308,18 +308,18 @@ class EstimateOptions(Section):
 
     hold_out: Literal["each"] | None = expert(
         None,
-        description="each: leave out every gauge in turn (in a bench also every component of other sensors), and compare its "
+        description="`each`: leave out every gauge in turn (in a bench also every component of other sensors), and compare its "
         "readings with the prediction from the others. This costs one more filter run per gauge, and for a structure a "
         "smoother run.",
     )
     accept: bool = expert(
         False,
-        description="true: report uncertainties even if the measurements are inconsistent with the model. `estimate "
+        description="`true`: report uncertainties even if the measurements are inconsistent with the model. `estimate "
         "--accept` has the same effect for one run.",
     )
     allow_unobservable: bool = expert(
         False,
-        description="true: continue although the sensors cannot distinguish all unknowns (in a bench, at any instant of the "
+        description="`true`: continue although the sensors cannot distinguish all unknowns (in a bench, at any instant of the "
         "run).",
     )
 
@@ -353,14 +353,15 @@ class Estimate(RecordedFile, EstimateOptions):
         "without a name (G1).",
     )
     as_placed: bool = expert(
-        False, description="true: use the locations of the current layout instead of gauges_file; this is not checked."
+        False,
+        description="`true`: use the locations of the current layout instead of gauges_file; this is not checked.",
     )
     inputs: dict[Name, Channel] = Field({}, description="Channels of the known loads, by load name.")
     start: Literal["rest", "moving", "settled"] = Field(
         "moving",
-        description="Initial motion. rest: the structure is at rest when the record begins. settled: periodic motion; all "
-        "loads have to be known sums of sines as in `loads`, with amplitudes and phases of the record. moving: unknown "
-        "motion.",
+        description="Initial motion. With `rest`: the structure is at rest when the record begins. With `settled`: periodic "
+        "motion; all loads have to be known sums of sines as in `loads`, with amplitudes and phases of the record. With "
+        "`moving`: unknown motion.",
     )
     initial_std: Annotated[dict[Name, Positive], RELATIVE_STD] = expert(
         {},
@@ -378,7 +379,7 @@ class Estimate(RecordedFile, EstimateOptions):
     tune: Tune = expert(default_factory=Tune, description="Tuning of noise levels from the measurements.")
     loads_as_stated: bool = expert(
         False,
-        description="true: the unknown loads follow the model of process_noise. false: they are arbitrary, so only strains "
-        "that no unknown load can cause carry information on parameters, and σ is omitted if no load is known. place and "
-        "validate always assume arbitrary loads.",
+        description="`true`: the unknown loads follow the model of process_noise. With `false`: they are arbitrary. Then "
+        "only strains that no unknown load can cause carry information on parameters, and σ is omitted if no load is known. "
+        "place and validate always assume arbitrary loads.",
     )

@@ -173,9 +173,9 @@ def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
         wanted["tolerances"] = {"gain": type_gain(kind)}
     completed = dict(data)
     for section, values in wanted.items():
-        stated = data.get(section, {} if section in ("screen", "tolerances", "report") else None)
-        if isinstance(stated, Mapping):
-            completed[section] = {**values, **stated}
+        section_data = data.get(section, {} if section in ("screen", "tolerances", "report") else None)
+        if isinstance(section_data, Mapping):
+            completed[section] = {**values, **section_data}
     return completed
 
 
@@ -306,9 +306,9 @@ def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
     if not {*signs} <= {1, -1}:
         return f"an arm has the sign {next(s for s in signs if s not in (1, -1)):g}", "use 1 or -1"
     for sign in (1, -1):
-        if (alike := list(signs).count(sign)) > 2:
+        if (equal := list(signs).count(sign)) > 2:
             return (
-                f"{alike} arms have the sign {sign}",
+                f"{equal} arms have the sign {sign}",
                 "use at most two of each sign: arms 1 and 3 increase the output, arms 2 and 4 reduce it",
             )
     if 1 not in signs:
@@ -361,7 +361,7 @@ class SensorSites(Priced):
         description="Candidate surface: 'all' exterior facets, or the name of a face, an element set or a node set.",
     )
     include: tuple[Zone, ...] = expert(
-        (), description="Zones that candidates have to be in (at least one of them); none: everywhere."
+        (), description="Zones that candidates have to be in (at least one of them); `none`: everywhere."
     )
     exclude: tuple[Zone, ...] = Field(
         (),
@@ -398,7 +398,7 @@ class Gauges(GaugeSites, Noisy):
     )
     rosette: bool = expert(
         False,
-        description="true: the angles at one location are the grids of a rosette, placed and removed together; false: each "
+        description="`true`: the angles at one location are the grids of a rosette, placed and removed together; `false`: each "
         "angle is a gauge.",
     )
     bridge: Literal["half-bending", "full-bending", "half-axial", "full-torsion"] | None = Field(

@@ -38,9 +38,16 @@ def path_in(model: type[BaseModel], data: Any, loc: Sequence[int | str]) -> tupl
             data = data[part]
         elif isinstance(data, list) and isinstance(part, int):
             data = data[part] if part < len(data) else None
-        elif i < len(loc) - 1 or not any(part in fields_of(own) for item in annotations for own in _members(item)):
+        elif i < len(loc) - 1 or not any(
+            part in fields_of(entry_type) for item in annotations for entry_type in _members(item)
+        ):
             continue  # neither there nor missing
-        annotations = [item for section in annotations for own in _members(section) for item in _below(own, str(part))]
+        annotations = [
+            item
+            for section in annotations
+            for entry_type in _members(section)
+            for item in _below(entry_type, str(part))
+        ]
         path.append(str(part))
     return tuple(path)
 
@@ -91,8 +98,8 @@ def _below(annotation: Any, part: str) -> Iterator[Any]:
 
 def _whole(field: Any) -> Any:
     """Annotation of a field, with its discriminator."""
-    beside = [item for item in (field.discriminator, *field.metadata) if isinstance(item, str | Discriminator)]
-    return Annotated[field.annotation, beside[0]] if beside else field.annotation
+    discriminators = [item for item in (field.discriminator, *field.metadata) if isinstance(item, str | Discriminator)]
+    return Annotated[field.annotation, discriminators[0]] if discriminators else field.annotation
 
 
 def _tagged(annotation: Any) -> Iterator[tuple[str, Any]]:
@@ -153,7 +160,7 @@ def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> li
     located = [
         (path_in(model, data, entry["loc"]), entry)
         for entry in error.errors(include_url=False)
-        # a list that only counts as too short because its entries were refused, each with a problem of its own
+        # a list that only counts as too short because its entries were refused, each with a separate problem
         if entry["type"] != "too_short" or len(entry["input"]) < entry["ctx"]["min_length"]
     ]
     # The members of a union complain one after the other about the same value.
@@ -193,7 +200,9 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
         case "string_pattern_mismatch" if first["loc"][-1] == "[key]" or path[-1] in ("name", "suffix"):
             return Problem(key, f"{_shown(first['input'])} is not a name", "use letters, digits, - and _ only", True)
         case "union_tag_not_found":
-            known = _tags(first["ctx"]) or [tag for own in sections_at(model, path, data) for tag in types_of(own)]
+            known = _tags(first["ctx"]) or [
+                tag for member in sections_at(model, path, data) for tag in types_of(member)
+            ]
             return Problem(key, "missing key 'type'", f"set type: {' or '.join(known)}" if known else "")
         case "union_tag_invalid":
             known, tag = _tags(first["ctx"]), first["ctx"]["tag"]
@@ -309,7 +318,7 @@ def put(data: dict[str, Any], override: Override) -> list[str]:
     if data.get("kind") == "suite" and (split := SET_OF_A_SUITE.fullmatch(override.key)):
         parents, last = split[1].split("."), split[2]
     spot: Any = data
-    made = []
+    created = []
     for i, part in enumerate(parents, start=1):
         if isinstance(spot, list):
             place: Any = _index(spot, part, override)
@@ -318,11 +327,11 @@ def put(data: dict[str, Any], override: Override) -> list[str]:
             place, below = part, spot.get(part)
         if not isinstance(below, dict | list):
             spot[place] = below = {}
-            made.append(".".join(parents[:i]))
+            created.append(".".join(parents[:i]))
         spot = below
     # a copy: a later override may change a part of it, and a suite gives the same one to every run
     spot[_index(spot, last, override) if isinstance(spot, list) else last] = deepcopy(override.value)
-    return made
+    return created
 
 
 def _index(entries: Sequence[Any], part: str, override: Override) -> int:
@@ -335,9 +344,9 @@ def _index(entries: Sequence[Any], part: str, override: Override) -> int:
     return place
 
 
-def explained(problem: Problem, made: Sequence[str], model: type[BaseModel], data: Any) -> Problem:
+def explained(problem: Problem, created: Sequence[str], model: type[BaseModel], data: Any) -> Problem:
     """Extend the remedy if a key is missing in a section that only an override created."""
-    section = next((key for key in made if problem.key.startswith(f"{key}.")), None)
+    section = next((key for key in created if problem.key.startswith(f"{key}.")), None)
     if section is None or not problem.what.startswith(MISSING):
         return problem
     *parents, name = section.split(".")
@@ -353,8 +362,10 @@ def meant_for_runs(problem: Problem, overrides: Sequence[Override]) -> Problem:
     """Extend the remedy for a suite, which sets keys of its runs under `set`."""
     if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields | BenchConfig.model_fields:
         return problem
-    made = [o for o in overrides if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
-    if not made:
+    matches = [o for o in overrides if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
+    if not matches:
         return replace(problem, remedy=f"write the keys below it as set: {{{problem.key}.KEY: …}}")
-    value = made[-1].value
-    return replace(problem, remedy=f"write set.{made[-1].key}={value if isinstance(value, str) else json.dumps(value)}")
+    value = matches[-1].value
+    return replace(
+        problem, remedy=f"write set.{matches[-1].key}={value if isinstance(value, str) else json.dumps(value)}"
+    )

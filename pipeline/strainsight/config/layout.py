@@ -110,7 +110,7 @@ class ShellFaceZone(Section):
     """One side of all shells."""
 
     shell_face: Literal["upper", "lower"] = Field(
-        description="Side of the shells. upper: the side of the normal (right-hand rule on the node order); lower: the "
+        description="Side of the shells. With `upper`: the side of the normal (right-hand rule on the node order); `lower`: the "
         "opposite side."
     )
 
@@ -181,15 +181,15 @@ class LayoutSettings(Section):
         description="Aggregation over instants, parameter samples and load cases of a structure, or over poses of a bench.",
     )
     certificate: bool = Field(
-        True, description="true: compute a lower bound of the criterion over all layouts of that size."
+        True, description="`true`: compute a lower bound of the criterion over all layouts of that size."
     )
     exchange: bool = expert(
-        True, description="true: exchange gauges after the elimination until no exchange improves the criterion."
+        True, description="`true`: exchange gauges after the elimination until no exchange improves the criterion."
     )
     optimise: Literal["metric", "worst_failure"] = expert(
         "metric",
-        description="Objective. metric: the criterion; worst_failure: the criterion after the most harmful failure of one "
-        "gauge.",
+        description="Objective. With `metric`: the criterion; `worst_failure`: the criterion after the most harmful failure "
+        "of one gauge.",
     )
     prove: Annotated[NotNegative, DURATION] = expert(
         0.0,

@@ -64,10 +64,10 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
     path = Path(path)
     put_over = tuple(parsed(text) if isinstance(text, str) else text for text in overrides)
     data, places, key_places = _read(path)
-    made: list[str] = []
+    created: list[str] = []
     for override in put_over:
         sections, key = put(data, override), override.key
-        made += sections
+        created += sections
         for stale in [old for old in places if old == key or old.startswith(f"{key}.")]:
             del places[stale], key_places[stale]
         for new in (*sections, key):
@@ -77,7 +77,7 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
         if data.get("kind") == "suite":
             wrong = [meant_for_runs(problem, put_over) for problem in wrong]
         elif isinstance(data.get("kind"), str) and data["kind"] in KINDS:
-            wrong = [explained(problem, made, KINDS[data["kind"]][0], data) for problem in wrong]
+            wrong = [explained(problem, created, KINDS[data["kind"]][0], data) for problem in wrong]
         raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in wrong])
     return LoadedConfig(path, model, put_over, places)
 
@@ -98,14 +98,14 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
                 "kind", f"'{kind}' is not one of {known}", did_you_mean(str(kind), KINDS, f"set kind to one of {known}")
             )
         ]
-    kind_model, contradictions = KINDS[kind]
+    kind_model, check = KINDS[kind]
     data = dict(filled(data)) if kind == "placement" else data
     try:
         # As JSON, where a list may become a tuple but text never a number.
         model = kind_model.model_validate_json(json.dumps(data))
     except ValidationError as error:
         return None, problems_of(error, kind_model, data)
-    wrong = list(contradictions(model))
+    wrong = list(check(model))
     return (None, wrong) if wrong else (model, [])
 
 
@@ -152,7 +152,7 @@ def _places(path: Path, document: Document) -> tuple[dict[str, str], dict[str, s
         return f"{path}:{spot[0]}:{spot[1]}"
 
     marks = document.marks.items()
-    # A block below its key starts on a line of its own: there the key is what the eye looks for.
+    # A block below its key starts on a separate line, so the location is that of the key.
     values = {key: place(mark.value if mark.value[0] == mark.key[0] else mark.key) for key, mark in marks}
     return values, {key: place(mark.key) for key, mark in marks}
 

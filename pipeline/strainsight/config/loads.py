@@ -120,8 +120,9 @@ class InputNoise(TypicalMotion):
 
     model: Literal["random_walk", "integrated_random_walk", "matern", "oscillator"] = Field(
         "random_walk",
-        description="Model of the load. random_walk: arbitrary loads, noisy estimate (thesis). integrated_random_walk: "
-        "smooth loads. matern: loads with a bandwidth. oscillator: loads close to a known frequency.",
+        description="Model of the load. With `random_walk`: arbitrary loads, noisy estimate (thesis). With "
+        "`integrated_random_walk`: smooth loads. With `matern`: loads with a bandwidth. With `oscillator`: loads close to a "
+        "known frequency.",
     )
     kappa: Annotated[Positive | None, Plausible(1e-6, 1e4)] = expert(
         None,
@@ -152,13 +153,13 @@ class LoadSection(Section):
     set: Text | None = Field(None, description="Name of a node set or face, instead of a node.")
     deck_load: Text | None = Field(
         None,
-        description="Name of a load of the deck, instead of a node and a direction: FORCE-7 for a set 7 of FORCE cards only, "
-        "LOAD-7 for any other; CLOAD-1, DLOAD-1, DSLOAD-1 in Abaqus. The deck defines the distribution, the signal is the "
-        "resultant [N].",
+        description="Name of a load of the deck, instead of a node and a direction. Nastran: FORCE-7 for a set 7 of FORCE "
+        "cards only, LOAD-7 for any other set. Abaqus: CLOAD-1, DLOAD-1, DSLOAD-1. The deck defines the distribution, the "
+        "signal is the resultant [N].",
     )
     factor: Literal[True] | None = Field(
         None,
-        description="true: the signal is a factor on the load of the deck [1] instead of its resultant. Use it for "
+        description="`true`: the signal is a factor on the load of the deck [1] instead of its resultant. Use it for "
         "self-balanced loads, for moments, or to keep the values of the deck.",
     )
     direction: DirectionVector | None = Field(
@@ -179,7 +180,7 @@ class LoadSection(Section):
     )
     pressure: Literal[True] | None = Field(
         None,
-        description="true: a pressure on the face `set`, instead of a direction; the unit of the load is Pa.",
+        description="`true`: a pressure on the face `set`, instead of a direction; the unit of the load is Pa.",
     )
     gravity: DirectionVector | None = Field(
         None,
@@ -191,7 +192,7 @@ class LoadSection(Section):
         description="Centrifugal forces of a rotation on all mass, instead of a location and a direction. The load is Ω² "
         "[rad²/s²]. It cannot be combined with a density as parameter.",
     )
-    known: bool = Field(description="true: the load is measured by a load cell; false: it is estimated.")
+    known: bool = Field(description="`true`: the load is measured by a load cell; `false`: it is estimated.")
     signal: LoadSignal = Field(description="Time history of the load in training and validation.")
     process_noise: InputNoise = with_defaults(InputNoise, "Model of an unknown load in the filter.")
 
@@ -297,7 +298,7 @@ def silent_in(case: TrainingCase) -> frozenset[str]:
 def load_case_problems(
     cases: Mapping[str, TrainingCase], loads: Mapping[str, LoadSection], estimate: Sequence[str], over: Sequence[str]
 ) -> Iterator[Problem]:
-    """Yield the inconsistencies between load cases and loads; estimate: the unknowns; over: unknowns of the criterion."""
+    """Yield the inconsistencies between load cases and loads; `estimate`: the unknowns; over: unknowns of the criterion."""
     for name, case in cases.items():
         key, silent = f"place.load_cases.{name}", silent_in(case)
         for load, entry in case.loads.items():

@@ -43,9 +43,9 @@ class MaterialAxes(AxesSection):
 
     system: Literal["rectangular", "cylindrical", "spherical"] = expert(
         "rectangular",
-        description="Kind of coordinate system, with z = x × y through `origin`. rectangular: 1, 2, 3 are x, y, z. "
-        "cylindrical: radial, tangential, axial along z. spherical: radial, polar (away from z), azimuthal (around z). "
-        "Cylindrical and spherical axes are evaluated at each integration point.",
+        description="Kind of coordinate system, with z = x × y through `origin`. With `rectangular`: 1, 2, 3 are x, y, z. "
+        "With `cylindrical`: radial, tangential, axial along z. With `spherical`: radial, polar (away from z), azimuthal "
+        "(around z). Cylindrical and spherical axes are evaluated at each integration point.",
     )
 
 
@@ -88,11 +88,11 @@ class MaterialSection(OfRegions):
             "shear_modulus": self.shear_modulus is not None,
         }
         if any(three.values()) and not all(three.values()):
-            stated, lacking = (
+            anisotropic, lacking = (
                 ", ".join(name for name, is_set in three.items() if is_set == which) for which in (True, False)
             )
             remedy = "set [E1, E2, E3], [ν12, ν13, ν23] and [G12, G13, G23]; or one E and one ν without shear_modulus"
-            yield Problem("", f"{stated} is orthotropic, but {lacking} is not", remedy, at_key=True)
+            yield Problem("", f"{anisotropic} is orthotropic, but {lacking} is not", remedy, at_key=True)
         elif self.axes is not None and not all(three.values()):
             yield Problem("axes", "an isotropic material does not need axes", "remove the key", at_key=True)
 
@@ -226,23 +226,23 @@ class Tie(Section):
     (surface)."""
 
     type: Literal["rigid", "averaging", "surface"] = Field(
-        description="Kind of constraint. rigid: the nodes follow the reference node. averaging: the reference node follows "
-        "the mean motion of the nodes. surface: the nodes follow the facets of solids they lie on, by the shape functions "
-        "of these (fine mesh on a coarse mesh)."
+        description="Kind of constraint. With `rigid`: the nodes follow the reference node. With `averaging`: the reference "
+        "node follows the mean motion of the nodes. With `surface`: the nodes follow the facets of solids they lie on, by "
+        "the shape functions of these (fine mesh on a coarse mesh)."
     )
     reference: NodeId | None = Field(
         None, description="Id of the reference node; new if `at` is set. Not used with surface."
     )
     at: Point | None = Field(None, description="Position of a new reference node [m].")
     set: Text = Field(description="Name of the node set or face; with surface, the finer side.")
-    to: Text | None = Field(None, description="surface: name of the node set or face on the coarser side.")
+    to: Text | None = Field(None, description="`surface`: name of the node set or face on the coarser side.")
     within: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=0.1)] = expert(
-        1e-4, description="surface: largest distance of the nodes from the coarser side [m]."
+        1e-4, description="`surface`: largest distance of the nodes from the coarser side [m]."
     )
     components: Components | None = expert(
         None,
-        description="Constrained components. rigid: of the nodes, default [1, 2, 3]. averaging: of the reference node, "
-        "default all six.",
+        description="Constrained components. With `rigid`: of the nodes, default [1, 2, 3]. With `averaging`: of the "
+        "reference node, default all six.",
     )
 
     @model_validator(mode="after")
@@ -351,8 +351,8 @@ class ResultsSection(ResultsFile):
     )
     modal_mass: Literal["auto", "unit", "mesh"] = expert(
         "auto",
-        description="Normalisation ΦᵀMΦ of the mode shapes. unit: 1 in the units of the mesh. mesh: from its densities. "
-        "auto: as stated in the file, otherwise from the densities.",
+        description="Normalisation ΦᵀMΦ of the mode shapes. With `unit`: 1 in the units of the mesh. With `mesh`: from its "
+        "densities. With `auto`: as stated in the file, otherwise from the densities.",
     )
     at: dict[Name, ParameterValue] = Field(
         {},
@@ -374,7 +374,7 @@ class MeshFile(Section):
         "another format of meshio. Text files may be compressed (.gz). The path is relative to the folder of the config."
     )
     format: Literal["auto", "nastran", "abaqus", "gmsh", "frd", "meshio"] = expert(
-        "auto", description="File format; auto: by the file extension."
+        "auto", description="File format; `auto`: by the file extension."
     )
     length_unit: Literal["m", "mm", "cm", "km", "in", "ft"] = Field("m", description="Length unit of the file.")
     mass_unit: Literal["kg", "t", "g", "lb", "slug", "lbf*s2/in"] = Field(
@@ -391,15 +391,15 @@ class MeshFile(Section):
     )
     contact: Literal["bonded", "open"] | None = Field(
         None,
-        description="Treatment of contact pairs of the deck (*CONTACT PAIR). bonded: nodes of the first surface that lie on "
-        "the second follow it, which is the upper bound of the contact stiffness. open: the surfaces are not connected. "
-        "Null: a deck with contact is an error; pairs that the deck ties itself are always bonded.",
+        description="Treatment of contact pairs of the deck (*CONTACT PAIR). With `bonded`: nodes of the first surface that "
+        "lie on the second follow it, which is the upper bound of the contact stiffness. With `open`: the surfaces are not "
+        "connected. Null: a deck with contact is an error; pairs that the deck ties itself are always bonded.",
     )
     mass: Literal["consistent", "lumped"] | None = expert(
         None,
-        description="Mass matrix of solids. consistent: ∫ ρ N_a N_b dV. lumped: its diagonal scaled to the mass of each "
-        "element, for a comparison with the frequencies of programs that use it. Null: lumped if a Nastran deck of solids "
-        "requests it (PARAM,COUPMASS,-1), otherwise consistent.",
+        description="Mass matrix of solids. With `consistent`: ∫ ρ N_a N_b dV. With `lumped`: its diagonal scaled to the "
+        "mass of each element, for a comparison with the frequencies of programs that use it. Null: lumped if a Nastran "
+        "deck of solids requests it (PARAM,COUPMASS,-1), otherwise consistent.",
     )
     spc: SetId | None = expert(
         None,
@@ -437,7 +437,7 @@ class MeshFile(Section):
     supports: tuple[Support, ...] = Field((), description="Supports in addition to those of the mesh file.")
     free: bool = Field(
         False,
-        description="true: the structure is free and needs no supports. Rigid-body modes produce no strain and are omitted; "
+        description="`true`: the structure is free and needs no supports. Rigid-body modes produce no strain and are omitted; "
         "static responses include the inertia of the rigid-body acceleration (inertia relief). Only strain gauges are "
         "possible: accelerometers and displacement sensors need `supports` on soft springs instead.",
     )

@@ -79,13 +79,13 @@ class MaterialParameter(Section):
         "damping_factor",
         "thickness",
     ] = Field(
-        description="Property of the parameter. youngs_modulus [Pa] and density [kg/m³]: of a laminate, the mean over the "
-        "thickness. stiffness_factor [-]: scales the whole stiffness of regions (laminates, several materials, beams) or of "
-        "`springs`. Plies of laminates: e1 along and e2 across the fibres, shear moduli g12, g1z, g2z, or youngs_modulus of "
-        "isotropic plies [Pa]. Beams, relative to the deck [-]: area_factor (with the mass), bending_factor (all second "
-        "moments of area), torsion_factor (torsion constant). Rods also have an area_factor, homogeneous shells a "
-        "bending_factor. damping_factor [-]: scales `damping` in every mode, without region. thickness [m]: of shells, "
-        "including the mass and the surfaces with gauges; in a laminate, all plies are scaled by the same factor."
+        description="Property of the parameter. Materials: youngs_modulus [Pa] and density [kg/m³]; in a laminate, the mean "
+        "over the thickness. Regions of any kind, or `springs`: stiffness_factor [-], which scales the whole stiffness. "
+        "Plies of laminates: e1 along and e2 across the fibres, shear moduli g12, g1z, g2z, or youngs_modulus of isotropic "
+        "plies [Pa]. Beams, relative to the deck [-]: area_factor (with the mass), bending_factor (all second moments of "
+        "area), torsion_factor (torsion constant). Rods also have an area_factor, homogeneous shells a bending_factor. "
+        "Damping: damping_factor [-], which scales `damping` in every mode, without region. Shells: thickness [m], "
+        "including the mass and the surfaces with gauges; all plies of a laminate are scaled by the same factor."
     )
     region: Id | Text | Annotated[tuple[Id | Text, ...], Field(min_length=1)] | None = Field(
         None,
@@ -170,14 +170,15 @@ class Train(TimeSpan):
 
     model: Literal["dynamic", "static"] = Field(
         "dynamic",
-        description="Model of the motion. static: quasi-static response without inertia, for loads far below the first "
+        description="Model of the motion. With `static`: quasi-static response without inertia, for loads far below the first "
         "natural frequency, in training, placement and filter. The simulated test of `validate` includes inertia. `train` "
         "prints the resulting error.",
     )
     settle: Annotated[Settle, DURATION] = expert(
         "auto",
-        description="Start of the motion in training and validation. auto: periodic if every load is a sine or a multisine, "
-        "otherwise from rest. none: from rest. A number: from rest this long before t = 0, under the same loads [s].",
+        description="Start of the motion in training and validation. With `auto`: periodic if every load is a sine or a "
+        "multisine, otherwise from rest. With `none`: from rest. A number: from rest this long before t = 0, under the same "
+        "loads [s].",
     )
 
 
@@ -189,9 +190,9 @@ class Screen(Section):
     )
     by: Literal["unknowns", "strength"] = Field(
         "unknowns",
-        description="Ranking of the candidates. unknowns: in turn the best for each unknown of `place.estimate` in every "
+        description="Ranking of the candidates. With `unknowns`: in turn the best for each unknown of `place.estimate` in every "
         "load case, by its effect on the reading relative to noise (and to installation errors with `place.installation: "
-        "avoid`). strength: by the training response relative to noise, as in the thesis (5.2).",
+        "avoid`). With `strength`: by the training response relative to noise, as in the thesis (5.2).",
     )
     minimum_spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
@@ -205,9 +206,9 @@ class ProcessNoise(Section):
 
     rule: Literal["continuous", "thesis", "as_printed"] = Field(
         "continuous",
-        description="Scaling of the process noise of loads. continuous: intensity q = κωa². thesis: (hωa)² in each step of "
-        "train.time_step, independent of κ. as_printed: these values and the variances of the gauges, used in the Riccati "
-        "equation as intensities.",
+        description="Scaling of the process noise of loads. With `continuous`: intensity q = κωa². With `thesis`: (hωa)² in "
+        "each step of train.time_step, independent of κ. With `as_printed`: these values and the variances of the gauges, "
+        "used in the Riccati equation as intensities.",
     )
     model_error: Annotated[float | None, Plausible(1e-9, 1.0)] = Field(
         None,
@@ -238,7 +239,7 @@ class PlaceSection(LayoutSettings):
     parameter_samples: Count = expert(
         1,
         ge=1,
-        description="Number of parameter samples for the placement [-]. 1: the guess only; more: also samples of the "
+        description="Number of parameter samples for the placement [-]. 1: the guess only; `more`: also samples of the "
         "parameter ranges.",
     )
     load_cases: Annotated[dict[Name, TrainingCase], Field(min_length=1)] | None = Field(
@@ -248,19 +249,19 @@ class PlaceSection(LayoutSettings):
     )
     weights: Literal["normalised", "thesis"] = Field(
         "normalised",
-        description="Scaling of the trace criterion. normalised: every unknown has an initial variance of 1. thesis: the "
-        "unscaled trace, which depends on the units.",
+        description="Scaling of the trace criterion. With `normalised`: every unknown has an initial variance of 1. With "
+        "`thesis`: the unscaled trace, which depends on the units.",
     )
     damping_slope: bool = Field(
         True,
-        description="true: the placement includes the change of damping with a parameter. false: the matrices of the thesis "
-        "as printed, (5.30) and (5.32), which omit it. The filter always includes it.",
+        description="`true`: the placement includes the change of damping with a parameter. With `false`: the matrices of "
+        "the thesis as printed, (5.30) and (5.32), which omit it. The filter always includes it.",
     )
     installation: Literal["avoid", "ignore"] = Field(
         "avoid",
-        description="Treatment of installation errors from `tolerances`. avoid: compute one layout for exact gauges and one "
-        "with the errors as additional noise, and use the one with the smaller expected σ. ignore: the layout for exact "
-        "gauges (thesis).",
+        description="Treatment of installation errors from `tolerances`. With `avoid`: compute one layout for exact gauges "
+        "and one with the errors as additional noise, and use the one with the smaller expected σ. With `ignore`: the "
+        "layout for exact gauges (thesis).",
     )
     symmetry: Symmetry | None = expert(
         None, description="Symmetry plane for gauges in mirrored pairs; candidates without a mirror image are removed."
@@ -282,19 +283,19 @@ class Filter(Section):
 
     method: Literal["bank", "extended", "sigma-point"] = Field(
         "bank",
-        description="Filter for parameters. bank: multiple-model grid filter; exact for up to three constant parameters, "
-        "with normal densities in additional directions for more. extended: extended Kalman filter of the thesis, "
-        "overconfident for weakly observable parameters. sigma-point: sigma-point filter. The σ of extended and sigma-point "
-        "excludes tolerances.",
+        description="Filter for parameters. With `bank`: multiple-model grid filter; exact for up to three constant "
+        "parameters, with normal densities in additional directions for more. With `extended`: extended Kalman filter of "
+        "the thesis, overconfident for weakly observable parameters. With `sigma-point`: sigma-point filter. The σ of "
+        "extended and sigma-point excludes tolerances.",
     )
     drift: bool | None = expert(
         None,
-        description="true: parameters drift with their process_noise_scale in the extended or sigma-point filter. Null: in "
+        description="`true`: parameters drift with their process_noise_scale in the extended or sigma-point filter. Null: in "
         "the extended filter only, as in the thesis. In the grid filter, parameters are constant.",
     )
     compare: bool | None = Field(
         None,
-        description="true: compare the grid filter with the other two filters on the same samples, to detect an "
+        description="`true`: compare the grid filter with the other two filters on the same samples, to detect an "
         "overconfident σ. Null: in the test of validate, and in an estimate of up to 20 000 steps (about 2 ms for each "
         "step).",
     )
@@ -336,9 +337,10 @@ class Report(Section):
     )
     exports: tuple[Export, ...] = expert(
         (),
-        description="Export files. nastran: SET cards of the elements below the gauges, gauges-nastran.inc. abaqus: *ELSET "
-        "of them, gauges-abaqus.inp. catman, labview: channel tables for manual setup, channels-catman.txt, "
-        "channels-labview.txt. mat: linear augmented model with the strain operator of the layout, model.mat.",
+        description="Export files. With `nastran`: SET cards of the elements below the gauges, gauges-nastran.inc. With "
+        "`abaqus`: *ELSET of them, gauges-abaqus.inp. catman, labview: channel tables for manual setup, "
+        "channels-catman.txt, channels-labview.txt. With `mat`: linear augmented model with the strain operator of the "
+        "layout, model.mat.",
     )
     gauge_factor: Annotated[Positive | None, GAUGE_FACTOR] = expert(
         None, description="Gauge factor in channel tables [-]; null: that of gauges.type, otherwise blank."
@@ -357,9 +359,9 @@ class PlacementConfig(NamedRun, Damped):
     loads: Annotated[dict[Name, LoadSection], Field(min_length=1)] = Field(description="Loads, by name.")
     solver: Literal["direct", "slepc"] = expert(
         "direct",
-        description="Solver of the stiffness matrix, for modes and static responses. direct: PARDISO in this process. slepc: "
-        "SLEPc and MUMPS in MPI processes, for models that exceed the memory of one machine; STRAINSIGHT_MPI and "
-        "STRAINSIGHT_MPI_PYTHON in the environment set the launcher and the number of processes.",
+        description="Solver of the stiffness matrix, for modes and static responses. With `direct`: PARDISO in this process. "
+        "With `slepc`: SLEPc and MUMPS in MPI processes, for models that exceed the memory of one machine; STRAINSIGHT_MPI "
+        "and STRAINSIGHT_MPI_PYTHON in the environment set the launcher and the number of processes.",
     )
     rom: ReducedModelSection = with_defaults(ReducedModelSection, "Parametric reduced model.")
     train: Train = Field(description="Training run.")

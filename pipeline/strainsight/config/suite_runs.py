@@ -49,11 +49,11 @@ def _raise(error: ConfigError) -> None:
 
 def all_of(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
     """Apply `make` to every item; raise the problems of all items at once, without duplicates."""
-    made: list[Made] = []
+    results: list[Made] = []
     problems: dict[str, ConfigError] = {}
     for item in items:
         try:
-            made.append(make(item))
+            results.append(make(item))
         except ConfigError as error:
             listed = [problem for problem in (error, *error.others) if isinstance(problem, ConfigError)]
             error.others = ()
@@ -63,7 +63,7 @@ def all_of(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
         first, *others = problems.values()
         first.others = tuple(others)
         raise first
-    return made
+    return results
 
 
 def study_of(model: SuiteConfig, run: PlannedRun) -> StudySection | None:
@@ -136,7 +136,7 @@ def _explain_replaced(problem: StrainsightError, overrides: Sequence[Override]) 
 
 def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequence[str]) -> PlannedRun:
     """The run with its suffix; names: names of all runs without suffix."""
-    more = list(_taken(run, names, model.suffix))
+    more = list(_renamed_sources(run, names, model.suffix))
     if model.suffix:
         more.append(Override("name", names[run.place] + model.suffix, suite.locate("suffix")))
     if not more:
@@ -144,7 +144,7 @@ def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequ
     return PlannedRun(run.entry, run.place, load_config(run.config.path, (*run.config.overrides, *more)))
 
 
-def _taken(run: PlannedRun, names: Sequence[str], suffix: str) -> Iterator[Override]:
+def _renamed_sources(run: PlannedRun, names: Sequence[str], suffix: str) -> Iterator[Override]:
     """Overrides of `from` keys that refer to runs of this suite."""
     for key, source in leaves("", run.config.data):
         if not key.endswith(".from") or not isinstance(source, str):
@@ -165,10 +165,10 @@ def _taken(run: PlannedRun, names: Sequence[str], suffix: str) -> Iterator[Overr
 
 def _refuse_taken(suite: LoadedConfig, model: SuiteConfig, before: Sequence[PlannedRun], run: PlannedRun) -> None:
     name = run.config.model.name
-    taken = {model.name: "the suite itself"} | {other.config.model.name: f"runs[{other.place}]" for other in before}
-    if name in taken:
+    owners = {model.name: "the suite itself"} | {other.config.model.name: f"runs[{other.place}]" for other in before}
+    if name in owners:
         raise ConfigError(
-            f"the run name '{name}' is already the name of {taken[name]}",
+            f"the run name '{name}' is already the name of {owners[name]}",
             key=f"runs[{run.place}].name",
             where=suite.locate(f"runs.{run.place}.name"),
             remedy="set another name next to config: name: NAME",

@@ -235,8 +235,8 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
             "  # Faces of the surface, the largest first. A name in `faces` can be used like a set of the deck:"
         )
         for place in faces[:FACES]:
-            held = f", {place.lies_on}: contact face?" if place.lies_on else ", supported" * place.held
-            lines.append(f"  #   near: {place.name:<32} # {place.what}{held}")
+            support = f", {place.lies_on}: contact face?" if place.lies_on else ", supported" * place.held
+            lines.append(f"  #   near: {place.name:<32} # {place.what}{support}")
         if len(faces) > FACES:
             lines.append(f"  #   {len(faces) - FACES} more: `strainsight import` lists them")
     if named or seats or blank:
@@ -245,7 +245,7 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
         lines += [f"    {name}: {{{entry.picked}}}    # {entry.lies_on}" for name, entry in seats.items()]
         if blank:
             lines.append(
-                f"    {suggestion.free('held')}: {{near: }}        # ← [x, y, z] of a point on the supported face"
+                f"    {suggestion.free('remark')}: {{near: }}        # ← [x, y, z] of a point on the supported face"
             )
     if suggestion.thin:
         lines.append(f"  sections:             # shells of the regions {printable(', '.join(suggestion.thin))} ← [m]")
@@ -268,12 +268,12 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
         )
     if not suggestion.supports:
         on_face = blank or (answers.held is not None and answers.held.kind == "face")
-        held = suggestion.free("held") if on_face else _value(answers.held) if answers.held else ""
+        support = suggestion.free("held") if on_face else _value(answers.held) if answers.held else ""
         node = answers.held is not None and answers.held.kind == "node"
         lines.append("  supports:             # missing in the file; for a free structure, use `free: true` instead")
         components = "[1, 2, 3, 4, 5, 6]" if suggestion.thin else "[1, 2, 3]"
         means = "1-3 translations, 4-6 rotations" if suggestion.thin else "1-3 translations"
-        lines.append(f"    - {{{'node' if node else 'set'}: {held}, components: {components}}}   # ← {means}")
+        lines.append(f"    - {{{'node' if node else 'set'}: {support}, components: {components}}}   # ← {means}")
     return "".join(f"{line}\n" for line in lines)
 
 

@@ -131,9 +131,9 @@ class Tolerances(GaugeTolerances):
     )
     treat: Literal["consider", "estimate"] = expert(
         "consider",
-        description="Treatment of tolerances in the estimation of motion and loads. consider: they increase σ and reduce the "
-        "gains, but are not estimated (Schmidt-Kalman). estimate: they are estimated from the samples, at the risk of "
-        "absorbing other model errors. Parameters are estimated with all tolerances integrated out.",
+        description="Treatment of tolerances in the estimation of motion and loads. With `consider`: they increase σ and "
+        "reduce the gains, but are not estimated (Schmidt-Kalman). With `estimate`: they are estimated from the samples, at "
+        "the risk of absorbing other model errors. Parameters are estimated with all tolerances integrated out.",
     )
 
 
@@ -146,9 +146,9 @@ NONE = Tolerances.model_validate(dict.fromkeys(Tolerances.model_fields, 0) | {"d
 """Tolerances of exact gauges, loads and models."""
 
 
-def tolerances_of(stated: Tolerances | Literal["none"]) -> Tolerances:
+def tolerances_of(tolerances: Tolerances | Literal["none"]) -> Tolerances:
     """Tolerances of a config; exact by default."""
-    return NONE if stated == "none" else stated
+    return NONE if tolerances == "none" else tolerances
 
 
 class TruthSection(Section):
@@ -156,9 +156,9 @@ class TruthSection(Section):
 
     model: Literal["full", "modes", "rich", "rom"] = Field(
         "rich",
-        description="Model of the simulated test. full: the whole finite-element model. modes: many modes and static "
-        "corrections. rich: the same, with errors of damping and gauges sampled from `tolerances` by the seed. rom: the "
-        "reduced model of the filter.",
+        description="Model of the simulated test. With `full`: the whole finite-element model. With `modes`: many modes and "
+        "static corrections. With `rich`: the same, with errors of damping and gauges sampled from `tolerances` by the "
+        "seed. With `rom`: the reduced model of the filter.",
     )
     modes: Count = Field(60, ge=1, description="Number of modes of the simulated test [-].")
     parameters: dict[Name, ParameterValue] = Field(
@@ -166,16 +166,16 @@ class TruthSection(Section):
     )
     damping_factor: Annotated[NotNegative | None, Plausible(0.01, 100.0)] = expert(
         None,
-        description="rich: ratio of true damping to that of the filter, equal in every mode [-]; null: sampled from "
+        description="`rich`: ratio of true damping to that of the filter, equal in every mode [-]; null: sampled from "
         "`tolerances`.",
     )
     gauge_offset: Annotated[NotNegative | None, MISPLACED] = expert(
         None,
-        description="rich: location error of every gauge [m], with constant magnitude; null: sampled from `tolerances`.",
+        description="`rich`: location error of every gauge [m], with constant magnitude; null: sampled from `tolerances`.",
     )
     gauge_rotation: Annotated[NotNegative | None, Plausible(0.01, 45.0, "deg")] = expert(
         None,
-        description="rich: direction error of every gauge [deg], with constant magnitude; null: sampled from `tolerances`.",
+        description="`rich`: direction error of every gauge [deg], with constant magnitude; null: sampled from `tolerances`.",
     )
 
 

@@ -423,8 +423,8 @@ class BenchPlaced(PlacedLayout):
     @property
     def random_std(self) -> np.ndarray:
         """`std` of every random layout (r, inputs)."""
-        drawn = [layout.std for name, layout in self.layouts.items() if name != PLACED]
-        return np.array(drawn).reshape(-1, len(self.inputs))
+        stds = [layout.std for name, layout in self.layouts.items() if name != PLACED]
+        return np.array(stds).reshape(-1, len(self.inputs))
 
     def layout(self, which: str) -> BenchLayout:
         """Layout for a sensor with `layout: which`; "random" is the first random layout."""

@@ -146,7 +146,7 @@ class MeshColumns:
         }
         return cls(**columns | {name: columns[name] or None for name in WHERE_THERE})
 
-    def made(self) -> Mesh:
+    def restore(self) -> Mesh:
         columns = {name: getattr(self, name) for name in _shared()}
         beams: dict[int, BeamSection] = {}
         for region, end in reversed(self.beam_ends or ()):  # end B first
@@ -195,7 +195,7 @@ class Meshes:
 
 def mesh_from(source: Source, below: str = "") -> Mesh:
     """The mesh of an import, or of a body in a bench."""
-    return read(MeshColumns, source, below).made()
+    return read(MeshColumns, source, below).restore()
 
 
 @record

@@ -138,13 +138,13 @@ class Budget:
     @property
     def shares(self) -> dict[str, dict[str, float]]:
         """Name → source → share."""
-        return {name: dict(zip(self.source, own.tolist(), strict=True)) for name, own in self.share.items()}
+        return {name: dict(zip(self.source, shares.tolist(), strict=True)) for name, shares in self.share.items()}
 
 
 def budget_of_shares(shares: Mapping[str, Mapping[str, float]]) -> Budget | None:
     """Variance shares from name → source → share, with the same sources for each name; None if empty."""
     sources = tuple(next(iter(shares.values()), ()))
-    share = {name: np.array([own[source] for source in sources]) for name, own in shares.items()}
+    share = {name: np.array([by_source[source] for source in sources]) for name, by_source in shares.items()}
     return Budget(source=sources, share=share) if sources else None
 
 
@@ -200,7 +200,7 @@ class AtGauges:
 
     def steep_in_words(self, i: int) -> str:
         """Warning of a steep gradient at gauge i, with value and limit; empty below the limits."""
-        said = [
+        changes = [
             f"by {100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
             for value, limit, what in (
                 (self.in_place[i], self.in_place_limit, "over one σ of position"),
@@ -208,7 +208,7 @@ class AtGauges:
             )
             if value > limit
         ]
-        return f"steep gradient: the strain changes {' and '.join(said)}" if said else ""
+        return f"steep gradient: the strain changes {' and '.join(changes)}" if changes else ""
 
     def access(self, i: int) -> tuple[str, ...]:
         """Reasons to check the access at gauge i: free height, or contact face; empty without one."""
@@ -217,8 +217,8 @@ class AtGauges:
 
     def access_in_words(self, i: int) -> str:
         """Warning to check the access at gauge i, with the reasons; empty without one."""
-        said = self.access(i)
-        return f"check access: {', and '.join(said)}" if said else ""
+        reasons = self.access(i)
+        return f"check access: {', and '.join(reasons)}" if reasons else ""
 
 
 @record

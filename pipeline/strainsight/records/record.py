@@ -53,7 +53,7 @@ class Form(Protocol):
 
     @classmethod
     def of(cls, value: Any) -> Any: ...
-    def made(self) -> Any: ...
+    def restore(self) -> Any: ...
 
 
 class Source(Protocol):
@@ -167,7 +167,7 @@ def _kind(hint: Any, through: Any = None, by: str = "") -> _Kind:
 ROOT = FieldPlace("")
 
 
-def written(own: Any, units: Mapping[str, str] | None = None, at: FieldPlace = ROOT) -> dict[str, Dataset]:
+def written(instance: Any, units: Mapping[str, str] | None = None, at: FieldPlace = ROOT) -> dict[str, Dataset]:
     """Datasets of a record by path, with consistent shapes.
 
     units: units by owner, for fields with the unit of another quantity; at: group of the record. Raises ValueError for
@@ -175,31 +175,31 @@ def written(own: Any, units: Mapping[str, str] | None = None, at: FieldPlace = R
     """
     below = at.path
     lengths: dict[str, tuple[int, str]] = {}
-    found: dict[str, Dataset] = {}
-    fields = _fields(type(own))
+    datasets: dict[str, Dataset] = {}
+    fields = _fields(type(instance))
     for name, (place, kind) in fields.items():
-        value = getattr(own, name)
+        value = getattr(instance, name)
         if value is None and not kind.optional:
-            raise ValueError(f"{below}{place.path} of {type(own).__name__} is missing")
+            raise ValueError(f"{below}{place.path} of {type(instance).__name__} is missing")
         for key, part in _parts(value, kind):
             path = below + place.path.replace(NAME, key)
             if kind.record is not None:
                 form = part if kind.record is kind.leaf else kind.record.of(part)
-                found |= written(form, units, replace(_named_as(key, _within(place, at), units), path=path))
+                datasets |= written(form, units, replace(_named_as(key, _within(place, at), units), path=path))
                 continue
-            array, stated = _array(part, kind), _named_as(key, _within(place, at), units)
-            if wrong := _contradiction(stated, array, lengths, path):
+            array, named = _array(part, kind), _named_as(key, _within(place, at), units)
+            if wrong := _shape_fault(named, array, lengths, path):
                 raise ValueError(wrong)
-            scales = tuple(_label(axis, place, fields, below) for axis in stated.axes)
-            found[path] = Dataset(array, stated.unit, stated.what, scales if any(scales) else ())
-    return found
+            scales = tuple(_label(axis, place, fields, below) for axis in named.axes)
+            datasets[path] = Dataset(array, named.unit, named.what, scales if any(scales) else ())
+    return datasets
 
 
 def below(group: str, datasets: Mapping[str, Dataset]) -> dict[str, Dataset]:
     """Datasets of a record from another file, moved below a group, with the axes they refer to."""
     return {
-        group + path: replace(own, scales=tuple(axis and group + axis for axis in own.scales))
-        for path, own in datasets.items()
+        group + path: replace(dataset, scales=tuple(axis and group + axis for axis in dataset.scales))
+        for path, dataset in datasets.items()
     }
 
 
@@ -254,7 +254,7 @@ def _array(value: Any, kind: _Kind) -> np.ndarray:
     return np.asarray(value)
 
 
-def _contradiction(place: FieldPlace, array: np.ndarray, lengths: dict[str, tuple[int, str]], path: str) -> str:
+def _shape_fault(place: FieldPlace, array: np.ndarray, lengths: dict[str, tuple[int, str]], path: str) -> str:
     """Message for a shape that differs from the axes, or an empty text."""
     if array.ndim != len(place.axes):
         return f"{path} has {array.ndim} axes instead of {len(place.axes)} ({' × '.join(place.axes) or 'a number'})"
@@ -275,82 +275,82 @@ def read(kind: type[Record], source: Source, below: str = "") -> Record:
         # pickled and copied as what it is, with all fields read
         members = {"__getattr__": _load, "__reduce__": _whole, "__module__": kind.__module__}
         _LAZY[kind] = type(kind.__name__, (kind,), members)
-    own: Record = object.__new__(_LAZY[kind])
-    own.__dict__.update(_origin(kind, source, below))
-    return own
+    lazy: Record = object.__new__(_LAZY[kind])
+    lazy.__dict__.update(_origin(kind, source, below))
+    return lazy
 
 
 def _origin(kind: Any, source: Source, below: str) -> dict[str, Any]:
     return {"_kind": kind, "_source": source, "_below": below, "_lengths": {}}
 
 
-def unit_of(own: Any, field: str, name: str = "") -> str:
+def unit_of(value: Any, field: str, name: str = "") -> str:
     """Unit of a dataset in the file of its record; name: key of a mapping."""
-    place = _fields(own.__dict__["_kind"])[field][0]
-    path = own.__dict__["_below"] + place.path.replace(NAME, name)
-    return str(own.__dict__["_source"].attributes(path)["units"])
+    place = _fields(value.__dict__["_kind"])[field][0]
+    path = value.__dict__["_below"] + place.path.replace(NAME, name)
+    return str(value.__dict__["_source"].attributes(path)["units"])
 
 
 def _whole(lazy: Any) -> Any:
     kind = lazy.__dict__["_kind"]
-    return _made, (kind, {name: getattr(lazy, name) for name in _fields(kind)})
+    return _rebuild, (kind, {name: getattr(lazy, name) for name in _fields(kind)})
 
 
-def _made(kind: Any, values: dict[str, Any]) -> Any:
+def _rebuild(kind: Any, values: dict[str, Any]) -> Any:
     return kind(**values)
 
 
 def _load(lazy: Any, name: str) -> Any:
-    own = lazy.__dict__
-    if "_kind" not in own or name not in _fields(own["_kind"]):
+    state = lazy.__dict__
+    if "_kind" not in state or name not in _fields(state["_kind"]):
         raise AttributeError(f"{type(lazy).__name__} has no field '{name}'")
-    own[name] = _loaded(own, name)
-    return own[name]
+    state[name] = _loaded(state, name)
+    return state[name]
 
 
-def _loaded(own: Mapping[str, Any], name: str) -> Any:
-    place, kind = _fields(own["_kind"])[name]
-    return _named(own, place, kind) if kind.named else _single(own, place, kind, own["_below"] + place.path)
+def _loaded(state: Mapping[str, Any], name: str) -> Any:
+    place, kind = _fields(state["_kind"])[name]
+    return _named(state, place, kind) if kind.named else _single(state, place, kind, state["_below"] + place.path)
 
 
-def _single(own: Mapping[str, Any], place: FieldPlace, kind: _Kind, path: str) -> Any:
-    if kind.optional and path not in own["_source"]:
+def _single(state: Mapping[str, Any], place: FieldPlace, kind: _Kind, path: str) -> Any:
+    if kind.optional and path not in state["_source"]:
         return None
     if kind.record is not None:
-        return _record(own, kind, path)
-    return _value(own, place, kind, own["_source"][path], path)
+        return _record(state, kind, path)
+    return _value(state, place, kind, state["_source"][path], path)
 
 
-def _named(own: Mapping[str, Any], place: FieldPlace, kind: _Kind) -> dict[str, Any] | tuple[Any, ...]:
+def _named(state: Mapping[str, Any], place: FieldPlace, kind: _Kind) -> dict[str, Any] | tuple[Any, ...]:
     """Entries by name, except names that have a separate field."""
-    source, parent = own["_source"], (own["_below"] + place.path).removesuffix(f"/{NAME}")
+    source, parent = state["_source"], (state["_below"] + place.path).removesuffix(f"/{NAME}")
     if kind.record is not None:
         keys = source.groups(parent) if parent in source else ()
-        records = {key: _record(own, kind, f"{parent}/{key}", key) for key in keys}
+        records = {key: _record(state, kind, f"{parent}/{key}", key) for key in keys}
         return tuple(records.values()) if kind.by else records
     if parent not in source:
         return {}
-    taken = {own["_below"] + other.path for other, _ in _fields(own["_kind"]).values()}
+    paths = {state["_below"] + other.path for other, _ in _fields(state["_kind"]).values()}
     arrays = {f"{parent}/{key}": array for key, array in source.children(parent).items()}
-    names = {path: path.removeprefix(f"{parent}/") for path in arrays if path not in taken}
+    names = {path: path.removeprefix(f"{parent}/") for path in arrays if path not in paths}
     return {
-        name: _value(own, replace(place, axes=_axes(place, name)), kind, arrays[path], path)
+        name: _value(state, replace(place, axes=_axes(place, name)), kind, arrays[path], path)
         for path, name in names.items()
     }
 
 
-def _record(own: Mapping[str, Any], kind: _Kind, path: str, key: str = "") -> Any:
+def _record(state: Mapping[str, Any], kind: _Kind, path: str, key: str = "") -> Any:
     if kind.record is not kind.leaf:
-        return read(kind.record, own["_source"], path).made()
+        return read(kind.record, state["_source"], path).restore()
     if _places(kind.leaf):
-        return read(kind.leaf, own["_source"], path)
-    whole = _origin(kind.leaf, own["_source"], path)
+        return read(kind.leaf, state["_source"], path)
+    whole = _origin(kind.leaf, state["_source"], path)
     values = {name: _loaded(whole, name) for name in _fields(kind.leaf)}
     return kind.leaf(**values, **({kind.by: key} if kind.by else {}))
 
 
-def _value(own: Mapping[str, Any], place: FieldPlace, kind: _Kind, array: np.ndarray, path: str) -> Any:
-    if wrong := _contradiction(place, array, own["_lengths"], path):
+def _value(state: Mapping[str, Any], place: FieldPlace, kind: _Kind, array: np.ndarray, path: str) -> Any:
+    if wrong := _shape_fault(place, array, state["_lengths"], path):
         raise ArtefactError(f"inconsistent shapes: {wrong}", remedy="run the stage again with --force")
     if kind.leaf == FLAGS:
         return array.astype(bool)
@@ -365,10 +365,10 @@ def listed(kind: type, at: FieldPlace = ROOT) -> list[tuple[str, str, str, str]]
     """All datasets of a record for docs/artefacts.md: path, axes, unit, description."""
     rows = []
     for place, field in _fields(kind).values():
-        own = _within(place, at)
+        inner = _within(place, at)
         if field.record is not None:
-            rows += listed(field.record, own)
+            rows += listed(field.record, inner)
         else:
-            axes = [axis.rpartition("/")[2] for axis in own.axes]
-            rows.append((own.path, " × ".join(axes) or "scalar", own.unit, own.what))
+            axes = [axis.rpartition("/")[2] for axis in inner.axes]
+            rows.append((inner.path, " × ".join(axes) or "scalar", inner.unit, inner.what))
     return rows

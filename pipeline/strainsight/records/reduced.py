@@ -53,16 +53,16 @@ class ChangeTerms:
         }
         return cls(
             terms=dict(operator.terms),
-            factors={label: tuple(each.parameter for each, _ in found) for label, found in bases.items()},
+            factors={label: tuple(each.parameter for each, _ in roots) for label, roots in bases.items()},
             roots={
-                label: np.array([[root, each.scale, *each.within, each.beyond, each.logarithm] for each, root in found])
-                for label, found in bases.items()
+                label: np.array([[root, each.scale, *each.within, each.beyond, each.logarithm] for each, root in roots])
+                for label, roots in bases.items()
             },
             weights={label: coefficient.weights.ravel() for label, coefficient in operator.coefficients.items()},
             **others,
         )
 
-    def made(self) -> AffineOperator:
+    def restore(self) -> AffineOperator:
         coefficients = {
             label: _coefficient(names, self.roots[label], self.weights[label]) for label, names in self.factors.items()
         }
@@ -85,18 +85,18 @@ class AffineTerms(ChangeTerms):
     def of(cls, operator: AffineOperator, **others: Any) -> Self:
         return super().of(operator, constant=operator.constant, **others)
 
-    def made(self) -> AffineOperator:
-        return replace(super().made(), constant=self.constant)
+    def restore(self) -> AffineOperator:
+        return replace(super().restore(), constant=self.constant)
 
 
 def _coefficient(parameters: tuple[str, ...], roots: np.ndarray, weights: np.ndarray) -> Coefficient:
     """Roots (k, 6) of these parameters (k,)."""
     bases = []
     for name in dict.fromkeys(parameters):
-        own = roots[np.array(parameters) == name]
-        _, scale, low, high, beyond, logarithm = own[0].tolist()
-        bases.append(Newton(name, tuple(own[:, 0].tolist()), scale, (low, high), beyond, bool(logarithm)))
-    return Coefficient(tuple(bases), weights.reshape([len(own.roots) + 1 for own in bases]))
+        rows = roots[np.array(parameters) == name]
+        _, scale, low, high, margin, logarithm = rows[0].tolist()
+        bases.append(Newton(name, tuple(rows[:, 0].tolist()), scale, (low, high), margin, bool(logarithm)))
+    return Coefficient(tuple(bases), weights.reshape([len(rows.roots) + 1 for rows in bases]))
 
 
 @record
@@ -124,7 +124,7 @@ class ModelTerms:
         reference = np.array(list(model.reference.values()), dtype=float)
         return record_from(cls, model, damping=damping, law=model.damping, reference=reference)
 
-    def made(self) -> ReducedModel:
+    def restore(self) -> ReducedModel:
         return ReducedModel(
             mass=self.mass,
             stiffness=self.stiffness,

@@ -103,13 +103,13 @@ class SuiteNumbers:
 def columns(kind: type[Rows], rows: Iterable[Mapping[str, Any]]) -> Rows:
     """Rows as columns of such a table; NaN or empty text for missing values."""
     rows = list(rows)
-    found: dict[str, Any] = {}
+    columns: dict[str, Any] = {}
     for field in dataclasses.fields(kind):  # type: ignore[arg-type]
         cells = [row.get(field.name) for row in rows]
         text = str(field.type).startswith("tuple")
-        found[field.name] = (
+        columns[field.name] = (
             tuple("" if cell is None else str(cell) for cell in cells)
             if text
             else np.array([np.nan if cell is None else cell for cell in cells])
         )
-    return kind(**found)
+    return kind(**columns)

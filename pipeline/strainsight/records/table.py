@@ -78,7 +78,7 @@ class ColumnTable:
             columns[cls.key.name] = _column([key for key, _ in pairs], cls.key.kind)
         return cls(**columns)
 
-    def made(self) -> Any:
+    def restore(self) -> Any:
         """The objects: a tuple, a mapping, or pairs."""
         objects = _objects(self.row, self)
         if self.bare:
@@ -95,7 +95,7 @@ class _Field:
     """A field of a row.
 
     hint: type without None; part: dataclass that provides the columns, or None; axis: axis name of lists of unequal length, or
-    empty; tail: lengths of the trailing axes; beside: field with lists of equal length, empty for the first field along an axis.
+    empty; tail: lengths of the trailing axes; partner: field with lists of equal length, empty for the first field along an axis.
     """
 
     attribute: str
@@ -105,7 +105,7 @@ class _Field:
     part: Any
     axis: str
     tail: tuple[int, ...]
-    beside: str
+    partner: str
 
     @property
     def name(self) -> str:
@@ -133,11 +133,11 @@ class _Field:
         """Value of the field of an object, as stored in a file."""
         value = getattr(row, self.attribute)
         if value is None:
-            length = (len(getattr(row, self.beside)) if self.beside else 0,) if self.axis else ()
+            length = (len(getattr(row, self.partner)) if self.partner else 0,) if self.axis else ()
             return np.full(length + self.tail, self.column.none)
         return "".join(str(c + 1) for c in value) if self.components else value
 
-    def made(self, entries: Any) -> list[Any]:
+    def restore(self, entries: Any) -> list[Any]:
         """Values for all objects, from the stored columns."""
         if self.components:
             return [tuple(int(letter) - 1 for letter in text) for text in entries]
@@ -149,7 +149,7 @@ class _Field:
             entries = [entry.astype(bool) for entry in entries]
         if not self.optional or self.column.none:
             return list(entries)
-        return [entry if (entry.any() if self.beside or not self.axis else len(entry)) else None for entry in entries]
+        return [entry if (entry.any() if self.partner or not self.axis else len(entry)) else None for entry in entries]
 
 
 @cache
@@ -165,10 +165,10 @@ def _fields(row: Any) -> tuple[_Field, ...]:
             continue
         axes = column.axes.split(" × ") if column and column.axes else []
         axis = axes.pop(0) if axes and not axes[0].isdigit() else ""
-        beside = first.get(axis, "")
+        partner = first.get(axis, "")
         first.setdefault(axis, attribute)
-        stated = column or Column("", "", "")
-        fields.append(_Field(attribute, stated, hint, optional, part, axis, tuple(map(int, axes)), beside))
+        definition = column or Column("", "", "")
+        fields.append(_Field(attribute, definition, hint, optional, part, axis, tuple(map(int, axes)), partner))
     return tuple(fields)
 
 
@@ -218,5 +218,5 @@ def _objects(row: Any, columns: Any) -> list[Any]:
         entries = _objects(field.part, columns) if field.part else getattr(columns, field.name)
         if field.axis:
             entries = [entries[first:last] for first, last in pairwise(getattr(columns, field.offset).tolist())]
-        values[field.attribute] = field.made(entries)
+        values[field.attribute] = field.restore(entries)
     return [row(**dict(zip(values, each, strict=True))) for each in zip(*values.values(), strict=True)]

@@ -46,7 +46,7 @@ class ArmColumns(GridColumns):
     def of(cls, arms: Arms) -> ArmColumns:
         return record_from(cls, arms.grid, channel=arms.channel, sign=arms.sign)
 
-    def made(self) -> Arms:
+    def restore(self) -> Arms:
         columns = {name: getattr(self, name) for name in COLUMNS if name not in ("quantity", "gauge")}
         return Arms(self.channel, self.sign, Candidates(**columns))
 
@@ -63,7 +63,7 @@ class CandidateColumns(GridColumns):
     def of(cls, pool: Candidates) -> CandidateColumns:
         return record_from(cls, pool)
 
-    def made(self) -> Candidates:
+    def restore(self) -> Candidates:
         return Candidates(**{name: getattr(self, name) for name in COLUMNS}, arms=self.arms)
 
 
@@ -85,7 +85,7 @@ class GivenRows:
             offset=rows.indptr.astype("int64"),
         )
 
-    def made(self) -> sparse.csr_array:
+    def restore(self) -> sparse.csr_array:
         return sparse.csr_array((self.value, self.column, self.offset), shape=(len(self.offset) - 1, self.size))
 
 
@@ -167,12 +167,12 @@ class Training:
 
     def reading(self, channels: np.ndarray | None = None) -> np.ndarray:
         """Readings (T + 1, k) of channels (k,), default all, under the configured loads: row·q, for accelerometers row·q̈."""
-        own = np.arange(len(self.rows)) if channels is None else np.asarray(channels)
-        moving = self.candidates.quantity[own] == ACCELERATION
-        found = self.coordinate @ self.rows[own].T
+        selected = np.arange(len(self.rows)) if channels is None else np.asarray(channels)
+        moving = self.candidates.quantity[selected] == ACCELERATION
+        readings = self.coordinate @ self.rows[selected].T
         if moving.any():
-            found[:, moving] = self.acceleration @ self.rows[own[moving]].T
-        return found
+            readings[:, moving] = self.acceleration @ self.rows[selected[moving]].T
+        return readings
 
     def motion_in(self, case: str) -> Training | CaseMotion:
         """Training run of a load case; "": the configured loads."""
@@ -199,7 +199,7 @@ class Training:
     def peak(self) -> np.ndarray:
         """Largest reading of every channel (m,), in any load case."""
         if self.cases:
-            return np.max([own.peak for own in self.cases.values()], axis=0)
+            return np.max([case.peak for case in self.cases.values()], axis=0)
         return self.peak_as_stated
 
     @property
@@ -210,7 +210,9 @@ class Training:
     @property
     def moment(self) -> np.ndarray:
         """Mean of q qᵀ over a run (n, n), averaged over the load cases."""
-        return np.mean([own.coordinate.T @ own.coordinate / len(own.coordinate) for own in self.motions], axis=0)
+        return np.mean(
+            [motion.coordinate.T @ motion.coordinate / len(motion.coordinate) for motion in self.motions], axis=0
+        )
 
 
 STATED, CARRIER = "stated", "carrier"

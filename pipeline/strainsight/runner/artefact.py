@@ -126,9 +126,9 @@ class Artefact:
             self.header, self.digest, self.message = _header(file, self.path)
             self._contents = read_contents(file)
             if known not in _VERIFIED:
-                found = content_digest(file, self._contents, self.message)
-                if found != self.digest:
-                    raise damaged(self.path, f"its content digest is {found[:12]} instead of {self.digest[:12]}")
+                digest = content_digest(file, self._contents, self.message)
+                if digest != self.digest:
+                    raise damaged(self.path, f"its content digest is {digest[:12]} instead of {self.digest[:12]}")
             self.summary: dict[str, Scalar] = self.attributes("/summary")
             self.tables = tuple(
                 Table(t["title"], tuple(t["columns"]), tuple(tuple(row) for row in t["rows"]))
@@ -229,13 +229,13 @@ def sha256_of(path: Path) -> str:
 def _identity(path: Path) -> tuple[int, ...] | None:
     """Identity of a file state; None if the file was written too recently for its modification time to be reliable."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    if time.time_ns() - found.st_mtime_ns < SETTLED:
+    if time.time_ns() - status.st_mtime_ns < SETTLED:
         return None
     # not the time of its last change of any kind: another name for the same file is one
-    return (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+    return (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
 
 
 @contextmanager

@@ -1,7 +1,5 @@
-"""What a stage returns: arrays with units, a few scalars, one line for the reader; and the same read from a file.
-
-Files hold a hundred small datasets: the low-level interface of h5py reads them in a sixth of the time of the usual one.
-"""
+"""Result of a stage: arrays with units, scalars, a message; and its reading from a file.
+A file has about a hundred small datasets, which the low-level interface of h5py reads six times faster."""
 
 from __future__ import annotations
 
@@ -47,16 +45,16 @@ class InMemory:
         return np.asarray(self.datasets[path].array)
 
     def __contains__(self, path: str) -> bool:
-        return path in self.datasets or any(own.startswith(f"{path}/") for own in self.datasets)
+        return path in self.datasets or any(name.startswith(f"{path}/") for name in self.datasets)
 
     def children(self, path: str) -> dict[str, np.ndarray]:
         """The datasets directly under a group, by name."""
-        below = {own.removeprefix(f"{path}/"): own for own in self.datasets if own.startswith(f"{path}/")}
-        return {name: self[own] for name, own in below.items() if "/" not in name}
+        below = {full.removeprefix(f"{path}/"): full for full in self.datasets if full.startswith(f"{path}/")}
+        return {name: self[full] for name, full in below.items() if "/" not in name}
 
     def groups(self, path: str) -> tuple[str, ...]:
         """Names of the groups directly under a group."""
-        below = (own.removeprefix(f"{path}/") for own in self.datasets if own.startswith(f"{path}/"))
+        below = (full.removeprefix(f"{path}/") for full in self.datasets if full.startswith(f"{path}/"))
         return tuple(dict.fromkeys(name.partition("/")[0] for name in below if "/" in name))
 
     def attributes(self, path: str) -> dict[str, str]:
@@ -111,7 +109,7 @@ class Output:
 
 MAX_DEPTH, MAX_OBJECTS = 12, 1 << 16
 IN_MEMORY = 1 << 20
-"""[bytes] Arrays of larger files are read when asked for: a suite holds the artefacts of all its runs."""
+"""[bytes] File size above which arrays are read on access: a suite opens the artefacts of all its runs."""
 CHUNK = 1 << 24  # bytes hashed at a time
 # Attributes that h5py writes for dimension scales: object references, whose bytes depend on where the file put things.
 SCALE_ATTRIBUTES = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "DIMENSION_LABELS"}
@@ -147,9 +145,7 @@ def attributes_of(file: h5py.File) -> dict[str, Any]:
 
 def content_digest(file: h5py.File, contents: Mapping[str, Entry], message: str) -> str:
     """sha256 over every entry in path order: path, attributes, dtype, shape, bytes; then the message.
-
-    Two files that hold the same have the same digest, whatever their layout on disk.
-    """
+    Files with equal content have equal digests, independent of their layout on disk."""
     digest = hashlib.sha256()
     for path, entry in contents.items():
         attributes = {}
@@ -272,7 +268,7 @@ class _Reading:
 
 
 def _address(item: Any) -> int:
-    """Where in the file an object lies, whatever its names."""
+    """Address of an object in the file, the same for all its names."""
     return int(h5o.get_info(item).addr)
 
 

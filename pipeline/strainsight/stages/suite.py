@@ -89,7 +89,7 @@ def suite_of(context: Context[SimpleNamespace]) -> Suite:
 
 
 def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
-    """What the page shows of any run beside its artefacts."""
+    """Data on the page of any run, apart from its artefacts."""
     page = f"../{entry.name}/report.html" if PAGE in up else None
     return {key: getattr(entry, key) for key in ("name", "label", "note", "study", "group", "at", "reached")} | {
         "page": page
@@ -220,7 +220,7 @@ OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "verdict")
 
 
 def numbers_of(suite: Suite) -> SuiteNumbers:
-    """What suite.h5 keeps."""
+    """Content of suite.h5."""
     statements, runs = suite.statements, list(enumerate(suite.runs))
     return SuiteNumbers(
         runs=columns(RunRows, [_run(run) for run in suite.runs]),
@@ -354,8 +354,8 @@ def run(context: Context[SimpleNamespace]) -> Output:
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
     message += f"; placement has no benefit in {len(none)}" * bool(none)
     message += f"; {confirmed} of {len(verdicts)} claims confirmed" if verdicts else ""
-    held = sum(row.verdict == HOLDS for row in suite.comparisons)
-    message += f"; {held} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""
+    agreeing = sum(row.verdict == HOLDS for row in suite.comparisons)
+    message += f"; {agreeing} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""
     message += f"; report.html, {len(page) / 1024:.0f} KiB"
     return Output(
         datasets=written(numbers_of(suite)),
@@ -368,7 +368,7 @@ def run(context: Context[SimpleNamespace]) -> Output:
             "confirmed": confirmed,
             "contradicted": verdicts.count(CONTRADICTED),
             "comparisons": len(suite.comparisons),
-            "hold": held,
+            "hold": agreeing,
         },
         message=message + (f"; no 3D pictures: {problem}" if problem else ""),
         tables=suite_tables(suite),
@@ -377,14 +377,14 @@ def run(context: Context[SimpleNamespace]) -> Output:
 
 
 def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
-    """Run → its picture, and why there are none; runs with the same layout share one."""
+    """Run → its picture, and the reason if a picture is missing; runs with the same layout share one."""
     layouts = {run.name: run.layout for _, run in suite.placements if run.layout is not None}
     looks = {name: look(layout) for name, layout in layouts.items()}
     different = {looks[name]: layout for name, layout in layouts.items()}
     if not different:
         return {}, ""
-    drawn, problem = drawn_or_why(lambda: render_all(list(different.values())))
-    pictures = dict(zip(different, drawn or (), strict=False))
+    rendered, problem = drawn_or_why(lambda: render_all(list(different.values())))
+    pictures = dict(zip(different, rendered or (), strict=False))
     return {name: pictures[digest] for name, digest in looks.items() if digest in pictures}, problem
 
 

@@ -182,23 +182,23 @@ def run_screen(context: Context[PlacementConfig]) -> Output:
     )
 
 
-def _fewer_than_asked(settings: Screen, found: Screened, pool: Candidates) -> Iterator[str]:
+def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) -> Iterator[str]:
     """Of every kind of sensor of which spacing and range leave fewer than `screen.keep`."""
     kind = pool.array[pool.first]
     for i in np.unique(kind):
-        own = found.reason[kind == i]
-        clear = int(np.count_nonzero(~np.isin(own, (CLEARANCE, BEND))))
-        kept = int(np.count_nonzero(kind[found.kept] == i))
-        if settings.keep != "all" and kept < min(settings.keep, clear):
-            name = str(found.family[int(i)])
+        reasons = screened.reason[kind == i]
+        clear = int(np.count_nonzero(~np.isin(reasons, (CLEARANCE, BEND))))
+        kept_count = int(np.count_nonzero(kind[screened.kept] == i))
+        if settings.keep != "all" and kept_count < min(settings.keep, clear):
+            name = str(screened.family[int(i)])
             spacing = f"{1e3 * settings.minimum_spacing:g} mm apart", "reduce screen.minimum_spacing"
-            beyond = "within their range", "use sensors with a larger range"
-            said, remedy = zip(
-                *[words for code, words in ((NEAR, spacing), (BEYOND, beyond)) if code in own], strict=True
+            too_large = "within their range", "use sensors with a larger range"
+            faults, remedy = zip(
+                *[words for code, words in ((NEAR, spacing), (BEYOND, too_large)) if code in reasons], strict=True
             )
             yield (
-                f"screen.keep requests {settings.keep} candidates of {name}, but only {kept} of {clear} are "
-                f"{' and '.join(said)}. {' or '.join(remedy).capitalize()}."
+                f"screen.keep requests {settings.keep} candidates of {name}, but only {kept_count} of {clear} are "
+                f"{' and '.join(faults)}. {' or '.join(remedy).capitalize()}."
             )
 
 

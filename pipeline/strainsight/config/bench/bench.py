@@ -64,8 +64,8 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
     )
     direction: Direction = Field(
         default_factory=lambda: PrincipalDirection(type="principal", angles=(0.0, 45.0, 90.0, 135.0)),
-        description="Measuring directions of the candidates, one gauge each. principal: principal directions of the static "
-        "strains under the unknown inputs, with equal weights.",
+        description="Measuring directions of the candidates, one gauge each. With `principal`: principal directions of the "
+        "static strains under the unknown inputs, with equal weights.",
     )
     pool: Annotated[int, Field(ge=1), Plausible(1, 1e5)] = expert(
         300,
@@ -74,8 +74,8 @@ class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
     )
     search: Literal["all", "pool"] = expert(
         "all",
-        description="Scope of the search. all: the bound is valid for all candidates, and candidates that could improve the "
-        "layout are added to the pool. pool: layout and bound consider the pool only.",
+        description="Scope of the search. With `all`: the bound is valid for all candidates, and candidates that could "
+        "improve the layout are added to the pool. With `pool`: layout and bound consider the pool only.",
     )
     spacing: Annotated[NotNegative, SIZE] = Field(
         0.0, description="Smallest distance between the most sensitive candidates of one input [m]."
@@ -104,7 +104,7 @@ class StrainSensorSection(OnFlexibleBody, Snapped):
         None,
         description="Layout of the section `place` instead of gauges: the placed layout, or the first random layout.",
     )
-    zeroed: bool = Field(False, description="true: subtract the reading at the start.")
+    zeroed: bool = Field(False, description="`true`: subtract the reading at the start.")
 
 
 class RelativeSensor(Between):
@@ -132,7 +132,7 @@ class AccelerationSensor(AtFrame):
     )
     gravity: bool = expert(
         True,
-        description="true: subtract gravity, so that a sensor at rest reads 1 g upwards; false: acceleration of the motion "
+        description="`true`: subtract gravity, so that a sensor at rest reads 1 g upwards; `false`: acceleration of the motion "
         "only.",
     )
 
@@ -171,8 +171,8 @@ class Simulate(TimeSpan):
 
     method: Literal["second_order", "thesis"] = Field(
         "second_order",
-        description="Integration method. second_order: two implicit stages per step, error proportional to the square of the "
-        "step. thesis: implicit Euler, first order.",
+        description="Integration method. With `second_order`: two implicit stages per step, error proportional to the square "
+        "of the step. With `thesis`: implicit Euler, first order.",
     )
     tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = expert(
         None,
@@ -182,12 +182,12 @@ class Simulate(TimeSpan):
     )
     start: Literal["equilibrium", "as_given"] = expert(
         "equilibrium",
-        description="Initial state. equilibrium: static equilibrium under the loads at t = 0. as_given: poses and velocities "
-        "of the bodies, projected onto the joints.",
+        description="Initial state. With `equilibrium`: static equilibrium under the loads at t = 0. With `as_given`: poses "
+        "and velocities of the bodies, projected onto the joints.",
     )
     allow_unstable: bool = expert(
         False,
-        description="true: start from an unstable equilibrium, such as an inverted pendulum.",
+        description="`true`: start from an unstable equilibrium, such as an inverted pendulum.",
     )
     snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = expert(
         0.005,

@@ -208,8 +208,8 @@ class BearingSection(Section):
     )
     groove_centres: Literal["follow", "fixed"] = Field(
         "follow",
-        description="Effect of a change of ball or groove dimensions. follow: the contact point at the free contact angle is "
-        "kept. fixed: the groove centres are kept, and the change is interference.",
+        description="Effect of a change of ball or groove dimensions. With `follow`: the contact point at the free contact "
+        "angle is kept. With `fixed`: the groove centres are kept, and the change is interference.",
     )
     youngs_modulus: Annotated[Positive, Plausible(1e10, 1e12, "Pa")] = expert(
         2.08e11, description="Young's modulus of balls and rings [Pa]."

@@ -136,7 +136,7 @@ def bench_problems(config: BenchConfig) -> Iterator[Problem]:
             "use another name for the body",
             at_key=True,
         )
-    for check in (_masses, _frames, _apart, _loads, _moduli, _time, estimate_problems, place_problems):
+    for check in (_masses, _frames, _two_bodies, _loads, _moduli, _time, estimate_problems, place_problems):
         yield from check(config)
     if config.field is not None and config.field.of == "estimate" and config.estimate is None:
         yield Problem(
@@ -205,7 +205,7 @@ def _loads(config: BenchConfig) -> Iterator[Problem]:
             yield Problem(f"forces.{name}.frame", what, "use a frame on a body")
 
 
-def _apart(config: BenchConfig) -> Iterator[Problem]:
+def _two_bodies(config: BenchConfig) -> Iterator[Problem]:
     """Check that the two frames of a joint, force or sensor are on different bodies."""
     for section in ("joints", "forces", "sensors"):
         for name, entry in getattr(config, section).items():

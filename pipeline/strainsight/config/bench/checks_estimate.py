@@ -85,7 +85,7 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
-    yield from _bank(estimate)
+    yield from _grid_filter(estimate)
     times = config.filter_duration, config.filter_step
     yield from step_problems("estimate.time_step", *times, FEWEST_STEPS, MOST_STEPS, "estimate.duration")
     yield from truth_problems(config, estimate)
@@ -138,13 +138,13 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
             if count is not None and isinstance(values, tuple) and len(values) != count:
                 what = f"{len(values)} {many} for {count} components"
                 yield Problem(f"{key}.{field}", what, f"use one value, or {count}")
-        counts.append(_given(config, estimate, name))
+        counts.append(_used_components(config, estimate, name))
     if None not in counts and (channels := sum(filter(None, counts))) < len(estimate.inputs):
         what = f"{channels} channels are not enough for {len(estimate.inputs)} unknown loads"
         yield Problem("estimate.sensors", what, "add sensors, or measure a load")
 
 
-def _given(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> int | None:
+def _used_components(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> int | None:
     """Number of components of a sensor that the filter uses; None if it depends on the layout."""
     if estimate.sensors[name].layout is not None:
         return None
@@ -164,7 +164,7 @@ def channels_of(config: BenchConfig, name: str) -> int | None:
 
 def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     moduli = {name: m.value for body in config.flexible.values() for name, m in body.moduli.items()}
-    taken: dict[tuple[str, str], str] = {}
+    names: dict[tuple[str, str], str] = {}
     used = {force.bearing for force in config.forces.values() if force.type == "bearing"}
     for name, entry in estimate.parameters.items():
         key, bearing, part = f"estimate.parameters.{name}", entry.bearing, str(entry.property)
@@ -186,7 +186,7 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
                     f"no force uses the bearing '{bearing}'",
                     "use a bearing of the forces of this bench",
                 )
-            if (other := taken.setdefault((bearing, part), name)) != name:
+            if (other := names.setdefault((bearing, part), name)) != name:
                 yield Problem(key, f"'{other}' is the same property", "remove one of the two", at_key=True)
             # a preload may be of any sign and size
             sized = bearing in config.bearings and part != "preload"
@@ -234,7 +234,7 @@ def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Ite
             yield Problem(f"estimate.parameters.{free['preload']}", what, "estimate one of them", at_key=True)
 
 
-def _bank(estimate: BenchEstimateSection) -> Iterator[Problem]:
+def _grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
     """Check the limits of the grid filter: few constant parameters, and iterated updates."""
     if estimate.method.parameters != "bank":
         return

@@ -131,7 +131,7 @@ class Perpendicular(Between):
     type: Literal["perpendicular"] = Field(description="Kind of joint.")
     axis: Axis = Field(description="Axis of the first frame.")
     to: Literal["x", "y", "z", "offset"] = Field(
-        description="Axis of the second frame; offset: the line from the first origin to the second."
+        description="Axis of the second frame; `offset`: the line from the first origin to the second."
     )
 
 
@@ -347,7 +347,8 @@ class PointInput(AtFrame, Input):
     direction: DirectionVector = Field(description="Direction [-]; its length is not used.")
     axes: Literal["global", "frame"] = Field(
         "global",
-        description="Axes of the direction. global: the direction is constant; frame: the direction rotates with the frame.",
+        description="Axes of the direction. With `global`: the direction is constant; `frame`: the direction rotates with "
+        "the frame.",
     )
 
 

@@ -107,8 +107,8 @@ class EstimatedParameter(Section):
 
     def guesses(self) -> list[tuple[str, float]]:
         """Every initial value with its key."""
-        stated = (("guess", self.guess), *(("starts", start) for start in self.starts))
-        return [(key, value) for key, value in stated if value is not None]
+        entries = (("guess", self.guess), *(("starts", start) for start in self.starts))
+        return [(key, value) for key, value in entries if value is not None]
 
     def problems(self) -> Iterator[Problem]:
         if (self.bearing is None) != (self.property is None):
@@ -134,29 +134,31 @@ class BenchTruth(Section):
 
     model: Literal["fine", "other", "own", "walk"] = Field(
         "fine",
-        description="Simulation of the measurements. fine: integration with a smaller step. other: independent integrator of "
-        "fifth order (Radau). own: integration with the step of the filter. walk: the same, with inputs, parameters and "
-        "disturbance sampled from the model of the filter.",
+        description="Simulation of the measurements. With `fine`: integration with a smaller step. With `other`: independent "
+        "integrator of fifth order (Radau). With `own`: integration with the step of the filter. With `walk`: the same, "
+        "with inputs, parameters and disturbance sampled from the model of the filter.",
     )
-    substeps: int = expert(20, ge=1, le=10_000, description="fine: steps of the simulation per step of the filter [-].")
+    substeps: int = expert(
+        20, ge=1, le=10_000, description="`fine`: steps of the simulation per step of the filter [-]."
+    )
     noise: bool = Field(
-        True, description="false: simulated readings without noise; the noise in the filter is unchanged."
+        True, description="`false`: simulated readings without noise; the noise in the filter is unchanged."
     )
-    step: TimeStep = Field(0.01, description="other: time step, with linear loads in each step [s].")
+    step: TimeStep = Field(0.01, description="`other`: time step, with linear loads in each step [s].")
     duration: Duration | None = Field(
         None,
-        description="other: duration of the simulation [s]; null: that of the estimate. Set it so that runs with shorter "
+        description="`other`: duration of the simulation [s]; null: that of the estimate. Set it so that runs with shorter "
         "estimates share one simulation.",
     )
     histories: int = Field(
         1,
         ge=1,
         le=10_000,
-        description="other: number of load histories, one for each seed (`runs`); 1: the same history for all seeds [-].",
+        description="`other`: number of load histories, one for each seed (`runs`); 1: the same history for all seeds [-].",
     )
     within: Annotated[NotNegative, INSTANT] = Field(
         0.0,
-        description="other: largest start of further load histories [s]. Each is a part of the configured history from a "
+        description="`other`: largest start of further load histories [s]. Each is a part of the configured history from a "
         "random instant, shifted to the same initial loads.",
     )
 
@@ -202,28 +204,29 @@ class Method(Section):
 
     update: Literal["iterated", "one_shot", "undamped", "as_printed"] = Field(
         "iterated",
-        description="Measurement update. iterated: damped Gauss-Newton iterations for the most probable state. one_shot: "
-        "extended Kalman filter, projected onto the constraints. undamped: iterations without damping. as_printed: one "
-        "update at the prediction, (1.58) to (1.60) of the thesis, which violates the constraints until the next step.",
+        description="Measurement update. With `iterated`: damped Gauss-Newton iterations for the most probable state. With "
+        "`one_shot`: extended Kalman filter, projected onto the constraints. With `undamped`: iterations without damping. "
+        "With `as_printed`: one update at the prediction, (1.58) to (1.60) of the thesis, which violates the constraints "
+        "until the next step.",
     )
     noise: Literal["before_step", "as_printed"] = Field(
         "before_step",
-        description="Process noise. before_step: added to loads, parameters and disturbance at the start of a step, so the "
-        "constraints remain satisfied. as_printed: Q* of the thesis, (1.45) and (1.57): diagonal blocks added after the "
-        "step, with `disturbance` on every velocity, independent of the joints. The σ of a load is then at least its "
-        "increment.",
+        description="Process noise. With `before_step`: added to loads, parameters and disturbance at the start of a step, "
+        "so the constraints remain satisfied. With `as_printed`: Q* of the thesis, (1.45) and (1.57): diagonal blocks added "
+        "after the step, with `disturbance` on every velocity, independent of the joints. The σ of a load is then at least "
+        "its increment.",
     )
     iterations: int = expert(10, ge=1, le=100, description="Largest number of iterations per step [-].")
     parameters: Literal["extended", "bank"] = Field(
         "extended",
-        description="Treatment of parameters. extended: parameters are states of the filter, as in the thesis. bank: grid "
-        "filter for up to three constant parameters; its σ assumes correct increments of the unknown loads, and its run "
-        "time is 15 to 30 times longer.",
+        description="Treatment of parameters. With `extended`: parameters are states of the filter, as in the thesis. With "
+        "`bank`: grid filter for up to three constant parameters; its σ assumes correct increments of the unknown loads, "
+        "and its run time is 15 to 30 times longer.",
     )
     step_error: Literal["estimated", "ignored"] | None = expert(
         None,
-        description="Discretisation error of a step. estimated: included as noise of the motion, estimated from the "
-        "linearised bench and the load history in the step. ignored: each step is assumed exact, with linear loads. Null: "
+        description="Discretisation error of a step. With `estimated`: included as noise of the motion, estimated from the "
+        "linearised bench and the load history in the step. With `ignored`: each step is assumed exact, with linear loads. Null: "
         "estimated, except with `simulate.method: thesis`, `noise: as_printed`, measurements simulated with the step of the "
         "filter, or driven joints.",
     )
@@ -266,6 +269,6 @@ class BenchEstimateSection(EstimateOptions):
     runs: int = Field(1, ge=1, le=10_000, description="Number of runs, each with another noise seed [-].")
     allow_unfollowed: bool = Field(
         False,
-        description="true: continue although the time step does not resolve the effect of the loads; σ does not include this "
+        description="`true`: continue although the time step does not resolve the effect of the loads; σ does not include this "
         "error.",
     )

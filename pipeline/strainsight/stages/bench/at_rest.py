@@ -66,7 +66,7 @@ def statics(context: Context[BenchConfig]) -> Output:
 
 
 def _digits(value: float, count: int, largest: float) -> str:
-    """Of a table, beside whose largest number rounding is nothing."""
+    """A table entry, with 0 for numbers at rounding level of the largest."""
     return f"{value if abs(value) > ROUNDING * largest else 0.0:.{count}g}"
 
 
@@ -76,9 +76,9 @@ def modes(context: Context[BenchConfig]) -> Output:
     record = coupled(rest)
     grid, attributes = vtkhdf_datasets(modes_in_space(rest)) if len(record.frequency) else ({}, {})
     rows = [_row(rest, record, k) for k in range(min(LISTED, len(record.frequency)))]
-    held = record.frequency[record.frequency > 0]
+    oscillating = record.frequency[record.frequency > 0]
     text = f"{len(record.frequency)} coupled modes"
-    text += f", {held[0]:.4g} to {held[-1]:.4g} Hz" if len(held) else ""
+    text += f", {oscillating[0]:.4g} to {oscillating[-1]:.4g} Hz" if len(oscillating) else ""
     free, topples = int(np.sum(record.stiffness == 0)), int(np.sum(record.stiffness < 0))
     text += f"; {free} unconstrained" * (free > 0) + f"; unstable, {rest.growth:.3g} 1/s" * (rest.growth > 0)
     return Output(
@@ -89,7 +89,7 @@ def modes(context: Context[BenchConfig]) -> Output:
             "free": free,
             "toppling": topples,
             "growth": rest.growth,
-            **({"first": float(held[0]), "last": float(held[-1])} if len(held) else {}),
+            **({"first": float(oscillating[0]), "last": float(oscillating[-1])} if len(oscillating) else {}),
         },
         message=text,
         tables=(Table("coupled modes", ("mode", "Hz", "damping", "largest motion"), tuple(rows)),) if rows else (),

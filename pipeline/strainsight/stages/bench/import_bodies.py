@@ -52,7 +52,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
         tables += [
             replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, warnings)
         ]
-        included += [Path(found) for found in mesh.included]
+        included += [Path(file) for file in mesh.included]
         summary |= {
             f"nodes.{name}": len(mesh.node_ids),
             f"mass.{name}": float(weight[0]),

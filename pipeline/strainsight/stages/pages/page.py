@@ -111,9 +111,9 @@ def warnings_of(
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     summary, validated = validate.summary, read(Validated, validate)
     units = {name: unit_of(validated, "estimate", name) for name in names}
-    beyond = str(summary.get("out_of_range", ""))
-    notes = [capital(text) for text in (beyond, *posterior_doubts(validated.posterior, units)) if text]
-    for name in names if not beyond else ():
+    out_of_range = str(summary.get("out_of_range", ""))
+    notes = [capital(text) for text in (out_of_range, *posterior_doubts(validated.posterior, units)) if text]
+    for name in names if not out_of_range else ():
         std, random = float(summary[f"std.{name}"]), validated.all.std[name]
         claims = claims_of(name, summary, repeated(name, validate))
         if claims and claims[0].overconfident:
@@ -150,7 +150,7 @@ def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tupl
 def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> data.Unknown:
     validate, place = up["validate"], up["place"]
     validated, placed, summary = read(Validated, validate), read(Placed, place), validate.summary
-    truth, beyond, repeats = validated.truth[name], "out_of_range" in summary, repeated(name, validate)
+    truth, out_of_range, repeats = validated.truth[name], "out_of_range" in summary, repeated(name, validate)
     number = {key: float(summary[f"{key}.{name}"]) for key in ("estimate", "error", "smoothed", "std", "smoothed_std")}
     identified = summary.get(f"identified.{name}") is not False
     return data.Unknown(
@@ -161,14 +161,14 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> data.Unknown
         truth=float(truth[-1]) if kind == "parameter" else rms(truth),
         estimate=number["estimate"],
         error=number["error"],
-        std=None if beyond else number["std"],
+        std=None if out_of_range else number["std"],
         smoothed_error=number["smoothed"],
         expected_std=placed.expected_std[name] / placed_size(name, up),
         worst_case="" if placed.by_case is None else placed.by_case.worst[name],
         zero=bool(summary.get(f"zero.{name}", False)),
-        smoothed_std=None if beyond else number["smoothed_std"],
-        claims=() if beyond else claims_of(name, summary, repeats),
-        withheld=beyond,
+        smoothed_std=None if out_of_range else number["smoothed_std"],
+        claims=() if out_of_range else claims_of(name, summary, repeats),
+        withheld=out_of_range,
         benefit=benefit_of(number["error"], validated.all.error[name]),
         repeats=data.Repeats(*repeats, identified) if len(repeats[0]) > 1 else None,
     )

@@ -26,7 +26,7 @@ QUANTITY, UNIT, MICRO = "principal strain of largest magnitude", "µm/m", 1e6
 
 
 def strain_view(title: str, layout: PictureLayout, strains: Sequence[SurfaceStrain]) -> View:
-    """A panel each, side by side. Raises UserError where there is none."""
+    """One panel per load, side by side. Raises UserError without strain."""
     if not strains:
         raise UserError(
             "no strain to show: the model has no solids, or they have no material",
@@ -37,7 +37,7 @@ def strain_view(title: str, layout: PictureLayout, strains: Sequence[SurfaceStra
 
 
 def strain_shapes(layout: PictureLayout, strains: Sequence[SurfaceStrain]) -> tuple[ShownState, ...]:
-    """The same to choose from, each with a scale of its own."""
+    """The same as selectable states, each with a separate scale."""
     return tuple(
         ShownState(
             caption(strain),
@@ -95,10 +95,8 @@ def surface_view(title: str, artefact: Artefact, layout: PictureLayout, at: floa
 
 
 def field_shape(view: View, layout: PictureLayout) -> ShownState:
-    """What `surface_view` shows, as colours of the whole structure where it is: a state of the view in space.
-
-    layout: of the structure, whose facets have the points of the view in their order.
-    """
+    """Stress and strain of `surface_view` as colours of the whole structure: a state of the 3D view.
+    layout: of the structure, with facet points in the order of the view."""
     contour = contour_of(view.panels[0].values, view.layout, view.quantity, view.unit)
     at = np.full(len(layout.points), np.nan)
     at[np.unique(layout.faces[layout.faces >= 0])] = contour.values
@@ -132,8 +130,8 @@ def nearest(time: np.ndarray, at: float) -> int:
 
 
 def modes_view(title: str, layout: PictureLayout, shapes: np.ndarray, frequency: np.ndarray) -> View:
-    """The first mass-normalised shapes (modes, n, 3) and frequencies (modes,) [Hz] on the deformed structure, side by side; each
-    with a scale of its own."""
+    """Mode shapes on the deformed structure, side by side: the first mass-normalised shapes (modes, n, 3) and frequencies
+    (modes,) [Hz], each with a separate scale."""
     panels = []
     for i, (shape, f) in enumerate(zip(shapes[:MODES], frequency, strict=False), start=1):
         length = np.linalg.norm(shape, axis=1)

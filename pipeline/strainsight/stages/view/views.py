@@ -1,4 +1,4 @@
-"""What there is to see of a run, which stages have to have run for it, and the view from their artefacts."""
+"""Views of a run, the stages they need, and their construction from the artefacts."""
 
 from __future__ import annotations
 
@@ -38,26 +38,24 @@ from strainsight.stages.view.surface import (
 )
 
 
-def body_of(config: BenchConfig, asked: str | None) -> str:
-    """The flexible body to show: the one asked for, else that of the field, of the placement, or the first.
-
-    Raises UserError where there is none, or none of that name.
-    """
+def body_of(config: BenchConfig, body_name: str | None) -> str:
+    """The flexible body to show: the named one, otherwise that of the field, of the placement, or the first.
+    Raises UserError if the bench has no such body."""
     bodies = list(config.flexible)
     if not bodies:
         raise UserError("this bench has no flexible body", remedy="there is no mesh to show; see report.html")
-    if asked is not None and asked not in bodies:
+    if body_name is not None and body_name not in bodies:
         names = ", ".join(bodies)
         raise UserError(
-            f"--body {asked}: unknown flexible body",
-            remedy=did_you_mean(asked, bodies, f"flexible bodies are {names}"),
+            f"--body {body_name}: unknown flexible body",
+            remedy=did_you_mean(body_name, bodies, f"flexible bodies are {names}"),
         )
-    wanted = [asked, *(section.body for section in (config.field, config.place) if section is not None), bodies[0]]
+    wanted = [body_name, *(section.body for section in (config.field, config.place) if section is not None), bodies[0]]
     return next(name for name in wanted if name is not None)
 
 
 def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artefact], at: float | None) -> View:
-    """What is asked for of the body, from the artefacts that `offers` names; at [s]: the instant of a field."""
+    """A view of the body, from the artefacts listed in `offers`; at [s]: instant of a field."""
     mesh = read(Meshes, up["import"]).bodies[body]
     title = f"{config.name}: {body}"
     layout = bare(mesh, {})
@@ -144,8 +142,8 @@ def _bonded(up: Mapping[str, Artefact], which: str) -> list[tuple[np.ndarray, np
 def placement_view(
     config: PlacementConfig, what: str, up: Mapping[str, Artefact], at: float | None, record: str | None = None
 ) -> View:
-    """What is asked for, from the artefacts that `offers` names; at [s]: the instant of a field in time; record: of a test that
-    has several, None for the first."""
+    """A view of a placement, from the artefacts listed in `offers`; at [s]: instant of a field; record: of a test with several,
+    None for the first."""
     name, mesh = str(config.name), mesh_from(up["import"])
     if what == "modes":
         frequency = read(Reduced, up["rom"]).frequency
@@ -168,8 +166,8 @@ def placement_view(
 
 
 def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | None, record: str | None) -> View:
-    """Of the surface in time where it was asked for, else at the moment of the largest reading. Raises UserError without one, and
-    for a record that the test has not."""
+    """Surface field over time if available, otherwise at the instant of the largest reading. Raises UserError without one, and
+    for an unknown record."""
     records = estimated_in(estimate)
     names = [one for one in records if one]
     shown = next(iter(records)) if record is None else record
@@ -216,7 +214,7 @@ def _strain(title: str, layout: PictureLayout, up: Mapping[str, Artefact]) -> Vi
 
 WHAT = ("mesh", "modes", "strain", "candidates", "layout", "field")
 FURTHEST = ("layout", "mesh")
-"""What is shown where nothing is asked for: the first of these that is there."""
+"""Default views: the first available one is shown."""
 
 
 @dataclass(frozen=True)
@@ -230,15 +228,14 @@ class Offers:
 
 
 TEST, VALIDATION = "test", "validation"
-"""What a field of a placement may be of."""
+"""Sources of the field of a placement."""
 STAGE = {TEST: "estimate", VALIDATION: "validate"}
 
 
 def offers_of(
     config: PlacementConfig | BenchConfig, names: Sequence[str], body: str = "", of: str = VALIDATION
 ) -> Offers:
-    """What a placement or a bench with these stages could show; body: the flexible body of a bench; of: what the field of a
-    placement is of."""
+    """Views of a placement or bench with these stages; body: flexible body of a bench; of: source of a placement field."""
     stages: dict[str, tuple[str, ...]] = {"mesh": ("import",), "modes": ("import", "rom")}
     if isinstance(config, PlacementConfig):
         layout = ("import", "rom", "train", "screen", "place")
@@ -263,26 +260,24 @@ def offers_of(
     return Offers(stages, {what: why for what, why in absent.items() if what not in stages})
 
 
-def chosen(offers: Offers, folder: Path, asked: str | None, config_file: str) -> str:
-    """What to show: what is asked for, else the layout, else the mesh.
-
-    Raises UserError for what this config does not have, and for what has not been computed yet with the command to run.
-    """
-    if asked is not None:
-        if asked not in offers.stages:
+def chosen(offers: Offers, folder: Path, view: str | None, config_file: str) -> str:
+    """The requested view, otherwise the layout, otherwise the mesh.
+    Raises UserError for a view that this config does not have, or that is not computed yet, with the command to run."""
+    if view is not None:
+        if view not in offers.stages:
             can = ", ".join(what for what in WHAT if what in offers.stages)
             raise UserError(
-                f"this run has no view '{asked}'",
+                f"this run has no view '{view}'",
                 where=config_file,
-                remedy=f"{offers.absent[asked]}; available views: {can}",
+                remedy=f"{offers.absent[view]}; available views: {can}",
             )
-        if missing := missing_in(folder, offers.stages[asked]):
+        if missing := missing_in(folder, offers.stages[view]):
             raise UserError(
-                f"the view '{asked}' is not available yet: {folder / missing[0]}.h5 is missing",
+                f"the view '{view}' is not available yet: {folder / missing[0]}.h5 is missing",
                 where=config_file,
                 remedy=f"first run: strainsight {missing[-1]} {config_file}",
             )
-        return asked
+        return view
     ready = [what for what in FURTHEST if what in offers.stages and not missing_in(folder, offers.stages[what])]
     if not ready:
         raise UserError(
