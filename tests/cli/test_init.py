@@ -48,7 +48,7 @@ def blanks() -> list[str]:
     return [problem.key for problem in (caught.value, *caught.value.others)]
 
 
-def test_what_nobody_has_said_is_blank_and_named(init):
+def test_missing_answers_are_blank_and_listed(init):
     code, said = init()
     assert code == 0
     assert "fill in the blank lines" in said
@@ -57,7 +57,7 @@ def test_what_nobody_has_said_is_blank_and_named(init):
     assert blanks() == ["loads.force", "loads.force.direction"]
 
 
-def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
+def test_unsupported_cards_and_support_sets_are_listed(init):
     text = bricks((4, 2, 2)).replace("SPC = 1\n", "SUBCASE 1\nSPC = 1\nSUBCASE 2\nSPC = 7\n")
     text = text.replace("ENDDATA", "SPC1,7,3,1\nCQUAD,901,9,1,2,3,4\nCQUAD,902,9,1,2,3,4\nACCEL1,9\nENDDATA")
     assert init("--load", "node 900001", *LOAD, text=text)[0] == 0
@@ -89,7 +89,7 @@ def test_a_name_of_the_deck_stays_a_name(sign):
     assert yaml.safe_load(template("a.inp", found))["loads"]["force"]["set"] is None
 
 
-def test_with_a_load_that_was_given_the_config_is_whole(init):
+def test_config_with_load_option_is_complete(init):
     code, said = init("--load", "node 900001", *LOAD)
     assert (code, "check the lines marked" in said) == (0, True)
     config = load_config("own.yaml").model
@@ -99,7 +99,7 @@ def test_with_a_load_that_was_given_the_config_is_whole(init):
     assert config.parameters["E"].guess == pytest.approx(2.1e11)
 
 
-def test_a_load_can_be_what_is_sought(init):
+def test_load_can_be_the_unknown(init):
     assert init("--find", "load", "--load", "node 900001", *LOAD)[0] == 0
     config = load_config("own.yaml").model
     assert (config.place.estimate, dict(config.parameters), config.loads["force"].known) == (("force",), {}, False)
@@ -139,7 +139,7 @@ def test_questions_fill_in_what_options_leave_open(init):
     assert {*blanks()} == {"loads.force.signal.frequency", "loads.force.signal.amplitude"}
 
 
-def test_weight_and_rotation_of_the_deck_are_offered_and_taken_as_they_are(init):
+def test_gravity_and_rotation_loads_of_deck_are_offered(init):
     text = bricks((4, 2, 2)).replace("ENDDATA", "GRAV,5,,9.81,0.,0.,-1.\nRFORCE,6,,,10.,0.,0.,2.\nENDDATA")
     assert init(*LOAD, text=text)[0] == 0
     written = Path("own.yaml").read_text()

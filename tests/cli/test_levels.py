@@ -45,7 +45,7 @@ def call(project, tmp_path):
 
 
 @pytest.mark.parametrize("words", [("-q",), *slowly((("--quiet",),), (("--log-level", "error"),))])
-def test_quiet_says_nothing_and_the_log_says_all(call, tmp_path, words):
+def test_quiet_prints_nothing_and_log_is_complete(call, tmp_path, words):
     done = call(*words)
     assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
     log = (tmp_path / "results" / "beam" / "run.log").read_text(encoding="utf-8")
@@ -60,7 +60,7 @@ def test_warning_keeps_warnings_and_no_stages(call):
     assert ON_ONE_NODE in done.stderr
 
 
-def test_two_levels_contradict_each_other(call, tmp_path):
+def test_two_log_levels_are_refused(call, tmp_path):
     for words in (("-q", "-v"), ("-q", "--log-level", "info")):
         done = call(*words)
         assert done.exit_code == 2
@@ -173,7 +173,7 @@ def test_a_log_that_cannot_be_written_is_no_reason_to_fail(work):
     assert (one.job.folder / "good.h5").exists()
 
 
-def test_it_keeps_the_last_lines_within_its_bound(tmp_path):
+def test_log_keeps_last_lines_within_size_limit(tmp_path):
     path = tmp_path / "run.log"
     for i in range(40):
         append(path, f"{i} {'x' * 98}\n" * 500)

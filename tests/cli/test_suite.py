@@ -160,7 +160,7 @@ def test_missing_inputs_of_any_run_are_found_before_the_first_one_starts(folder)
         ("status", ["claims.0.stage=estimate"], ["runs[0], 'coarse', does not have the stage 'estimate'"]),
     ],
 )
-def test_what_a_suite_lacks_is_refused_with_its_place(first, call, command, changes, words):
+def test_fault_of_suite_is_refused_with_location(first, call, command, changes, words):
     done = call(command, *(word for change in changes for word in ("--set", change)))
     assert done.exit_code == 2
     for word in words:
@@ -185,7 +185,7 @@ def guessing(tmp_path):
     return made
 
 
-def test_a_guess_is_waited_for_however_its_run_is_written(guessing):
+def test_run_waits_for_guess_in_any_path_notation(guessing):
     for source in ("first", f"../configs/{guessing.path}"):
         works = guessing(source)
         assert makers(works[1], works) == {"parameters.E.guess.from": 0}
@@ -201,7 +201,7 @@ def test_a_guess_from_a_run_that_ends_before_it_or_comes_later_is_refused(guessi
         guessing(guessing.path, place=0)
 
 
-def test_a_name_that_is_taken_in_the_results_is_refused(guessing, tmp_path):
+def test_existing_run_name_is_refused(guessing, tmp_path):
     (tmp_path / "results" / "both").mkdir(parents=True)
     (tmp_path / "results" / "first").mkdir()
     (tmp_path / "results" / "both" / "import.h5").touch()

@@ -68,13 +68,13 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("overrides", "key", "says"), REFUSED)
-def test_what_the_bench_cannot_have_is_refused_with_its_key(overrides, key, says):
+def test_invalid_bench_is_refused_with_key(overrides, key, says):
     error = refused(*overrides)
     assert error.key.startswith(key)
     assert all(text in str(error) for text in says)
 
 
-def test_what_is_unusual_and_fits_is_accepted():
+def test_unusual_but_valid_bench_is_accepted():
     """A case of one bearing or several, a curve within the bearing that it names, a heavy body with moments to match."""
     for chosen in ("null", "spare", "[spare]", "[pitch-bearing, spare]"):
         load_config(FULL, [SECOND, f"cases.weight.bearing={chosen}"])
@@ -110,7 +110,7 @@ def test_config_and_kernel_refuse_the_same_grooves(radius, preload):
         ("r: {bearing: pitch-bearing, property: radius_inner_left, guess: 31.8}", "r.guess", "31.8 m is far from 0.0318 m"),
     ],
 )
-def test_a_guess_in_another_unit_is_refused_where_it_stands(entry, key, says):
+def test_guess_in_wrong_unit_is_refused_with_location(entry, key, says):
     with pytest.raises(ConfigError) as caught:
         load_config(FULL.parent / "bench" / "modulus.yaml", [f"estimate.parameters={{{entry}}}"])
     assert not caught.value.others
@@ -175,12 +175,12 @@ def keys_naming(*frames):
     }  # fmt: skip
 
 
-def test_there_is_an_example_of_every_kind():
+def test_every_kind_has_an_example():
     for section, examples in EXAMPLES.items():
         assert examples.keys() == kinds(section).keys()
 
 
-def test_a_frame_that_is_not_there_is_refused_by_every_kind_that_names_it():
+def test_unknown_frame_is_refused_by_every_kind():
     load_config(FULL, every_kind())
     for name in ("flange", "root"):
         with pytest.raises(ConfigError) as caught:
@@ -190,7 +190,7 @@ def test_a_frame_that_is_not_there_is_refused_by_every_kind_that_names_it():
         assert all(f"no frame '{name}s'" in error.what and f"did you mean {name}?" in str(error) for error in errors)
 
 
-def test_two_frames_of_one_body_are_refused_by_every_kind_that_names_two():
+def test_two_frames_of_one_body_are_refused_by_every_kind():
     with pytest.raises(ConfigError, match="both frames are on 'blade'") as caught:
         load_config(FULL, every_kind(flange="station"))
     errors = [caught.value, *caught.value.others]
@@ -198,7 +198,7 @@ def test_two_frames_of_one_body_are_refused_by_every_kind_that_names_two():
 
 
 @pytest.mark.parametrize(("section", "table"), [("joints", JOINTS), ("forces", LAWS)])
-def test_every_joint_and_law_of_the_kernel_is_reached_with_the_keys_it_wants(section, table):
+def test_every_joint_and_force_law_is_configurable(section, table):
     """A section has a key for every argument of its function, of the same name, and besides no other than a history."""
     models = kinds(section)
     others = {"joints": set(), "forces": {"gravity", "force", "moment", "bearing"}}[section]

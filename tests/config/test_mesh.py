@@ -61,7 +61,7 @@ def sections(text: str) -> str:
 BEAM = "regions: [spar], area: 1.0e-4, second_moments: [2.0e-9, 1.0e-9], torsion: 1.0e-9, direction: [0, 0, 1]"
 
 
-def test_all_that_a_mesh_may_need_beside_its_file_is_accepted(load):
+def test_all_optional_mesh_keys_are_accepted(load):
     mesh = load(CONFIG)["mesh"]
     assert mesh["supports"][0]["components"] == [1, 2, 3]
     assert mesh["matrices"]["stiffness"][0] == {"file": "k.mtx", "name": None, "parameter": "E", "at": 2.1e11}
@@ -108,7 +108,7 @@ SECTIONS = [
         *((sections(f"{{own: {{{text}}}}}"), f"mesh.sections.own{key}", what) for text, key, what in SECTIONS),
     ],
 )
-def test_a_contradiction_is_reported_at_its_key(load, text, key, what):
+def test_inconsistency_is_reported_at_its_key(load, text, key, what):
     assert text != CONFIG
     with expect_refusal(ConfigError, what, remedy="") as caught:
         load(text)
@@ -136,7 +136,7 @@ def loaded(cases, *more):
     return load_config(EXAMPLE, [*LOADS, *more, f"place.load_cases={cases}"]).model.place.load_cases
 
 
-def test_a_case_without_overrides_is_the_loads_as_stated():
+def test_load_case_without_overrides_equals_configured_loads():
     found = loaded("{plain: {}, idle: {weight: 2, loads: {side: none}, duration: 0.5, settle: none}}")
     assert found["plain"].weight == 1
     assert found["plain"].loads == {}
@@ -166,7 +166,7 @@ def test_a_case_without_overrides_is_the_loads_as_stated():
         ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "use"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused_with_its_key_and_the_remedy(cases, key, what, remedy):
+def test_invalid_load_case_is_refused_with_key_and_remedy(cases, key, what, remedy):
     with pytest.raises(ConfigError) as caught:
         loaded(cases)
     found = [error for error in (caught.value, *caught.value.others) if error.key == key]
@@ -176,7 +176,7 @@ def test_what_cannot_be_is_refused_with_its_key_and_the_remedy(cases, key, what,
     assert remedy in found[0].remedy
 
 
-def test_the_step_of_a_case_resolves_the_process_noise_that_a_load_has_as_stated():
+def test_time_step_of_case_resolves_process_noise():
     slow = "{type: sine, frequency: 1, amplitude: 1}"
     cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
     assert loaded(cases)["a"].time_step == 0.01
@@ -196,7 +196,7 @@ def load_typed(tmp_path):
     return lambda *overrides: load_config(tmp_path / "edge.yaml", overrides).model
 
 
-def test_a_type_gives_grid_spacing_range_and_gain(load_typed):
+def test_gauge_type_sets_grid_spacing_range_and_gain(load_typed):
     """3/350 by its data sheet: a grid of 1/8 inch, a carrier of 0.42 × 0.27 inch, 5 %, 350 Ω, a gauge factor to 0.5 %."""
     config = load_typed("gauges.type=3/350")
     assert config.gauges.grid_length == pytest.approx(0.0254 / 8, rel=0.002)
@@ -214,7 +214,7 @@ def test_a_type_gives_grid_spacing_range_and_gain(load_typed):
         ("place.minimum_spacing", 0.05), ("tolerances.gain", 0.02),
     ],
 )
-def test_a_key_that_is_stated_wins(load_typed, key, value):
+def test_explicit_key_overrides_gauge_type(load_typed, key, value):
     config = load_typed("gauges.type=3/350", f"{key}={'null' if value is None else value}")
     section, name = key.split(".")
     assert getattr(getattr(config, section), name) == value
@@ -232,7 +232,7 @@ def test_tolerances_of_none_stay_none_and_accelerometers_keep_their_gain(load_ty
     assert load_typed("gauges.type=3/120").tolerances.gain == pytest.approx(math.hypot(0.005, 1 / 120), abs=1e-6)
 
 
-def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(load_typed):
+def test_user_defined_gauge_type_may_replace_catalogue_type(load_typed):
     for name in ("mine", "3/350"):
         config = load_typed(f"gauges.type={name}", f"gauges.types={{{name}: {OWN}}}".replace("'", ""))
         assert (config.gauges.grid_length, config.screen.minimum_spacing) == (0.002, 0.006)
@@ -251,14 +251,14 @@ def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(load_t
         ),
     ],
 )
-def test_a_type_that_is_not_there_or_does_not_fit_is_named_with_its_remedy(load_typed, overrides, said):
+def test_unknown_or_unsuitable_gauge_type_is_refused_with_remedy(load_typed, overrides, said):
     with pytest.raises(ConfigError) as caught:
         load_typed(*overrides)
     text = "\n".join(str(problem) for problem in (caught.value, *caught.value.others))
     assert re.search(said, text.replace("\n", " ")), text
 
 
-def test_the_catalogue_is_sound_by_its_own_names():
+def test_gauge_catalogue_agrees_with_its_names():
     for name, own in CATALOGUE.items():
         grid, resistance = name.removesuffix("-rosette").split("/")
         assert own.grid_length == pytest.approx(1e-3 * float(grid), rel=0.07)
@@ -272,5 +272,5 @@ def test_the_catalogue_is_sound_by_its_own_names():
         assert own.source
 
 
-def test_a_part_gets_the_type_whose_carrier_is_no_third_of_its_largest_face():
+def test_gauge_type_has_carrier_below_third_of_largest_face():
     assert [fitting_type(side) for side in (1.0, 0.0322, 0.032, 0.0238, 0.0236)] == ["3/350"] * 2 + ["1.5/350"] * 2 + [None]

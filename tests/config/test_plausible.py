@@ -66,14 +66,14 @@ def bounded(inside) -> bool:
     return below and above
 
 
-def test_every_number_of_every_config_has_a_plausible_range_or_a_reason_for_none():
+def test_every_config_number_has_plausible_range_or_reason():
     numbers = every_number()
     assert len(numbers) > 250
     lacking = [(model, name) for model, name, field, inside in numbers if not (mark_of(field, Marker) or bounded(inside))]
     assert lacking == []
 
 
-def test_ranges_are_in_order_and_reasons_are_given():
+def test_plausible_ranges_are_ordered():
     for _, _, field, _ in every_number():
         mark = mark_of(field, Marker)
         ranges = mark.ranges.values() if isinstance(mark, PlausibleBy) else (mark,) if isinstance(mark, Plausible) else ()
@@ -90,7 +90,7 @@ def test_every_default_is_plausible():
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_no_config_that_is_shipped_is_warned_of(path):
+def test_shipped_configs_have_no_warnings(path):
     assert list(implausible(load_config(path).model)) == []
 
 
@@ -111,7 +111,7 @@ ODD = [  # (config, key, value, what the warning says)
 
 
 @pytest.mark.parametrize(("text", "key", "value", "words"), ODD, ids=[key for _, key, *_ in ODD])
-def test_an_absurd_value_is_warned_of_with_its_key_and_what_was_meant(tmp_path, text, key, value, words):
+def test_implausible_value_gives_warning_with_key_and_unit(tmp_path, text, key, value, words):
     path = tmp_path / "own.yaml"
     path.write_text(text, encoding="utf-8")
     assert list(implausible(load_config(path).model)) == []
@@ -129,7 +129,7 @@ def test_lengths_are_compared_with_the_structure(tmp_path):
     assert (grid.key, position.key) == ("gauges.grid_length", "tolerances.position")
 
 
-def test_the_range_of_a_parameter_is_that_of_its_property(tmp_path):
+def test_parameter_range_follows_property(tmp_path):
     path = tmp_path / "own.yaml"
     path.write_text(PLACEMENT, encoding="utf-8")
     found = list(implausible(load_config(path, [f"parameters.E={E_IN_GPA}", "validate.truth.parameters.E=210.0"]).model))
@@ -160,7 +160,7 @@ def refused(name: str, override: str | Override) -> list[ConfigError]:
         ("{near_edgs: 0.1}", "", f"set exactly one of {FORMS}", "did you mean near_edges?"),
     ],
 )
-def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):
+def test_zone_is_identified_by_its_keys(zone, key, what, remedy):
     """A member of the union has the name of its key: it must not be named twice, nor in place of the key at fault."""
     (error,) = refused("cantilever-youngs-modulus.yaml", f"gauges.exclude=[{zone}]")
     assert (error.key, error.what, error.remedy) == (f"gauges.exclude[0]{key}", what, remedy)
@@ -173,7 +173,7 @@ def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):
         ("bearing: a, outer: a, inner: c, size: 2", "size", "unknown key", "known keys: type, bearing, outer, inner, drag"),
     ],
 )
-def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):
+def test_type_may_be_named_like_one_of_its_keys(entry, key, what, remedy):
     (error,) = refused("bench-full.yaml", f"forces.b={{type: bearing, {entry}}}")
     assert (error.key, error.what, error.remedy) == (f"forces.b.{key}", what, remedy)
 
@@ -229,7 +229,7 @@ LINE = {"slope": 3.0, "stress": 1e8}
         ({}, {"sensitivity": 0.1}, ["mean_stress.sensitivity"]),
     ],
 )
-def test_what_does_not_fit_together_is_named(curve, mean, keys):
+def test_inconsistent_keys_are_named(curve, mean, keys):
     settings = DamageSettings(curve=SNCurve(**(LINE | curve)), mean_stress=MeanStressSection(**mean))
     assert [problem.key for problem in settings.problems()] == [*keys]
 
@@ -269,7 +269,7 @@ ARMS = "gauges.fixed[0].arms"
          "place.symmetry", "cannot be placed in mirrored pairs", ""),
     ],
 )  # fmt: skip
-def test_a_bridge_that_cannot_be_is_refused_with_key_and_remedy(overrides, key, what, remedy):
+def test_invalid_bridge_is_refused_with_key_and_remedy(overrides, key, what, remedy):
     with expect_refusal(ConfigError, what, remedy=remedy, key=key):
         load_config(CANTILEVER, overrides)
 

@@ -109,7 +109,7 @@ def place(text: str, part: str, file: str = "suite.yaml") -> str:
     return f"{file}:{text[: text.index(part)].count(chr(10)) + 1}:"
 
 
-def test_every_run_gets_what_is_set_its_name_and_the_suffix(write):
+def test_every_run_gets_overrides_name_and_suffix(write):
     runs = runs_of(load_config(write()))
     assert [run.config.model.name for run in runs] == [
         "cantilever-youngs-modulus-short", "watched-short", "cantilever-input-short",
@@ -137,7 +137,7 @@ def test_overrides_of_the_command_line_reach_the_suite_and_its_set(write):
     assert error.where == "--set set.place.instants"
 
 
-def test_what_set_made_wrong_is_placed_in_the_suite_and_reported_once(write):
+def test_fault_from_set_is_located_in_suite_and_reported_once(write):
     text = SUITE.replace("place.instants: 3", "place.instant: 3").replace("place.keep: 5", "place.keep: 0")
     found = {error.key: error for error in refused(write(text))}
     assert set(found) == {"place.instant", "place.keep"}
@@ -146,7 +146,7 @@ def test_what_set_made_wrong_is_placed_in_the_suite_and_reported_once(write):
     assert place(text, "place.keep") in found["place.keep"].where
 
 
-def test_what_is_wrong_with_the_config_of_a_run_is_placed_there_and_reported_once(write):
+def test_fault_in_run_config_is_located_there_and_reported_once(write):
     path = write()
     own = path.parent / "cantilever-youngs-modulus.yaml"
     text = own.read_text(encoding="utf-8").replace("seed: 1", "seed: -1")
@@ -183,7 +183,7 @@ def test_a_section_that_was_replaced_whole_is_reported(write):
         assert place(text, "{train") in error.where
 
 
-def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write):
+def test_page_lists_varied_key_and_location_of_results(write):
     suite = load_config(write(STUDIES))
     given = suite_config(suite, runs_of(suite), [["import", "reduce", "simulate", "report"]] * 3)
     assert [run["at"] for run in given["runs"]] == [0.5, 0.1, None]
@@ -244,7 +244,7 @@ def test_a_mistake_in_the_suite_has_its_place(write, text, before, after, key, w
     assert str(error).replace("\n", "").isprintable()
 
 
-def test_placements_and_benches_share_a_page_and_each_has_its_own_stage_of_numbers(write):
+def test_placements_and_benches_share_page_with_separate_result_stages(write):
     text = COMPARED.replace("set: {simulate.time_step: 0.5}", "set: {simulate.time_step: 0.5}, until: simulate")
     suite = load_config(write(text))
     given = suite_config(suite, runs_of(suite), [["simulate"], ["simulate"], ["import", "place", "validate"]])
@@ -269,7 +269,7 @@ def test_placements_have_studies_and_claims_too(write):
     )
 
 
-def test_what_is_measured_on_another_run_follows_the_suffix(write):
+def test_reference_run_of_measure_gets_suffix(write):
     estimate = (
         "{sensors: {relative: {noise: 1.0e-7}}, inputs: {Fx: {std: 1.0, increment: 1.0}}, measured: {from: NAME}}"
     )

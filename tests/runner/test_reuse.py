@@ -76,7 +76,7 @@ def test_a_link_is_followed_to_the_file(results):
 
 
 @pytest.mark.parametrize("changed", ["look.h5", "page.html"])
-def test_what_is_replaced_while_it_is_taken_is_passed_over(results, changed, monkeypatch):
+def test_artefact_replaced_during_copy_is_skipped(results, changed, monkeypatch):
     source_of(job_of(results, "second"))
     source_of(job_of(results, "other", by=2))
     name = {"look.h5": "_shared", "page.html": "_beside"}[changed]

@@ -187,7 +187,7 @@ def test_a_second_holder_is_refused_and_the_file_goes_with_the_first(tmp_path):
     assert not (tmp_path / NAME).exists()
 
 
-def test_what_a_killed_run_has_left_is_named_and_taken(tmp_path):
+def test_lock_of_killed_run_is_reported_and_replaced(tmp_path):
     (tmp_path / NAME).write_text("4711\n")
     with locked(tmp_path) as left_by:
         assert left_by == 4711

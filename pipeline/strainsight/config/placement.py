@@ -360,7 +360,7 @@ class PlacementConfig(NamedRun, Damped):
     solver: Literal["direct", "slepc"] = expert(
         "direct",
         description="Solver of the stiffness matrix, for modes and static responses. With `direct`: PARDISO in this process. "
-        "With `slepc`: SLEPc and MUMPS in MPI processes, for models that exceed the memory of one machine; STRAINSIGHT_MPI "
+        "With `slepc`: SLEPc and MUMPS in MPI processes, for models larger than the memory of one machine. STRAINSIGHT_MPI "
         "and STRAINSIGHT_MPI_PYTHON in the environment set the launcher and the number of processes.",
     )
     rom: ReducedModelSection = with_defaults(ReducedModelSection, "Parametric reduced model.")

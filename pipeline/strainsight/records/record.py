@@ -6,8 +6,8 @@
         strain: np.ndarray = dataset("strain", "/time × channel", "reading of every channel")
 
 Writing (`written`), reading (`read`), shape checks and docs/artefacts.md (`listed`) use these declarations. A field may be an
-array, a number, text (`str`, `tuple[str, ...]`), a record in a group, or a `dict` of these by name (`<name>` in its path);
-optional fields may be None. A kernel dataclass is a record through the `Column` of its fields, and a `table` stores many of them.
+array, a number, text (`str`, `tuple[str, ...]`) or a record in a group. It may also be a `dict` of these by name (`<name>` in
+its path), or None if it is optional. A kernel dataclass is a record through the `Column` of its fields, and a `table` stores many of them.
 A `Form` stores other objects.
 """
 

@@ -74,7 +74,7 @@ _INTACT: set[tuple[int, ...]] = set()
 
 @dataclass(frozen=True)
 class ArtefactHeader:
-    """What an artefact was made from; `key` is the sha256 of all of it but the seed.
+    """Inputs of an artefact; `key` is the sha256 of all of them except the seed.
 
     stage     name of the stage
     version   version of the stage
@@ -82,12 +82,12 @@ class ArtefactHeader:
     config    the declared slice of the config, as JSON data
     upstream  stage → content digest of its artefact
     files     dotted key → digest of that input file
-    seed      the run's seed where the stage reads it
+    seed      seed of the run, if the stage reads it
     found     input files found while running (path relative to the config's folder → digest)
-    beside    file written beside the artefact → sha256
+    beside    additional file of the stage → sha256
     sizes     the same files → their length [bytes]
-    seconds   how long the stage took when it was computed [s]; neither part of the key nor of the digest
-    code      digest of the code of the stage (`workflow.code`), "" where none is recorded; no part of them either
+    seconds   run time of the stage [s]; not part of key or digest
+    code      digest of the code of the stage (`workflow.code`), or ""; not part of key or digest
     """
 
     stage: str
@@ -107,12 +107,12 @@ class ArtefactHeader:
 class Artefact:
     """A finished, verified results file.
 
-    artefact["/frequency"]                 → ndarray (text comes back as str arrays)
+    artefact["/frequency"]                 → ndarray (text as str arrays)
     artefact.children("/reduced/mass")     → {"constant": ndarray, "E": ndarray}
-    artefact.summary, .tables, .message    what the stage said; .warnings are those in the tables
-    artefact.key, .digest, .header         what it was made from, and the sha256 of what it holds
+    artefact.summary, .tables, .message    results of the stage; .warnings are those in the tables
+    artefact.key, .digest, .header         its inputs, and the sha256 of its content
     artefact.attributes("/augmented")      attributes of a group or dataset
-    artefact.source                        the run beside this one that it has just been reused from, or ""
+    artefact.source                        the other run from which it was just reused, or ""
 
     Raises ArtefactError for a file that is missing, cut short, altered, of another format version, or that points
     outside itself.

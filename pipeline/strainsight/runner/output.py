@@ -87,15 +87,15 @@ def warnings_in(tables: Iterable[Table]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Output:
-    """The whole result of a stage; the same inputs must give the same Output (no clock, no path in it).
+    """Complete result of a stage; equal inputs must give an equal Output (no time, no paths).
 
     datasets    path ("/reduced/mass/constant") → Dataset
     summary     small scalars that --json prints
     message     one line: "100 → 4, gap 0.000 %, E ± 0.08 %"
     tables      printed at the end of `run`
     attributes  group or dataset path → attributes; under /VTKHDF they are written exactly as given
-    files       file name → content, written beside the artefact ("report.html")
-    inputs      files the stage found while running beside its declared ones (a deck's INCLUDEs): a change runs it again
+    files       file name → content, written next to the artefact ("report.html")
+    inputs      additional input files found by the stage (INCLUDE of a deck); a change runs it again
     """
 
     datasets: Mapping[str, Dataset]

@@ -233,11 +233,10 @@ def run(
 ) -> Iterator[Event]:
     """Bring `stages` (in order, upstream first) up to date, yielding events.
 
-    Input files of all stages are looked for before anything is written, and looked at (`Stage.check`) before the first one
-    runs. The lock of the results folder is held until the iterator ends. A stage that fails writes nothing and leaves all
-    earlier artefacts as they were; its StrainsightError gets the place of its config key. `forced` names stages that run in
-    any case. A stage whose upstream ran again but came out the same stays up to date; one that a run beside this has done on
-    the same inputs is reused from there; where another process is at it, that one is waited for.
+    All input files are searched before anything is written, and checked (`Stage.check`) before the first stage runs. The lock
+    of the results folder is kept until the iterator ends. A failed stage writes nothing, and its StrainsightError gets the
+    location of its config key. `forced` names stages that run in any case. A stage stays up to date if its upstream ran
+    again with the same result. Artefacts of other runs with the same inputs are reused, also from a process still running.
     """
     # Digests are taken before a stage reads its files: a file that changes meanwhile is noticed by the next run.
     with _placed(job):

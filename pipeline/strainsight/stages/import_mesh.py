@@ -75,7 +75,7 @@ def looked_at(
     warnings: tuple[str, ...] = ()
     if (
         section.matrices is None and section.results is None
-    ):  # beside them materials and unused nodes of the file mean nothing
+    ):  # with imported matrices, materials and unused nodes have no effect
         warnings = model_warnings(mesh, section.length_unit, section.mass_unit, section.free)
     return weight, quality, (*warnings, *beyond_range(config, mesh))
 

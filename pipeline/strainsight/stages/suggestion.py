@@ -94,7 +94,7 @@ def _contact(path: Path, step: int | None) -> Literal["bonded", "open"]:
     for choice in CHOICES:
         try:
             left[choice] = len(free_motions(read_mesh(path, solids=False, materials=False, step=step, contact=choice)))
-        except StrainsightError:  # `import` says what is wrong with it
+        except StrainsightError:  # `import` reports the fault
             continue
     return "bonded" if left.get("bonded", 0) < left.get("open", 0) else "open"
 
@@ -105,7 +105,7 @@ def _shells(path: Path, mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
         return mesh, ()
     try:
         shells = read_mesh(path, solids=False, given={"mesh.sections.shells": GivenSection(None, ShellSection(1.0))})
-    except UserError:  # it has none, or quadratic ones: `import` says so
+    except UserError:  # without shells, or with quadratic ones: `import` reports it
         return mesh, ()
     return shells, tuple(region.name for region in shells.regions.values())
 

@@ -78,7 +78,7 @@ def suite_of(context: Context[SimpleNamespace]) -> Suite:
             runs.append(_placement(entry, up))
         else:
             seeds = read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {}
-            runs.append(BenchPageRun(**_stated(entry, up), **run_of(up), seeds=seeds))
+            runs.append(BenchPageRun(**_entry_data(entry, up), **run_of(up), seeds=seeds))
         # The digest and not the key, which changes with inputs that made no difference.
         provenance |= {f"{entry.name}, {stage}": up[stage].digest[:16] for stage in (*up,)[-1:]}
     studies = _studies(context.config.studies, runs)
@@ -88,7 +88,7 @@ def suite_of(context: Context[SimpleNamespace]) -> Suite:
     return Suite(name, title, tuple(runs), studies, statements, comparisons, provenance)
 
 
-def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
+def _entry_data(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
     """Data on the page of any run, apart from its artefacts."""
     page = f"../{entry.name}/report.html" if PAGE in up else None
     return {key: getattr(entry, key) for key in ("name", "label", "note", "study", "group", "at", "reached")} | {
@@ -101,7 +101,7 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
     names = list(described)
     validate, place = up.get("validate"), up.get("place")
     return PlacementRun(
-        **_stated(entry, up),
+        **_entry_data(entry, up),
         numbers={stage: artefact.summary for stage, artefact in up.items()},
         unknowns=tuple(_unknown(name, described[name], up) for name in names),
         pool=int(place.summary["pool"]) if place else None,

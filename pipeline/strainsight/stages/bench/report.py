@@ -157,7 +157,7 @@ def _pictures(views: Mapping[str, View]) -> tuple[list[tuple[str, bytes]], str]:
     """Captions and PNGs of the gauges on the body and of its stress, and the reason if they are missing."""
     shown = [views[what] for what in ("layout", "field") if what in views]
     shown = [view for view in shown if view.layout.gauges or len(view.panels[0].values)]
-    # The page says below the picture what it is of: not in it, too.
+    # The caption is below the picture, not in it.
     pictures, problem = drawn_or_why(lambda: screenshots([*map(untitled, shown)])) if shown else (None, "")
     return list(zip(map(_caption, shown), pictures or (), strict=False)), problem
 

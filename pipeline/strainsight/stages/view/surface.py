@@ -135,7 +135,7 @@ def modes_view(title: str, layout: PictureLayout, shapes: np.ndarray, frequency:
     panels = []
     for i, (shape, f) in enumerate(zip(shapes[:MODES], frequency, strict=False), start=1):
         length = np.linalg.norm(shape, axis=1)
-        # A shape has no size of its own: it is drawn as large as it can be seen beside the structure.
+        # A mode shape has an arbitrary amplitude; it is scaled to the size of the structure.
         shift = shape * (0.06 * layout.size / max(float(length.max(initial=0.0)), np.finfo(float).tiny))
         panels.append(Panel(f"mode {i}, {f:.4g} Hz", length, shift))
     return View(title, replace(layout, fixed=NOTHING), tuple(panels), "magnitude of the mode shape", "kg^-1/2", POINTS)
