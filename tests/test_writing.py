@@ -55,7 +55,7 @@ def test_a_pipe_a_device_and_a_folder_are_no_files(tmp_path):
     (tmp_path / "device").symlink_to("/dev/null")
     (tmp_path / "folder").mkdir()
     for name in ("pipe", "device", "folder"):
-        with pytest.raises(UserError, match="is not a file"):
+        with pytest.raises(UserError, match="is not a regular file"):
             write_file(tmp_path / name, b"ours")
     assert (tmp_path / "device").is_symlink()
 
@@ -118,9 +118,9 @@ def test_no_command_writes_through_a_link(tmp_path, outside, monkeypatch):
         assert "is a link to" in refused(command, "beam.yaml")
     (project / "results").unlink()
     (project / "new.yaml").symlink_to(outside / "new.yaml")
-    assert "the file exists" in refused("init", "beam.bdf", "-o", "new.yaml")
+    assert "the file already exists" in refused("init", "beam.bdf", "-o", "new.yaml")
     (project / "lug.yaml").symlink_to(outside / "new.yaml")
-    assert "the file exists" in refused("example", "lug")
+    assert "the file already exists" in refused("example", "lug")
     done = CliRunner().invoke(app, ["init", "beam.bdf", "-o", "new.yaml", "--force"])
     assert done.exit_code == 0, done.output
     assert not (project / "new.yaml").is_symlink()

@@ -1,4 +1,4 @@
-"""A bar for every run at work, with the time that is left."""
+"""A progress bar with the remaining time for every active run."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ from strainsight_cli.work import Progress
 
 @contextmanager
 def progress_bar(wanted: bool) -> Iterator[Progress]:
-    """Bars on a terminal only; yields the callback that moves them: (run, stage, doing, share, left)."""
+    """Progress bars, on a terminal only; yields the callback that updates them: (run, stage, activity, fraction, left)."""
     if not (wanted and shown(Level.INFO) and sys.stderr.isatty()):
-        yield lambda run, stage, doing, share, left: None
+        yield lambda run, stage, activity, share, left: None
         return
     from rich.console import Console
     from rich.progress import BarColumn, ProgressColumn, Task, TextColumn, TimeElapsedColumn
@@ -26,7 +26,7 @@ def progress_bar(wanted: bool) -> Iterator[Progress]:
     from rich.text import Text
 
     class TimeLeft(ProgressColumn):
-        """Counts down between two moves."""
+        """Count down between two updates."""
 
         max_refresh = 1.0
 
@@ -44,7 +44,7 @@ def progress_bar(wanted: bool) -> Iterator[Progress]:
     with Bars(*columns, console=Console(stderr=True), transient=True) as bars:
         tasks: dict[str, tuple[str, Any]] = {}
 
-        def move(run: str, stage: str, doing: str, share: float, left: RemainingTime) -> None:
+        def move(run: str, stage: str, activity: str, share: float, left: RemainingTime) -> None:
             if not stage:
                 bars.remove_task(tasks.pop(run)[1])
                 return
@@ -52,6 +52,6 @@ def progress_bar(wanted: bool) -> Iterator[Progress]:
                 bars.remove_task(tasks[run][1])
             if tasks.get(run, ("",))[0] != stage:
                 tasks[run] = stage, bars.add_task("", total=1.0, stage=stage, run=printable(run), left=left)
-            bars.update(tasks[run][1], completed=min(max(share, 0.0), 1.0), description=printable(doing), left=left)
+            bars.update(tasks[run][1], completed=min(max(share, 0.0), 1.0), description=printable(activity), left=left)
 
         yield move

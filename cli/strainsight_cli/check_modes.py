@@ -1,4 +1,4 @@
-"""`strainsight check-modes`: frequencies and shapes of another program beside those of the deck of a config."""
+"""`strainsight check-modes`: compare frequencies and mode shapes of another program with those of the deck of a config."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Annotated
 import typer
 
 from strainsight_cli import pipelines
-from strainsight_cli.failures import CONTRADICTED, reported
+from strainsight_cli.failures import INCONSISTENT, reported
 from strainsight_cli.options import DEFAULT_RESULTS, ConfigFile, Results, Set, Verbose
 from strainsight_cli.printing import Level, json_line, say, shown
 from strainsight_cli.render import print_tables
@@ -22,17 +22,18 @@ def check_modes(
     file: Annotated[
         Path,
         typer.Argument(
-            metavar="FILE", help="Its modes: .f06, .op2, .pch, .dat or .frd of CalculiX, .unv, .rst, .vtu, also as .gz."
+            metavar="FILE",
+            help="File with modes: .f06, .op2, .pch, .dat or .frd (CalculiX), .unv, .rst, .vtu; also compressed (.gz).",
         ),
     ],
     tolerance: Annotated[
-        float, typer.Option("--tolerance", min=0.0, help="Largest difference of a frequency [%].")
+        float, typer.Option("--tolerance", min=0.0, help="Largest accepted frequency difference [%].")
     ] = 1.0,
     mac: Annotated[
-        float, typer.Option("--mac", min=0.0, max=1.0, help="Least MAC of a shape, where there are some.")
+        float, typer.Option("--mac", min=0.0, max=1.0, help="Smallest accepted MAC, if the file has mode shapes.")
     ] = 0.9,
-    step: Annotated[int | None, typer.Option("--step", help="Step or subcase, where several have modes.")] = None,
-    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object a mode.")] = False,
+    step: Annotated[int | None, typer.Option("--step", help="Step or subcase, if several contain modes.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print one JSON object per mode.")] = False,
     results: Results = DEFAULT_RESULTS,
     overrides: Set = None,
     verbose: Verbose = False,
@@ -48,7 +49,7 @@ def check_modes(
         model = work.job.model
         if not isinstance(model, PlacementConfig):
             raise ConfigError(
-                "modes are compared of a placement", key="kind", where=str(config), remedy="give its config"
+                "check-modes needs a placement", key="kind", where=str(config), remedy="use the config of a placement"
             )
         theirs = modes_of_file(file, step)
         only = replace(work, stages=work.stages[:1])
@@ -76,15 +77,15 @@ def check_modes(
                 )
                 for pair in pairs
             ]
-            print_tables([Table(f"modes of {file.name} beside those of the deck", head, tuple(rows))])
-            shapes = "; no shapes are compared"
+            print_tables([Table(f"modes of {file.name} and of the deck", head, tuple(rows))])
+            shapes = "; mode shapes are not compared"
             if comparison.over is not None:
                 over = f"over {comparison.over[0]} of {comparison.over[1]} nodes"
-                shapes = f", shapes {over} to a MAC of {least:.4f} (at least {mac:g})"
+                shapes = f", mode shapes {over} to a MAC of {least:.4f} (at least {mac:g})"
             elif not any(len(pair.node_ids) for pair in theirs):
-                shapes = "; the file has no shapes"
-            verdict = "agree" if agrees else "do not agree"
-            to = f"to {100 * worst:.3g} % (at most {tolerance:g} %)" if isfinite(worst) else "of a motion at 0 Hz"
+                shapes = "; the file has no mode shapes"
+            verdict = "agree" if agrees else "disagree"
+            to = f"to {100 * worst:.3g} % (at most {tolerance:g} %)" if isfinite(worst) else "for a mode at 0 Hz"
             say(f"{len(pairs)} modes {verdict}: frequencies {to}{shapes}")
         if not agrees:
-            raise typer.Exit(CONTRADICTED)
+            raise typer.Exit(INCONSISTENT)

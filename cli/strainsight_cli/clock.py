@@ -1,4 +1,4 @@
-"""How long a stage, and those that follow from it, will still take."""
+"""Remaining time of a stage and of those that follow."""
 
 from __future__ import annotations
 
@@ -12,15 +12,12 @@ if TYPE_CHECKING:
     from strainsight.runner.stage import Stage
 
 LEAST_SHARE, LEAST_SECONDS = 0.1, 2.0
-"""Before that, what a stage has done says nothing of what it has still to do."""
+"""Smallest fraction done and run time [s] for an estimate of the remaining time."""
 
 
 @dataclass(frozen=True)
 class RemainingTime:
-    """until: when the stage will have ended [s since the epoch]; after: what the stages that follow took last time [s].
-
-    None where it is not known.
-    """
+    """until: expected end of the stage [s since the epoch]; after: last run time of the following stages [s]. None: unknown."""
 
     until: float | None = None
     after: float | None = None
@@ -34,9 +31,9 @@ class RemainingTime:
 
 
 def ends_at(started: float, now: float, share: float, last: float | None) -> float | None:
-    """When a stage will have ended: by what it took last time, and where that is over or unknown, by its share done.
+    """Expected end of a stage: from its last run time, or if that is exceeded or unknown, from the fraction done.
 
-    started, now and the result in seconds of the same clock; last [s].
+    started, now and the result are seconds of the same clock; last [s].
     """
     spent = now - started
     if last is not None and spent < last:
@@ -47,13 +44,13 @@ def ends_at(started: float, now: float, share: float, last: float | None) -> flo
 
 
 def seconds_of(stages: Sequence[Stage], job: Job) -> dict[str, float]:
-    """Stage → how long it took when its file was written [s]; without the stages that have no file."""
+    """Stage → run time when its file was written [s], for stages with a file."""
     times = {stage.name: seconds_for(job.folder / f"{stage.name}.h5") for stage in stages}
     return {name: seconds for name, seconds in times.items() if seconds is not None}
 
 
 def seconds_for(artefact: Path) -> float | None:
-    """How long the stage took for the file that is there [s]; None without one."""
+    """Run time of the stage for the existing file [s]; None without one."""
     from strainsight.errors import ArtefactError
     from strainsight.runner.artefact import header_of
 
@@ -64,7 +61,7 @@ def seconds_for(artefact: Path) -> float | None:
 
 
 def after(stages: Sequence[Stage], at: str, last: Mapping[str, float]) -> float | None:
-    """What the stages that follow from `at` took last time [s]; None where one of them has no file yet."""
+    """Last run time of the stages after `at` [s]; None if one of them has no file."""
     changed = {at}
     total = 0.0
     names = [stage.name for stage in stages]

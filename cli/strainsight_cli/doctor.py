@@ -19,18 +19,18 @@ from strainsight_cli.trials import tried
 GOOD, WARNING, FAILS = "good", "warning", "fails"
 GIB = 2.0**30
 PEAKS = ((9_000, 0.15), (27_972, 0.31), (98_010, 1.03), (314_262, 4.11), (983_250, 17.4))
-"""Unknowns → most memory held [GiB] by import, matrices, factor and 20 modes of a compact mesh: docs/measured.md."""
+"""Unknowns → peak memory [GiB] of import, matrices, factor and 20 modes of a compact mesh: docs/measured.md."""
 SYMBOLS = "→ ↩ σ µ ₃ ≤ ·"
 LEAST_MEMORY, SOME_MEMORY = 0.4, 2.0
-"""[GiB] What the smallest example takes, and what the coarse hub with its simulations does not need all of."""
+"""[GiB] Memory of the smallest example, and of the coarse hub with its simulations."""
 LEAST_DISK, SOME_DISK = 0.1, 2.0
-"""[GiB] of free disk."""
+"""[GiB] Free disk space."""
 ACCURATE = 1e-9
 
 
 @dataclass(frozen=True)
 class DoctorFinding:
-    """What was looked at, the verdict, what was found, and what to do where it is not good."""
+    """One check: subject, result, measured value, and remedy for a failure or warning."""
 
     subject: str
     verdict: str
@@ -39,7 +39,7 @@ class DoctorFinding:
 
 
 def check_solver() -> DoctorFinding:
-    """The sparse solver on a small system, in a process that may crash."""
+    """The sparse solver on a small system, in a separate process that may crash."""
     facts, ended = tried("solver")
     install = "pip install --force-reinstall pypardiso mkl (x86-64 only)"
     reinstall = "pip install --force-reinstall numpy scipy pypardiso"
@@ -50,35 +50,35 @@ def check_solver() -> DoctorFinding:
         return DoctorFinding("solver", FAILS, f"{text}: wrong", reinstall)
     if facts["solver"] != "PARDISO":
         why = f" ({facts['why']})" if facts.get("why") else ""
-        meaning = "many times slower, and refuses more than 100 000 unknowns"
-        return DoctorFinding("solver", WARNING, f"{text}; PARDISO cannot be loaded{why}: {meaning}", install)
+        meaning = "many times slower, and limited to 100 000 unknowns"
+        return DoctorFinding("solver", WARNING, f"{text}; PARDISO is not available{why}: {meaning}", install)
     return DoctorFinding("solver", GOOD, text)
 
 
 def check_mpi() -> DoctorFinding:
-    """What `solver: slepc` needs: none of it is missed by other configs, so that its absence is good news, too."""
+    """Requirements of `solver: slepc`; since other configs do not need it, its absence is no warning."""
     from strainsight.contrib.mpi.session import programs
 
     try:
         mpi = programs()
     except UserError as error:
-        return DoctorFinding("solver: slepc", GOOD, f"not here, for very large models only: {error.what}")
+        return DoctorFinding("solver: slepc", GOOD, f"not installed; needed for very large models only: {error.what}")
     return DoctorFinding("solver: slepc", GOOD, f"{' '.join(mpi.launcher)}, {mpi.python}")
 
 
 def check_rendering() -> DoctorFinding:
-    """One sphere off screen, in a process that may crash."""
+    """Off-screen rendering of a sphere, in a separate process that may crash."""
     facts, ended = tried("rendering")
-    remedy = "apt-get install libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri, or what your system calls Mesa's EGL"
+    remedy = "apt-get install libegl1 libgl1 libegl-mesa0 libgl1-mesa-dri, or the EGL packages of Mesa on your system"
     if "middle" not in facts:
         return DoctorFinding("rendering", FAILS, f"off screen: {ended or 'no picture'}", remedy)
     if facts["middle"] == facts["corner"]:
         return DoctorFinding("rendering", FAILS, "off screen: the picture is empty", remedy)
-    return DoctorFinding("rendering", GOOD, f"a sphere off screen in {facts['seconds']:.1f} s")
+    return DoctorFinding("rendering", GOOD, f"off-screen rendering in {facts['seconds']:.1f} s")
 
 
 def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None = None) -> list[DoctorFinding]:
-    """Cores of this process, and the variables that numerical libraries read."""
+    """Cores of this process, and the environment variables of numerical libraries."""
     from strainsight.parallel import cores as usable
 
     available = cores or usable()
@@ -86,40 +86,39 @@ def check_threads(environment: Mapping[str, str] = os.environ, cores: int | None
     for name in ("OMP_NUM_THREADS", "MKL_NUM_THREADS"):
         if (value := environment.get(name)) is None:
             continue
-        head, remedy = value.split(",")[0].strip(), f"unset {name}, or give 1 to {available}"
+        head, remedy = value.split(",")[0].strip(), f"unset {name}, or set it to 1 to {available}"
         if not head.isdigit() or int(head) < 1:
             findings.append(DoctorFinding(name, WARNING, f"'{value}' is not a number of threads", remedy))
         elif int(head) > available:
             findings.append(DoctorFinding(name, WARNING, f"{head} threads on {available} cores", remedy))
         else:
-            several = ": right where several runs go on at a time" * (int(head) < available)
+            several = ": suitable for several parallel runs" * (int(head) < available)
             findings.append(DoctorFinding(name, GOOD, f"{head} of {available} cores{several}"))
     return findings
 
 
 def check_memory() -> DoctorFinding:
-    """Memory that can still be taken, and the largest model that fits into it."""
+    """Available memory, and the largest model that fits into it."""
     from strainsight.memory import available_memory
 
     available = available_memory() / GIB
     if math.isinf(available):
         return DoctorFinding(
-            "memory", WARNING, "this system does not say how much there is", "watch it on large models"
+            "memory", WARNING, "available memory is unknown on this system", "monitor the memory with large models"
         )
     unknowns = largest_model(available)
     rounded = round(unknowns, 1 - math.floor(math.log10(max(unknowns, 1.0))))
     text = f"{available:.1f} GiB available: models up to about {rounded:,.0f} unknowns".replace(",", " ")
     if available < LEAST_MEMORY:
-        remedy = f"end other programs: the smallest example takes {LEAST_MEMORY} GiB"
+        remedy = f"end other programs; the smallest example needs {LEAST_MEMORY} GiB"
         return DoctorFinding("memory", FAILS, text, remedy)
     if available < SOME_MEMORY:
-        return DoctorFinding("memory", WARNING, text, "end other programs, or take coarse meshes and --set jobs=1")
+        return DoctorFinding("memory", WARNING, text, "end other programs, or use coarse meshes and --set jobs=1")
     return DoctorFinding("memory", GOOD, text)
 
 
 def largest_model(gib: float) -> float:
-    """Unknowns whose import, matrices, factor and modes fit into that memory [GiB]: between what was measured by powers,
-    beyond it by the power of the last two, and by the first one's share below."""
+    """Unknowns of the largest model for this memory [GiB], by power-law interpolation and extrapolation of the measurements."""
     if gib <= PEAKS[0][1]:
         return PEAKS[0][0] * gib / PEAKS[0][1]
     above = next((i for i, (_, peak) in enumerate(PEAKS) if peak >= gib), len(PEAKS) - 1)
@@ -128,46 +127,48 @@ def largest_model(gib: float) -> float:
 
 
 def check_disk(results: Path) -> DoctorFinding:
-    """Free disk of the results folder, or of where it would be made, and whether it can be written."""
+    """Free disk space of the results folder, or of its parent, and whether it is writable."""
     folder = next(path for path in (results.absolute(), *results.absolute().parents) if path.exists())
-    other = "give another folder with --results DIR"
+    other = "use another folder with --results DIR"
     if not folder.is_dir() or not os.access(folder, os.W_OK | os.X_OK):
-        what = "cannot be written" if folder.is_dir() else "is a file"
+        what = "is not writable" if folder.is_dir() else "is a file"
         return DoctorFinding("disk", FAILS, f"{folder if folder != results.absolute() else results} {what}", other)
     free = shutil.disk_usage(folder).free / GIB
     text = f"{free:.1f} GiB free for {results}"
     if free >= SOME_DISK:
         return DoctorFinding("disk", GOOD, text)
-    return DoctorFinding("disk", FAILS if free < LEAST_DISK else WARNING, text, f"free some, or {other}")
+    return DoctorFinding("disk", FAILS if free < LEAST_DISK else WARNING, text, f"free some disk space, or {other}")
 
 
 def check_terminal(environment: Mapping[str, str] = os.environ) -> list[DoctorFinding]:
-    """Whether the symbols of the tables can be written, and how it is written."""
+    """Whether the terminal can print the symbols of the tables, and its width."""
     encoding = getattr(sys.stdout, "encoding", None) or "ascii"
     try:
         SYMBOLS.encode(encoding)
-        locale = DoctorFinding("locale", GOOD, f"{encoding}: all symbols can be written")
+        locale = DoctorFinding("locale", GOOD, f"{encoding}: all symbols can be printed")
     except (UnicodeEncodeError, LookupError):
         remedy = "export LC_ALL=C.UTF-8, and unset PYTHONIOENCODING"
-        locale = DoctorFinding("locale", WARNING, f"{encoding} has no Greek and no arrows: they become ?", remedy)
+        locale = DoctorFinding(
+            "locale", WARNING, f"{encoding} has no Greek letters and no arrows; they are printed as ?", remedy
+        )
     columns = shutil.get_terminal_size().columns
     kind = environment.get("TERM", "unknown")
-    where = f"{kind}, {columns} columns" if sys.stdout.isatty() else "none: plain lines, no progress bar"
+    where = f"{kind}, {columns} columns" if sys.stdout.isatty() else "not a terminal: plain lines, no progress bar"
     colour = "without colour (NO_COLOR)" if environment.get("NO_COLOR") else ""
     narrow = sys.stdout.isatty() and columns < 80
     text = ", ".join(part for part in (where, colour) if part)
-    remedy = "widen it to 80 columns: tables fold" if narrow else ""
+    remedy = "widen it to 80 columns, to avoid line breaks in tables" if narrow else ""
     return [locale, DoctorFinding("terminal", WARNING if narrow else GOOD, text, remedy)]
 
 
 MODULES = {"ruamel.yaml": "ruamel.yaml", "ruamel-yaml": "ruamel.yaml"}
-"""Package → module, where they differ."""
+"""Package → module, if the names differ."""
 CAN_DO_WITHOUT = ("pypardiso",)
-"""Its row `solver` says what that costs."""
+"""The row `solver` reports the effect."""
 
 
 def check_packages() -> list[DoctorFinding]:
-    """Version of Python and of every package, then whether each can be imported, in a process that may crash."""
+    """Version of Python and of every package, and whether each can be imported, in a separate process that may crash."""
     python, requirements = asked_for()
     findings = compared(python, requirements)
     present = [finding.subject for finding in findings if finding.verdict == GOOD and finding.subject != "python"]
@@ -176,17 +177,19 @@ def check_packages() -> list[DoctorFinding]:
     if ended:
         broken[facts.get("at", "")] = ended
     return [
-        DoctorFinding(own.subject, FAILS, f"{own.found}; import: {why}", f"pip install --force-reinstall {own.subject}")
-        if (why := broken.get(MODULES.get(own.subject, own.subject)))
-        else own
-        for own in findings
+        DoctorFinding(
+            entry.subject, FAILS, f"{entry.found}; import: {why}", f"pip install --force-reinstall {entry.subject}"
+        )
+        if (why := broken.get(MODULES.get(entry.subject, entry.subject)))
+        else entry
+        for entry in findings
     ]
 
 
 def asked_for() -> tuple[str, list[str]]:
-    """(range of Python, requirements): of the checkout's pyproject.toml, or as installed.
+    """(range of Python, requirements): of the pyproject.toml of the checkout, or as installed.
 
-    What pip noted when a checkout was installed may be older than its pyproject.toml.
+    The metadata of an installed checkout may be older than its pyproject.toml.
     """
     import tomllib
 
@@ -198,49 +201,51 @@ def asked_for() -> tuple[str, list[str]]:
         if project.get("name") == "strainsight":
             return project["requires-python"], list(project["dependencies"])
     noted = metadata.metadata("strainsight")
-    asked = [line for line in noted.get_all("Requires-Dist") or [] if "extra ==" not in line]
-    return (noted.get_all("Requires-Python") or [""])[0], asked
+    requirements = [line for line in noted.get_all("Requires-Dist") or [] if "extra ==" not in line]
+    return (noted.get_all("Requires-Python") or [""])[0], requirements
 
 
 def compared(python: str, requirements: Sequence[str]) -> list[DoctorFinding]:
-    """Every version beside its range; requirements of other machines are left out."""
+    """Every version and its permitted range; requirements of other platforms are omitted."""
     try:
         from packaging.requirements import Requirement
         from packaging.specifiers import SpecifierSet
     except ImportError:
-        return [DoctorFinding("packaging", FAILS, "not installed: no version can be compared", "pip install packaging")]
+        return [
+            DoctorFinding("packaging", FAILS, "not installed; versions cannot be compared", "pip install packaging")
+        ]
     running = platform.python_version()
     within = SpecifierSet(python).contains(running, prereleases=True)
-    remedy = f"take Python {python}: make PYTHON=/path/to/python"
+    remedy = f"use Python {python}: make PYTHON=/path/to/python"
     findings = [_version_finding("python", running, python, within, remedy)]
     for line in requirements:
-        asked = Requirement(line)
-        if asked.marker is not None and not asked.marker.evaluate():
+        requirement = Requirement(line)
+        if requirement.marker is not None and not requirement.marker.evaluate():
             continue
-        wanted = str(asked.specifier)
-        remedy = f"pip install '{asked.name}{wanted}'"
+        wanted = str(requirement.specifier)
+        remedy = f"pip install '{requirement.name}{wanted}'"
         try:
-            version = metadata.version(asked.name)
+            version = metadata.version(requirement.name)
         except metadata.PackageNotFoundError:
-            verdict, need = (WARNING, "wanted") if asked.name in CAN_DO_WITHOUT else (FAILS, "needed")
-            findings.append(DoctorFinding(asked.name, verdict, f"not installed, {wanted} is {need}", remedy))
+            verdict, need = (WARNING, "wanted") if requirement.name in CAN_DO_WITHOUT else (FAILS, "needed")
+            findings.append(DoctorFinding(requirement.name, verdict, f"not installed; {need}: {wanted}", remedy))
             continue
-        within = asked.specifier.contains(version, prereleases=True)
-        findings.append(_version_finding(asked.name, version, wanted, within, remedy))
+        within = requirement.specifier.contains(version, prereleases=True)
+        findings.append(_version_finding(requirement.name, version, wanted, within, remedy))
     return findings
 
 
 def _version_finding(subject: str, version: str, wanted: str, within: bool, remedy: str) -> DoctorFinding:
     if within:
         return DoctorFinding(subject, GOOD, f"{version} ({wanted})")
-    return DoctorFinding(subject, FAILS, f"{version}, {wanted} is needed", remedy)
+    return DoctorFinding(subject, FAILS, f"{version} is installed, but {wanted} is needed", remedy)
 
 
 COLOURS = {GOOD: "green", WARNING: "yellow", FAILS: "red"}
 
 
 def examine(results: Path) -> list[DoctorFinding]:
-    """All findings, in the order of the table."""
+    """All checks, in the order of the table."""
     return [
         *check_packages(),
         check_solver(),
@@ -254,8 +259,7 @@ def examine(results: Path) -> list[DoctorFinding]:
 
 
 def show(findings: Sequence[DoctorFinding], as_json: bool) -> int:
-    """Print the table, in which the remedy stands below what it corrects, or one JSON object a finding; the exit code: 1 where
-    something fails."""
+    """Print the table, with remedies below the rows, or one JSON object per check; the exit code: 1 if a check fails."""
     counts = {verdict: sum(finding.verdict == verdict for finding in findings) for verdict in COLOURS}
     if as_json:
         say(*(json_line(asdict(finding)) for finding in findings))
@@ -271,5 +275,5 @@ def show(findings: Sequence[DoctorFinding], as_json: bool) -> int:
         rows.append((Text(finding.subject), verdict, Text(text)))
     print_grid(("checked", "verdict", "found"), rows)
     many = "" if counts[WARNING] == 1 else "s"
-    say("", f"{counts[FAILS]} of {len(findings)} fail, {counts[WARNING]} warning{many}")
+    say("", f"{counts[FAILS]} of {len(findings)} checks failed, {counts[WARNING]} warning{many}")
     return int(counts[FAILS] > 0)

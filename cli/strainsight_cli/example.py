@@ -1,4 +1,4 @@
-"""Examples that come with the package: a config and its files, made ready to run in the working directory."""
+"""Examples of the package: a config and its files, ready to run in the working directory."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ from strainsight_cli.printing import say
 
 HERE = Path(__file__).parent
 SHIPPED = HERE / "shipped"
-"""Where the build puts the files (`force-include` in pyproject.toml), below the same paths as in the repository."""
+"""Folder of the files in the package (`force-include` in pyproject.toml), with the same paths as in the repository."""
 REPOSITORY = HERE.parents[1]
-"""Where they are for an installation that uses the sources as they stand."""
+"""Folder of the files in an editable installation."""
 
 
 @dataclass(frozen=True)
 class Example:
-    """about: in one line; config, files: what it consists of, paths of the repository."""
+    """about: one line; config, files: paths in the repository."""
 
     about: str
     config: str
@@ -32,17 +32,17 @@ class Example:
 
 EXAMPLES = {
     "cantilever": Example(
-        "four gauges on a steel cantilever, for its modulus from a known force (half a minute)",
+        "four gauges on a steel cantilever: Young's modulus from a known force (half a minute)",
         "configs/cantilever-youngs-modulus.yaml",
         ("meshes/cantilever.bdf",),
     ),
     "lug": Example(
-        "six gauges on a lug bracket with bolt holes, for three unknown loads at its eye (two minutes)",
+        "six gauges on a lug bracket with bolt holes: three unknown loads at its eye (two minutes)",
         "configs/lug/lug-input.yaml",
         ("meshes/lug.bdf.gz",),
     ),
     "test": Example(
-        "a record of four gauges on that cantilever: force and strain from a test (half a minute)",
+        "a test record of four gauges on that cantilever: force and strain (half a minute)",
         "docs/examples/test.yaml",
         ("docs/examples/test.csv", "docs/examples/bonded.csv", "meshes/cantilever.bdf"),
     ),
@@ -50,32 +50,35 @@ EXAMPLES = {
 
 
 def example(
-    name: Annotated[str | None, typer.Argument(metavar="[NAME]", help="Which; without one they are listed.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite files that are there.")] = False,
+    name: Annotated[
+        str | None,
+        typer.Argument(metavar="[NAME]", help="Name of the example; without a name, the examples are listed."),
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite existing files.")] = False,
 ) -> None:
     """The command."""
     with reported():
         if name is None:
             for known, entry in EXAMPLES.items():
                 say(f"{known:<12}{entry.about}")
-            say("", "strainsight example NAME writes one into this folder")
+            say("", "copy one into this folder: strainsight example NAME")
             return
         from strainsight.errors import UserError, did_you_mean
 
         if name not in EXAMPLES:
-            otherwise = f"there are {', '.join(EXAMPLES)}"
+            otherwise = f"known examples: {', '.join(EXAMPLES)}"
             raise UserError(
-                f"no example '{name}'",
-                remedy=f"{did_you_mean(name, EXAMPLES, otherwise)} `strainsight example` lists them",
+                f"unknown example '{name}'",
+                remedy=f"{did_you_mean(name, EXAMPLES, otherwise)} List them with `strainsight example`",
             )
         written = write(name, Path(), force)
-        say(f"wrote {', '.join(map(str, written))}", f"then: strainsight run {name}.yaml")
+        say(f"wrote {', '.join(map(str, written))}", f"next: strainsight run {name}.yaml")
 
 
 def write(name: str, folder: Path, force: bool) -> list[Path]:
-    """The files of an example in a folder, its config with their names and its own.
+    """Copy the files of an example into a folder; the config refers to them by name.
 
-    Raises UserError, before anything is written, where a file is there that holds something else.
+    Raises UserError, before anything is written, if a file exists with other content.
     """
     from strainsight.errors import UserError
     from strainsight.writing import write_file
@@ -88,9 +91,9 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
     ]
     if other and not force:
         raise UserError(
-            "the file exists, and nothing was written",
+            "the file already exists with other content; nothing was written",
             where=", ".join(map(str, other)),
-            remedy="go to an empty folder, or overwrite it with --force",
+            remedy="use an empty folder, or overwrite the file with --force",
         )
     for path, text in contents.items():
         write_file(path, text)
@@ -98,7 +101,7 @@ def write(name: str, folder: Path, force: bool) -> list[Path]:
 
 
 def contents_of(name: str) -> dict[str, bytes]:
-    """File name → content; the config names the files beside it, and its results stand under the example's name."""
+    """File name → content; the config refers to local file names, and its results have the name of the example."""
     entry = EXAMPLES[name]
     root = SHIPPED if SHIPPED.is_dir() else REPOSITORY
     text = (root / entry.config).read_text(encoding="utf-8")

@@ -1,4 +1,4 @@
-"""Every failure ends in one message and the right exit code."""
+"""Failures of commands: one message and an exit code."""
 
 from __future__ import annotations
 
@@ -22,28 +22,28 @@ from strainsight.errors import printable
 from strainsight.processes import end_children
 from strainsight_cli.printing import Level, level_of, say, shown, speaking
 
-INTERNAL, USER, CONTRADICTED, INTERRUPTED = 1, 2, 3, 130
+INTERNAL, USER, INCONSISTENT, INTERRUPTED = 1, 2, 3, 130
 SHOW_CURSOR = b"\x1b[?25h\n"
-"""What a progress bar hides while it is drawn."""
+"""Escape sequence to show the cursor, which a progress bar hides."""
 KEPT = "interrupted; finished stages are kept"
-ENDED = "ended from outside; finished stages are kept"
+ENDED = "terminated by a signal; finished stages are kept"
 ENDINGS = tuple(getattr(signal, name) for name in ("SIGINT", "SIGTERM", "SIGHUP", "SIGBREAK") if hasattr(signal, name))
-"""What ends the process with exit code 128 + its number: Ctrl-C, a polite kill, a terminal that was closed; on Windows, which has
-no SIGHUP, Ctrl-Break."""
+"""Signals that end the process with exit code 128 + number: Ctrl-C, SIGTERM, a closed terminal; on Windows, without SIGHUP,
+Ctrl-Break."""
 SHARED = Path("/dev/shm")
-"""Where Linux keeps memory files."""
+"""Folder of memory files on Linux."""
 PATIENCE = 1.0
-"""[s] for the last words."""
+"""[s] Time limit for final messages."""
 FULL = tuple(getattr(errno, name) for name in ("ENOSPC", "EDQUOT", "EFBIG") if hasattr(errno, name))
-"""What Python says of a full disk without the name of the file."""
-MORE_FILES = "allow more of them at a time (ulimit -n), or give --jobs 1"
+"""Python's text for a full disk without a file name."""
+MORE_FILES = "increase the limit of open files (ulimit -n), or use --jobs 1"
 LAST_WORDS: list[Callable[[str], None]] = []
-"""What else reports an interrupt, before the process ends; none may wait for anything."""
+"""Callbacks that report an interrupt before the process ends; none may block."""
 
 
 @dataclass(frozen=True)
 class Failure:
-    """What is reported of an exception: exit code, message, and the traceback where that is of help."""
+    """Report of an exception: exit code, message, and the traceback if it is useful."""
 
     code: int
     message: str
@@ -51,7 +51,7 @@ class Failure:
 
 
 def failure_of(error: Exception) -> Failure:
-    """Exit code 2 for what the user can correct, else 1."""
+    """Exit code 2 if the user can correct the failure, otherwise 1."""
     from strainsight.errors import StrainsightError
 
     details = "".join(traceback.format_exception(error))
@@ -60,23 +60,23 @@ def failure_of(error: Exception) -> Failure:
     if isinstance(error, OSError) and error.errno in (errno.EMFILE, errno.ENFILE):
         return Failure(USER, f"{error.strerror}\n    {MORE_FILES}", details)
     if isinstance(error, OSError) and error.filename is not None and error.strerror is not None:
-        remedy = "make the path readable and writable, or give another one (for results: --results FOLDER)"
+        remedy = "make the path readable and writable, or use another one (for results: --results FOLDER)"
         return Failure(USER, f"{printable(str(error.filename))}  {error.strerror}\n    {remedy}", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL and _output_fails():
         what = f"standard output cannot be written: {os.strerror(error.errno)}"
-        return Failure(USER, f"{what}\n    what is computed is kept; write to another file", details)
+        return Failure(USER, f"{what}\n    the results are kept; write to another file", details)
     if isinstance(error, OSError) and error.errno is not None and error.errno in FULL:
-        return Failure(USER, f"{os.strerror(error.errno)}\n    make room on the disk, or write to another one", details)
+        return Failure(USER, f"{os.strerror(error.errno)}\n    free some disk space, or write to another disk", details)
     if isinstance(error, MemoryError):
-        asked = f": {printable(str(error))}" if str(error) else ""
-        remedy = "take a coarser mesh or a larger machine, end other programs, or give --jobs 1"
-        return Failure(USER, f"there is not enough memory{asked}\n    {remedy}", details)
+        detail = f": {printable(str(error))}" if str(error) else ""
+        remedy = "use a coarser mesh or a larger machine, end other programs, or use --jobs 1"
+        return Failure(USER, f"not enough memory{detail}\n    {remedy}", details)
     text = f"internal error: {type(error).__name__}: {printable(str(error))}"
-    return Failure(INTERNAL, f"{text}\n    run again with -v for the details, and report them", details)
+    return Failure(INTERNAL, f"{text}\n    run the command again with -v, and report the details", details)
 
 
 def _output_fails() -> bool:
-    """Whether standard output takes nothing, as a device that is full; asked with no byte, so that nothing is printed."""
+    """Whether standard output cannot be written, as a full device; tested with zero bytes, so that nothing is printed."""
     try:
         if sys.stdout is not None:
             os.write(sys.stdout.fileno(), b"")
@@ -86,7 +86,7 @@ def _output_fails() -> bool:
 
 
 def tell(failure: Failure, verbose: bool) -> typer.Exit:
-    """Say it on stderr; the exit to raise."""
+    """Print the failure on stderr; returns the exit to raise."""
     if verbose:
         say(*failure.details.splitlines(), error=True)
     say(*failure.message.split("\n"), error=True)
@@ -95,7 +95,7 @@ def tell(failure: Failure, verbose: bool) -> typer.Exit:
 
 @contextmanager
 def reported(verbose: bool = False) -> Iterator[None]:
-    """Turn exceptions into a message on stderr and typer.Exit: 2 if the user can correct it, else 1; 130 interrupted."""
+    """Turn exceptions into a message on stderr and typer.Exit: 2 if the user can correct it, otherwise 1; 130 interrupted."""
     with warnings.catch_warnings(), _interruptible():
         plain_warnings(verbose)
         try:
@@ -110,9 +110,9 @@ def reported(verbose: bool = False) -> Iterator[None]:
 
 @contextmanager
 def saying(quiet: bool, verbose: bool, named: str | None, wanted: bool) -> Iterator[bool]:
-    """`reported` with as much on the terminal as -q, -v or --log-level want; yields whether that is all there is.
+    """`reported` at the level of -q, -v or --log-level; yields whether the level is debug.
 
-    wanted: what goes to stdout is what was wanted, as with --json, and is printed in any case.
+    wanted: the output on stdout is the result, as with --json, and is printed at every level.
     """
     with reported(verbose or named == "debug"):
         level = level_of(quiet, verbose, named)
@@ -121,7 +121,7 @@ def saying(quiet: bool, verbose: bool, named: str | None, wanted: bool) -> Itera
 
 
 def plain_warnings(verbose: bool) -> None:
-    """From now on warnings to the user are one line each, once; those to developers are only shown where `verbose`."""
+    """Print each warning to the user once, on one line; show warnings to developers only if `verbose`."""
     if not verbose:
         warnings.simplefilter("ignore")
         warnings.simplefilter("default", UserWarning)
@@ -137,23 +137,22 @@ def plain_warnings(verbose: bool) -> None:
 
 
 def warn(text: str) -> None:
-    """Print a warning on stderr, once a command, and write it to the log that is open."""
+    """Print a warning on stderr, once per command, and write it to the open log."""
     warnings.showwarning(UserWarning(text), UserWarning, "strainsight", 0)
 
 
 def same_text(text: str) -> str:
-    """By which two warnings are one: stages begin them in lower case, pages write sentences."""
+    """Key to compare warnings: without the case of the first letter and the final point."""
     return f"{text[:1].lower()}{text[1:].rstrip('.')}"
 
 
 @contextmanager
 def _interruptible() -> Iterator[None]:
-    """Make Ctrl-C, and what else asks a process to end, end it: at once, in any case, and with what it has started.
+    """End the process and its children at once on Ctrl-C and similar signals, also during a C library call.
 
-    Python raises KeyboardInterrupt wherever its main thread happens to be: in a callback of a C library it is printed and
-    forgotten, and a factorisation is ended first, which may take a minute. Another thread waits for the signal here, and runs
-    as soon as the C library lets it. Nothing is lost by ending hard: an artefact is whole or absent, the kernel drops the
-    lock, and the next run clears up.
+    Python raises KeyboardInterrupt in the main thread only after the current C call, and loses it in C callbacks. Here, another
+    thread waits for the signal. A hard exit loses nothing: artefacts are complete or absent, the kernel releases the lock, and
+    the next run cleans up.
     """
     if threading.current_thread() is not threading.main_thread():
         yield
@@ -179,13 +178,13 @@ def _interruptible() -> Iterator[None]:
 
 
 def _stay(number: int, _: object) -> None:
-    """The main thread, where Python has a turn: it starts nothing more, and ends all where the other thread cannot."""
+    """Signal handler of the main thread: wait, then end the process if the other thread could not."""
     time.sleep(PATIENCE)
     _leave(128 + number)
 
 
 def _wait_for_the_end(reading: int) -> None:
-    """Python writes the number of every signal to the other end of this pipe, which is closed when nothing is left to end."""
+    """Wait for a signal number, which Python writes to the other end of this pipe; the pipe is closed when the command ends."""
     while came := os.read(reading, 1):
         if came[0] in ENDINGS:
             _end(came[0])
@@ -209,8 +208,7 @@ def _end(number: int) -> None:
 
 
 def _leave(code: int) -> None:
-    """End without another line of anybody's code, and without what Intel's OpenMP keeps in memory files until it is left
-    properly (now and then: it depends on how far its threads have come)."""
+    """End without further Python code; remove the memory files that Intel's OpenMP otherwise may leave."""
     with suppress(OSError):
         for registered in SHARED.glob(f"__KMP_REGISTERED_LIB_{os.getpid()}_*"):
             registered.unlink(missing_ok=True)

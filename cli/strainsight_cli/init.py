@@ -24,54 +24,61 @@ from strainsight_cli.printing import say
 
 Value = TypeVar("Value")
 SHOWN = 30
-"""Places that a question lists."""
+"""Largest number of locations that a question lists."""
 
 
 def init(
     deck: Annotated[Path, typer.Argument(metavar="DECK", help="Finite-element deck.")],
     output: Annotated[Path | None, typer.Option("-o", "--output", metavar="FILE", help="Config to write.")] = None,
-    force: Annotated[bool, typer.Option("--force", help="Overwrite the file.")] = False,
+    force: Annotated[bool, typer.Option("--force", help="Overwrite an existing file.")] = False,
     interactive: Annotated[
-        bool, typer.Option("-i", "--interactive", help="Ask in the terminal for what only you know.")
+        bool, typer.Option("-i", "--interactive", help="Ask for missing data in the terminal.")
     ] = False,
     find: Annotated[
         Literal["modulus", "load"] | None,
-        typer.Option("--find", help="The modulus from a measured load (default), or the load."),
+        typer.Option("--find", help="Unknown to estimate: the modulus from a measured load (default), or the load."),
     ] = None,
     material: Annotated[
         str | None,
-        typer.Option("--material", help="For a deck without: steel, aluminium, titanium, or 'E, ν, ρ' in SI."),
+        typer.Option(
+            "--material", help="Material for a deck without one: steel, aluminium, titanium, or 'E, ν, ρ' in SI."
+        ),
     ] = None,
     held: Annotated[
         str | None,
-        typer.Option("--held", help="For a deck without supports: 'set NAME', 'node ID', or 'x, y, z' [m] of a face."),
+        typer.Option(
+            "--held", help="Support for a deck without one: 'set NAME', 'node ID', or 'x, y, z' [m] of a face."
+        ),
     ] = None,
     load: Annotated[
-        str | None, typer.Option("--load", help="Where the load acts: as --held, or 'deck_load NAME'.")
+        str | None, typer.Option("--load", help="Location of the load: as for --held, or 'deck_load NAME'.")
     ] = None,
-    direction: Annotated[str | None, typer.Option("--direction", help="Of the load, 'x, y, z'.")] = None,
-    amplitude: Annotated[str | None, typer.Option("--amplitude", help="Of the load [N].")] = None,
-    frequency: Annotated[str | None, typer.Option("--frequency", help="Of the load [Hz].")] = None,
+    direction: Annotated[str | None, typer.Option("--direction", help="Direction of the load, 'x, y, z'.")] = None,
+    amplitude: Annotated[str | None, typer.Option("--amplitude", help="Amplitude of the load [N].")] = None,
+    frequency: Annotated[str | None, typer.Option("--frequency", help="Frequency of the load [Hz].")] = None,
     axis: Annotated[
-        str | None, typer.Option("--axis", help="Along which gauges point, 'x, y, z'; default: what strains most.")
+        str | None, typer.Option("--axis", help="Direction of the gauges, 'x, y, z'; default: principal strain.")
     ] = None,
-    keep: Annotated[int, typer.Option("--keep", min=1, help="Gauges to bond.")] = 4,
+    keep: Annotated[int, typer.Option("--keep", min=1, help="Number of gauges to bond.")] = 4,
     verbose: Verbose = False,
 ) -> None:
     with reported(verbose):
         from strainsight.config.template import template
 
         if not deck.is_file():
-            raise UserError("no such deck", where=str(deck), remedy="give the path of a finite-element deck")
+            raise UserError("deck not found", where=str(deck), remedy="specify the path of a finite-element deck")
         if deck.suffix.lower() in (".yaml", ".yml"):
             raise UserError(
-                "a config, not a deck",
+                "the file is a config, not a deck",
                 where=str(deck),
-                remedy=f"to compute it: strainsight run {shlex.quote(str(deck))}; for a new one give the deck",
+                remedy=f"to compute it, use: strainsight run {shlex.quote(str(deck))}; for a new config, specify the "
+                "deck",
             )
         target = output or Path(f"{Path(deck.name.removesuffix('.gz')).stem}.yaml")
         if os.path.lexists(target) and not force:
-            raise UserError("the file exists", where=str(target), remedy="give another one with -o FILE, or --force")
+            raise UserError(
+                "the file already exists", where=str(target), remedy="specify another file with -o FILE, or use --force"
+            )
         from strainsight.config.load import load_config
         from strainsight.stages.suggestion import suggestion
         from strainsight.writing import write_file
@@ -100,52 +107,50 @@ def init(
         try:
             load_config(target)
         except ConfigError:
-            first = "fill in what is blank and check the other lines marked ←"
+            first = "fill in the blank lines and check the other lines marked ←"
         if not hints.solids:
-            nothing = "the deck has nothing to bond gauges on (solids, shells, sides of beams)"
-            first = f"{nothing}, unless mesh.matrices and gauges.given state it; {first}"
+            nothing = "the deck has no surface for gauges (solids, shells, sides of beams)"
+            first = f"{nothing}; set mesh.matrices and gauges.given. Then {first}"
         say(f"wrote {target}: {first}, then: strainsight run {shlex.quote(str(target))}")
 
 
 def read_vector(option: str, text: str) -> str:
-    """ "0 0 1", "0, 0, 1" or "[0, 0, 1]" as "[0, 0, 1]". Raises UserError for what is not three numbers."""
+    """ "0 0 1", "0, 0, 1" or "[0, 0, 1]" as "[0, 0, 1]". Raises UserError for other text."""
     numbers = []
     with suppress(ValueError):
         numbers = [float(word) for word in re.split(r"[\s,;]+", text.strip().strip("[]()").strip())]
     if len(numbers) != 3 or not all(math.isfinite(number) for number in numbers):
-        raise UserError(f"'{text}' is not three numbers", where=option, remedy="give x, y, z as in '0, 0, 1'")
+        raise UserError(f"'{text}' is not a list of three numbers", where=option, remedy="use x, y, z as in '0, 0, 1'")
     return "[" + ", ".join(f"{number:.12g}" for number in numbers) + "]"
 
 
 def read_direction(option: str, text: str) -> str:
-    """Three numbers as `read_vector` has them, not all zero. Raises UserError for one of none."""
+    """Three numbers as in `read_vector`, not all zero. Raises UserError for a zero vector."""
     if not any(json.loads(vector := read_vector(option, text))):
-        raise UserError(f"'{text}' has no length", where=option, remedy="give a vector such as '0, 0, 1'")
+        raise UserError(f"'{text}' is a vector of length zero", where=option, remedy="use a vector such as '0, 0, 1'")
     return vector
 
 
 def read_support(option: str, text: str, hints: Suggestion) -> DeckPlace:
-    """A place as `read_place` has it, which can be held. Raises UserError for a load of the deck."""
+    """A location as in `read_place` that can be supported. Raises UserError for a load of the deck."""
     place = read_place(option, text, hints)
     if place.kind == "deck_load":
-        raise UserError(
-            f"'{text}' is a load", where=option, remedy="give 'node ID', 'set NAME', or 'x, y, z' of a face"
-        )
+        raise UserError(f"'{text}' is a load", where=option, remedy="use 'node ID', 'set NAME', or 'x, y, z' of a face")
     return place
 
 
 def refuse_stated(hints: Suggestion, answers: Answers) -> None:
-    """Raise UserError for an answer that the deck states already."""
+    """Raise UserError for an answer that the deck already contains."""
     if answers.material is not None and not hints.lacking:
-        remedy = "leave it out; mesh.materials in the config replaces what the deck states"
-        raise UserError("the deck states its materials", where="--material", remedy=remedy)
+        remedy = "remove the option; mesh.materials in the config replaces those of the deck"
+        raise UserError("the deck already has materials", where="--material", remedy=remedy)
     if answers.held is not None and hints.supports:
-        remedy = "leave it out; mesh.supports in the config adds to those of the deck"
-        raise UserError("the deck has supports", where="--held", remedy=remedy)
+        remedy = "remove the option; mesh.supports in the config adds to those of the deck"
+        raise UserError("the deck already has supports", where="--held", remedy=remedy)
 
 
 def read_place(option: str, text: str, hints: Suggestion) -> DeckPlace:
-    """ "node 2", "set NAME", "deck_load NAME" or a point of a face, "x, y, z" [m]. Raises UserError for anything else."""
+    """ "node 2", "set NAME", "deck_load NAME" or a point of a face, "x, y, z" [m]. Raises UserError for other text."""
     kind, _, name = text.strip().partition(" ")
     if kind in ("node", "set", "deck_load"):
         name = name.strip()
@@ -153,37 +158,39 @@ def read_place(option: str, text: str, hints: Suggestion) -> DeckPlace:
         same = [place for place in known if place.name == name]
         if not same and kind != "node":
             names = [place.name for place in known]
-            remedy = did_you_mean(name, names, f"it has {', '.join(names) or 'none'}")
+            remedy = did_you_mean(name, names, f"known names: {', '.join(names) or 'none'}")
             raise UserError(f"the deck has no {kind} '{name}'", where=option, remedy=remedy)
         if kind == "node" and not name.isdecimal():
-            raise UserError(f"'{name}' is not the id of a node", where=option, remedy="give a number, as in 'node 2'")
+            raise UserError(f"'{name}' is not a node id", where=option, remedy="use a number, as in 'node 2'")
         return same[0] if same else DeckPlace("node", name, "a node")
     try:
         return DeckPlace("face", read_vector(option, text), "a face")
     except UserError:
-        remedy = "give 'node ID', 'set NAME', 'deck_load NAME', or a point 'x, y, z' in m of a face"
-        raise UserError(f"'{text}' says of no place where it is", where=option, remedy=remedy) from None
+        remedy = "use 'node ID', 'set NAME', 'deck_load NAME', or a point 'x, y, z' in m of a face"
+        raise UserError(f"'{text}' is not a location", where=option, remedy=remedy) from None
 
 
 def read_material(option: str, text: str) -> tuple[float, float, float]:
-    """The name of a material, or "E, ν, ρ" in Pa and kg/m³. Raises UserError for anything else."""
+    """Name of a material, or "E, ν, ρ" in Pa and kg/m³. Raises UserError for other text."""
     if text.strip().lower() in MATERIALS:
         return MATERIALS[text.strip().lower()]
     try:
         E, nu, rho = (float(word) for word in re.split(r"[\s,;]+", text.strip()))
     except ValueError:
-        what = f"{', '.join(MATERIALS)}, or E, ν and ρ as in '2.1e11, 0.3, 7850' [Pa, -, kg/m³]"
-        raise UserError(f"'{text}' is no material that is known", where=option, remedy=f"give {what}") from None
+        what = f"use {', '.join(MATERIALS)}, or E, ν and ρ as in '2.1e11, 0.3, 7850' [Pa, -, kg/m³]"
+        raise UserError(f"unknown material '{text}'", where=option, remedy=f"give {what}") from None
     if not (E > 0 and -1 < nu < 0.5 and rho >= 0):
         raise UserError(
-            f"'{text}' is of no material", where=option, remedy="E above 0, ν between -1 and 0.5, ρ not negative"
+            f"'{text}' is not a valid material",
+            where=option,
+            remedy="use E above 0, ν between -1 and 0.5, ρ not negative",
         )
     return E, nu, rho
 
 
 def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
-    """The answers with those of the terminal for what is open; find: whether the user has said what is sought."""
-    say("Enter leaves a line blank; it can be filled in later.")
+    """The answers, completed in the terminal; find: the unknown is already set by an option."""
+    say("Press Enter to leave a line blank and fill it in later.")
 
     def ask(field: str, question: str, read: Callable[[str], Any], needed: bool = True) -> None:
         nonlocal answers
@@ -192,42 +199,44 @@ def ask_answers(hints: Suggestion, answers: Answers, *, find: bool) -> Answers:
             answers = replace(answers, **answer)
 
     known = f"{', '.join(MATERIALS)}, or E [Pa], ν, ρ [kg/m³]"
-    lacking = f"the deck lacks a material, or its density: {known}"
+    lacking = f"material of the deck (missing or without density): {known}"
     ask("material", lacking, partial(read_material, "material"), bool(hints.lacking))
-    what = "which set of supports holds" if hints.support_key == "spc" else "which step counts"
+    what = "active support set" if hints.support_key == "spc" else "active step"
     sets = ", ".join(map(str, hints.support_sets))
     ask("spc", f"{what} ({sets})", partial(read_support_set, hints=hints), bool(hints.support_sets))
     _list_places(hints.places)
-    held = "where is it held (number above, node ID or x, y, z in m)"
-    ask("held", held, _numbered(hints, read_support), not hints.supports)
-    ask("load", "where does the load act (as above)", _numbered(hints, read_place))
+    support_question = "location of the support (number above, node ID, or x, y, z in m)"
+    ask("held", support_question, _numbered(hints, read_support), not hints.supports)
+    ask("load", "location of the load (as above)", _numbered(hints, read_place))
     free = answers.load is None or answers.load.kind != "deck_load"
-    ask("direction", "along what (x, y, z)", partial(read_direction, "direction"), free)
-    ask("amplitude", "how large, its amplitude [N]", partial(read_positive, "amplitude"), free)
-    ask("frequency", "how fast, its frequency [Hz]", partial(read_positive, "frequency"))
-    sought = "is the load itself to be estimated (otherwise the modulus, from a load that is measured)"
+    ask("direction", "direction of the load (x, y, z)", partial(read_direction, "direction"), free)
+    ask("amplitude", "amplitude of the load [N]", partial(read_positive, "amplitude"), free)
+    ask("frequency", "frequency of the load [Hz]", partial(read_positive, "frequency"))
+    sought = "estimate the load (otherwise the modulus, from a measured load)"
     return answers if find or not typer.confirm(sought) else replace(answers, find="load")
 
 
 def read_support_set(text: str, hints: Suggestion) -> int:
-    """Number of a set of supports, or of a step, of the deck. Raises UserError for anything else."""
+    """Number of a support set or step of the deck. Raises UserError for other text."""
     known = [str(number) for number in hints.support_sets]
     if text.strip() not in known:
-        what = "set of supports" if hints.support_key == "spc" else "step"
-        raise UserError(f"the deck has no {what} '{text.strip()}'", remedy=f"it has {', '.join(known)}")
+        what = "support set" if hints.support_key == "spc" else "step"
+        raise UserError(f"the deck has no {what} '{text.strip()}'", remedy=f"the deck has {', '.join(known)}")
     return int(text)
 
 
 def read_positive(option: str, text: str) -> float:
-    """A number above zero. Raises UserError for anything else."""
+    """A positive number. Raises UserError for other text."""
     with suppress(ValueError):
         if 0 < float(text) < math.inf:
             return float(text)
-    raise UserError(f"'{text}' is not a number above zero", where=option, remedy="give one without its unit, as in 250")
+    raise UserError(
+        f"'{text}' is not a positive number", where=option, remedy="use a positive number without unit, as in 250"
+    )
 
 
 def _list_places(places: Sequence[DeckPlace]) -> None:
-    """Print the places with their numbers."""
+    """Print the locations with their numbers."""
     for number, place in enumerate(places[:SHOWN], start=1):
         name = f"near {place.name}" if place.kind == "face" else f"{place.kind} {place.name}"
         say(f"{number:4}  {name:<38} {place.what}{', held' if place.held else ''}")
@@ -236,7 +245,7 @@ def _list_places(places: Sequence[DeckPlace]) -> None:
 
 
 def _numbered(hints: Suggestion, read: Callable[[str, str, Suggestion], DeckPlace]) -> Callable[[str], DeckPlace]:
-    """`read`, which also takes the number of a place."""
+    """`read`, or the number of a location."""
 
     def place_of(text: str) -> DeckPlace:
         if not (text.strip().isdecimal() and 1 <= int(text) <= len(hints.places)):
@@ -248,14 +257,16 @@ def _numbered(hints: Suggestion, read: Callable[[str, str, Suggestion], DeckPlac
 
 
 def _ask(question: str, read: Callable[[str], Value]) -> Value | None:
-    """The answer, asked again until it can be read; None where the line is left blank."""
+    """The answer; the question repeats until the answer is valid. None for a blank line."""
     while True:
         try:
             text = typer.prompt(question, default="", show_default=False)
         except typer.Abort:
             say("")
-            remedy = "answer in a terminal, or give options (strainsight init --help)"
-            raise UserError("the answers have ended before the questions; nothing is written", remedy=remedy) from None
+            remedy = "answer in a terminal, or use options (strainsight init --help)"
+            raise UserError(
+                "the input ended before the last question, and no file was written", remedy=remedy
+            ) from None
         try:
             return read(text) if text.strip() else None
         except UserError as error:

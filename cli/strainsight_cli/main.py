@@ -1,4 +1,4 @@
-"""strainsight: from a finite-element mesh to a certified layout of strain gauges."""
+"""strainsight: from a finite-element mesh to a strain-gauge layout with an optimality bound."""
 
 from __future__ import annotations
 
@@ -39,14 +39,15 @@ from strainsight_cli.work import Work, bring_up_to_date, exit_code, refuse_warne
 os.environ["OPENBLAS_NUM_THREADS"] = "1"
 
 USAGE: Any = typer.BadParameter.__mro__[1]
-"""Words that are no command or option; of the click that this typer brings."""
+"""Tokens that are not a command or option, in the version of click that this typer contains."""
 
 app = typer.Typer(
     no_args_is_help=True,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
-    help="Where to bond strain gauges on a finite-element model, what they will let you know, and how well.",
+    help="Place strain gauges on a finite-element model, and estimate loads, parameters and strains from their "
+    "readings.",
 )
 
 
@@ -78,7 +79,7 @@ def run(config: ConfigFile, options: RunOptions) -> None:
     _bring_up_to_date(work, options, forced=names, tables=names)
 
 
-@app.command(help="Say which stages are up to date, and why the others are not.")
+@app.command(help="Show which stages are up to date, and why the others are not.")
 def status(
     config: ConfigFile,
     results: Results = DEFAULT_RESULTS,
@@ -96,10 +97,10 @@ def status(
             show_plan(pipelines.work_of(loaded, results), (), as_json, verbose)
 
 
-app.command(help="Write an example that runs as it stands into this folder, or list them.")(example)
+app.command(help="Copy an example into this folder, or list the examples.")(example)
 
 
-app.command(help="Write a commented config for your own deck.")(init)
+app.command(help="Write a commented config for a deck.")(init)
 
 
 @app.command(help="Check this machine: packages, solver, rendering, memory.")
@@ -120,7 +121,7 @@ def schema() -> None:
 
 def _add_stage(name: str, what: str) -> None:
     @app.command(
-        name, short_help=f"{what}.", help=f"{what}. Runs the stages above first where they are not up to date."
+        name, short_help=f"{what}.", help=f"{what}. Runs the previous stages first if they are not up to date."
     )
     @computing
     def command(config: ConfigFile, options: RunOptions) -> None:
@@ -130,12 +131,12 @@ def _add_stage(name: str, what: str) -> None:
 _IMPORTS = pipelines.STAGES["import"]
 
 
-@app.command("import", short_help=f"{_IMPORTS}.", help=f"{_IMPORTS}, and say what the model assumes.")
+@app.command("import", short_help=f"{_IMPORTS}.", help=f"{_IMPORTS}, and print the model assumptions.")
 @computing
 def import_(
     config: ConfigFile,
     options: RunOptions,
-    strict: Annotated[bool, typer.Option("--strict", help="End with 2 where there is a warning.")] = False,
+    strict: Annotated[bool, typer.Option("--strict", help="Exit with code 2 if there is a warning.")] = False,
 ) -> None:
     work = pipelines.work_of_one(config, options.results, options.overrides, "import")
     _one_stage(work, "import", options)
@@ -148,11 +149,11 @@ for _name, _what in pipelines.STAGES.items():
         _add_stage(_name, _what)
 
 
-app.command("check-modes", help="Compare natural frequencies and shapes of another program with those of the deck.")(
-    check_modes
-)
-app.command("view", help="Show what a run has computed, in a window or as a picture.")(view)
-app.command("figures", help="Write the figures of a run's page as SVG and PNG files, with their numbers as CSV.")(
+app.command(
+    "check-modes", help="Compare natural frequencies and mode shapes of another program with those of the deck."
+)(check_modes)
+app.command("view", help="Show results of a run in a window, or save them as a picture.")(view)
+app.command("figures", help="Write the figures of the results page as SVG and PNG files, with their data as CSV.")(
     figures
 )
 
@@ -167,18 +168,20 @@ def estimate(
         typer.Option(
             "--measurements",
             metavar="FILE",
-            help="File of a test in one record (CSV, HDF5, UFF58, MDF4, TDMS, MAT), in place of estimate.file; the files of "
-            "estimate.records stand in the config.",
+            help="Measurement file of a test with one record (CSV, HDF5, UFF58, MDF4, TDMS, MAT), instead of "
+            "estimate.file. Files of several records belong in the config, under estimate.records.",
         ),
     ] = None,
     allow_unobservable: Annotated[
-        bool, typer.Option("--allow-unobservable", help="Go on where the channels cannot tell all unknowns.")
+        bool,
+        typer.Option("--allow-unobservable", help="Continue even if the channels cannot distinguish all unknowns."),
     ] = False,
-    page: Annotated[bool, typer.Option("--page/--no-page", help="Write test.html, too.")] = True,
+    page: Annotated[bool, typer.Option("--page/--no-page", help="Also write test.html.")] = True,
     accept: Annotated[
         bool,
         typer.Option(
-            "--accept", help="Report σ even if the measurements are inconsistent with the model, and end with 0."
+            "--accept",
+            help="Report uncertainties even if the measurements are inconsistent with the model, and exit with code 0.",
         ),
     ] = False,
 ) -> None:
@@ -186,38 +189,38 @@ def estimate(
     from strainsight.config.load import kind_of
     from strainsight.errors import ConfigError, UserError
 
-    asked: list[str | Override] = [*(options.overrides or ())]
+    overrides: list[str | Override] = [*(options.overrides or ())]
 
     if measurements is not None and kind_of(config) == "bench":
         raise ConfigError(
-            "--measurements is of the estimate of a structure",
+            "--measurements applies to the estimate of a structure only",
             key="estimate.measured",
             where=str(config),
-            remedy="name the file in the config of the bench, `estimate: {measured: {file: FILE, channels: …}}`, or another "
-            "run, `{measured: {from: RUN}}`",
+            remedy="set the file in the config of the bench, `estimate: {measured: {file: FILE, channels: …}}`, or use "
+            "another run, `{measured: {from: RUN}}`",
         )
     if measurements is not None:
         if not measurements.is_file():
-            beside = config.parent / measurements
-            remedy = f"--measurements starts from the folder that you are in, {Path.cwd()}"
-            if beside.is_file():
-                remedy = f"did you mean {beside}? {remedy}"
-            raise UserError("no such file", where=str(measurements), key="--measurements", remedy=remedy)
+            sibling = config.parent / measurements
+            remedy = f"the path of --measurements is relative to the current folder, {Path.cwd()}"
+            if sibling.is_file():
+                remedy = f"did you mean {sibling}? {remedy}"
+            raise UserError("file not found", where=str(measurements), key="--measurements", remedy=remedy)
         # From the config's folder, as all paths of a config: no absolute path gets into the results.
         relative = os.path.relpath(measurements.resolve(), config.resolve().parent)
-        asked.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
+        overrides.append(Override("estimate.file", Path(relative).as_posix(), "--measurements"))
     if allow_unobservable:
-        asked.append("estimate.allow_unobservable=true")
+        overrides.append("estimate.allow_unobservable=true")
     if accept:
-        asked.append("estimate.accept=true")
-    work = pipelines.work_of_one(config, options.results, asked, "estimate")
+        overrides.append("estimate.accept=true")
+    work = pipelines.work_of_one(config, options.results, overrides, "estimate")
     if "estimate" not in [stage.name for stage in work.stages]:
         raise ConfigError(
-            "no measurements to estimate from",
+            "the config has no section `estimate`",
             key="estimate",
             where=str(config),
             remedy="add a section `estimate: {channels: [{gauge: G1, channel: NAME, unit: um/m}]}` to the config "
-            "(docs/estimation.md), and give --measurements FILE",
+            "(docs/estimation.md), and use --measurements FILE",
         )
     names = [stage.name for stage in work.stages]
     then = "test" if page and "test" in names else ""
@@ -225,15 +228,15 @@ def estimate(
 
 
 def _one_stage(work: Work, name: str, options: RunOptions, then: str = "") -> None:
-    """The stages up to this one, or one that comes after it, and its tables."""
+    """Stages up to this one or a later one, and its tables."""
     last = [stage.name for stage in work.stages].index(then or name)
     upto = replace(work, stages=work.stages[: last + 1], where=options.where)
     _bring_up_to_date(upto, options, forced=[name], tables=[name])
 
 
 def _bring_up_to_date(work: Work, options: RunOptions, forced: list[str], tables: list[str]) -> None:
-    """Run what is not up to date, with --force the stages `forced` in any case; print a line a stage and, at the end, the tables
-    of the stages named."""
+    """Run what is not up to date (with --force also the stages `forced`); print one line per stage, then the tables of the stages
+    named."""
     forced = forced if options.force else []
     if options.dry_run:
         show_plan(work, forced, options.as_json, options.verbose)
@@ -247,14 +250,14 @@ def _bring_up_to_date(work: Work, options: RunOptions, forced: list[str], tables
 
 
 def main() -> None:
-    """Console script."""
+    """Entry point of the console script."""
     # For this process, and for all that it or a library starts: no module and no plugin of the working folder.
     os.environ |= {SAFE_PATH: "1", "PYDANTIC_DISABLE_PLUGINS": "__all__"}
     prepare_streams()
     if refused := missing():
         say(*refused.split("\n"), error=True)
         raise SystemExit(USER)
-    # Handed on to the processes that clear up after others when Ctrl-C has ended those: they need not speak of it.
+    # Handed on to the processes that clear up after others when Ctrl-C has ended those: they must not report it.
     sys.warnoptions.append("ignore:resource_tracker")
     code: int | str | None = 0
     try:

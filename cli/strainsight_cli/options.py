@@ -1,4 +1,4 @@
-"""Arguments and options that several commands share."""
+"""Arguments and options common to several commands."""
 
 from __future__ import annotations
 
@@ -16,22 +16,27 @@ import typer
 from strainsight.runner.where import Where
 from strainsight_cli.failures import saying
 
-ConfigFile = Annotated[Path, typer.Argument(metavar="CONFIG", help="Config file; `strainsight init DECK` writes one.")]
-Force = Annotated[bool, typer.Option("--force", help="Run it even if it is up to date (`run`: every stage).")]
-DryRun = Annotated[bool, typer.Option("--dry-run", help="Say what would run and why; write nothing.")]
+ConfigFile = Annotated[
+    Path, typer.Argument(metavar="CONFIG", help="Config file; create one with `strainsight init DECK`.")
+]
+Force = Annotated[bool, typer.Option("--force", help="Run the stage even if it is up to date (`run`: every stage).")]
+DryRun = Annotated[
+    bool, typer.Option("--dry-run", help="Print the stages that would run, with the reasons; write nothing.")
+]
 Results = Annotated[
     Path, typer.Option("--results", metavar="DIR", help="Results folder.", callback=lambda folder: _no_link(folder))
 ]
-Json = Annotated[bool, typer.Option("--json", help="Print one JSON object a stage.")]
-DoctorJson = Annotated[bool, typer.Option("--json", help="Print one JSON object a finding.")]
+Json = Annotated[bool, typer.Option("--json", help="Print one JSON object per stage.")]
+DoctorJson = Annotated[bool, typer.Option("--json", help="Print one JSON object per check.")]
 Set = Annotated[
-    list[str] | None, typer.Option("--set", metavar="KEY=VALUE", help="Override, as in --set place.keep=6.")
+    list[str] | None,
+    typer.Option("--set", metavar="KEY=VALUE", help="Override of a config key, as in --set place.keep=6."),
 ]
-Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Say why stages run; show the traceback of a failure.")]
-Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only; run.log has the rest.")]
+Verbose = Annotated[bool, typer.Option("-v", "--verbose", help="Print why stages run, and the traceback of a failure.")]
+Quiet = Annotated[bool, typer.Option("-q", "--quiet", help="Print errors only; run.log contains the rest.")]
 LogLevel = Annotated[
     Literal["error", "warning", "info", "debug"] | None,
-    typer.Option("--log-level", help="How much is printed: -q is error, -v is debug, info the default."),
+    typer.Option("--log-level", help="Level of the printed messages: -q is error, -v is debug, default info."),
 ]
 Jobs = Annotated[
     int | None,
@@ -39,29 +44,29 @@ Jobs = Annotated[
         "--jobs",
         min=1,
         metavar="N",
-        help="Processes at a time, for sweeps or the runs of a suite; default: one a core.",
+        help="Number of parallel processes for sweeps or runs of a suite; default: one per core.",
     ),
 ]
 Dask = Annotated[
     str | None,
     typer.Option(
-        "--dask", metavar="ADDRESS", help="Run sweeps on the Dask cluster of this scheduler, which is trusted."
+        "--dask", metavar="ADDRESS", help="Run sweeps on the Dask cluster of this scheduler, which has to be trusted."
     ),
 ]
 DEFAULT_RESULTS = Path("results")
 
 
 def _no_link(folder: Path) -> Path:
-    """The results folder; the default one may be a link only where the user names what it leads to."""
+    """The results folder; the default folder may be a link only if the user names its target."""
     if folder == DEFAULT_RESULTS and folder.is_symlink():
         target = os.readlink(folder)
-        raise typer.BadParameter(f"{folder} is a link to {target}; to write there: --results {shlex.quote(target)}")
+        raise typer.BadParameter(f"{folder} is a link to {target}; to write there, use --results {shlex.quote(target)}")
     return folder
 
 
 @dataclass(frozen=True)
 class RunOptions:
-    """What all commands take that compute."""
+    """Options of all commands that compute."""
 
     force: Force = False
     dry_run: DryRun = False
@@ -81,7 +86,7 @@ class RunOptions:
 
 
 def computing(command: Callable[..., None]) -> Callable[..., None]:
-    """A command with the options of `RunOptions` behind its own, which gets them as `options` and prints at their level."""
+    """A command with the options of `RunOptions` after its own; it receives them as `options` and prints at their level."""
     hints = get_type_hints(RunOptions, include_extras=True)
     shared = [
         Parameter(f.name, Parameter.KEYWORD_ONLY, default=f.default, annotation=hints[f.name])

@@ -1,4 +1,4 @@
-"""From a config file to its stages, which are imported only when a command needs them, and to the work that they are."""
+"""Stages of a config, imported only when a command needs them, and their work."""
 
 from __future__ import annotations
 
@@ -15,29 +15,29 @@ if TYPE_CHECKING:
     from strainsight.runner.stage import Stage
 
 STAGES = {
-    "bearing": "Look at a bearing alone: load-displacement curves, stiffness, loads of the balls",
+    "bearing": "Compute load-displacement curves, stiffness and ball loads of a single bearing",
     "import": "Read the deck, with its materials and constraints",
     "reduce": "Reduce the flexible bodies of a bench",
-    "statics": "Find where a bench rests, and what it carries there",
-    "modes": "Find natural frequencies and mode shapes, of a bench with its state space",
-    "rom": "Reduce the model",
+    "statics": "Compute the equilibrium of a bench and its loads",
+    "modes": "Compute natural frequencies and mode shapes (for a bench, the state-space model)",
+    "rom": "Compute the reduced-order model",
     "train": "Simulate the training run and the strain of every candidate",
-    "screen": "Drop weak and clustered candidates",
-    "observe": "Say which unknowns are observable together",
-    "place": "Choose the gauges",
-    "simulate": "Simulate a bench in time",
-    "truth": "Move a bench by another integrator, as the truth of an estimate",
-    "estimate": "Estimate from measurements: of a test, or of a bench",
-    "test": "Write test.html, the page of a test",
-    "field": "Write the strain and stress of a bench's body in time",
-    "spectrum": "Find the modes of a validation's truth",
+    "screen": "Remove weak and clustered candidates",
+    "observe": "Compute which unknowns are observable together",
+    "place": "Place the gauges",
+    "simulate": "Simulate a bench over time",
+    "truth": "Simulate a bench with another integrator, as reference for an estimate",
+    "estimate": "Estimate loads and parameters from the measurements of a test or of a bench",
+    "test": "Write test.html, the results page of a test",
+    "field": "Write strain and stress of a body of a bench over time",
+    "spectrum": "Compute the modes of the simulated test",
     "validate": "Estimate from simulated measurements",
     "report": "Write report.html",
 }
 
 
 def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
-    """The pipeline of a config, in order."""
+    """Pipeline of a config, in order."""
     if config["kind"] == "placement":
         from strainsight.stages.placement import stages_for
 
@@ -51,13 +51,13 @@ def stages_of(config: Mapping[str, Any]) -> tuple[Stage, ...]:
 PAGES = ("test", "report")
 """Stages that write a page."""
 LAST_TEST = ("file", "allow_unobservable")
-"""Keys of `estimate` that options of the command `estimate` set: the other commands take them from what it wrote."""
+"""Keys of `estimate` that the options of the command `estimate` set; other commands read them from its results."""
 
 
 def with_last_test(path: Path, overrides: Iterable[str | Override] | None, results: Path) -> LoadedConfig:
-    """The config, with the file of the test that was estimated last where its own section `estimate` names none.
+    """The config, completed with the last estimated measurement file if its section `estimate` names none.
 
-    That stands in estimate.h5; a file that is no longer there is reported and left out, with its estimate.
+    The file name is read from estimate.h5; if the file is missing, a note is printed and the estimate is omitted.
     """
     loaded = loaded_config(path, overrides)
     section = loaded.data.get("estimate") if loaded.data["kind"] == "placement" else None
@@ -71,16 +71,16 @@ def with_last_test(path: Path, overrides: Iterable[str | Override] | None, resul
     try:
         last = header_of(artefact).config.get("estimate") or {}
     except ArtefactError as error:
-        note(f"{artefact} is left out: {error.what}")
+        note(f"{artefact} is not used: {error.what}")
         return loaded
     if last.get("records"):
-        note(f"{artefact} is left out: it is of records, and the config names none")
+        note(f"{artefact} is not used: it contains records that the config does not name")
         return loaded
     if not (loaded.path.parent / str(last.get("file") or "")).is_file():
-        note(f"{artefact} is left out: {last.get('file')}, the file of the test, is not there any more")
+        note(f"{artefact} is not used: the measurement file {last.get('file')} is missing")
         return loaded
-    kept = [Override(f"estimate.{key}", last[key], str(artefact)) for key in LAST_TEST if last.get(key)]
-    return loaded_config(path, [*(overrides or ()), *kept])
+    last_test = [Override(f"estimate.{key}", last[key], str(artefact)) for key in LAST_TEST if last.get(key)]
+    return loaded_config(path, [*(overrides or ()), *last_test])
 
 
 def loaded_config(path: Path, overrides: Iterable[str | Override] | None) -> LoadedConfig:
@@ -91,7 +91,7 @@ def loaded_config(path: Path, overrides: Iterable[str | Override] | None) -> Loa
 
 
 def work_of(config: LoadedConfig, results: Path) -> Work:
-    """All stages of a config that is no suite."""
+    """All stages of a config that is not a suite."""
     from strainsight.runner.plan import Job
 
     data: dict[str, Any] = config.data
@@ -99,12 +99,12 @@ def work_of(config: LoadedConfig, results: Path) -> Work:
 
 
 def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] | None, stage: str) -> Work:
-    """The work of a config that has the stage. Raises UserError for one that has not; a suite has none."""
+    """The work of a config with this stage. Raises UserError for a config without it, and for suites."""
     from strainsight.config.load import kind_of
     from strainsight.errors import UserError
 
     if kind_of(path) == "suite":
-        other = f"strainsight {stage} on the config of one of its runs, or: strainsight run {path}"
+        other = f"use strainsight {stage} with the config of one of its runs, or: strainsight run {path}"
         raise UserError(f"a suite has no stage '{stage}'", where=str(path), remedy=other)
     loaded = with_last_test(path, overrides, results) if stage in PAGES else loaded_config(path, overrides)
     work = work_of(loaded, results)
@@ -116,7 +116,9 @@ def work_of_one(path: Path, results: Path, overrides: Iterable[str | Override] |
     kind = loaded.data["kind"]
     if stage not in names and (kind, stage) != ("placement", "estimate"):  # which says itself what is missing
         section = (
-            f"give it a section `{stage}`; " if kind == "bench" and stage in ("place", "estimate", "field") else ""
+            f"add a section `{stage}` to the config; "
+            if kind == "bench" and stage in ("place", "estimate", "field")
+            else ""
         )
         raise UserError(
             f"this config of kind {kind} has no stage '{stage}'",

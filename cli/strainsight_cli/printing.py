@@ -1,5 +1,4 @@
-"""What a command prints, at which level, and the streams that it prints to: nothing that a terminal obeys, no line that a name
-makes up."""
+"""Output of a command: levels, streams, and protection against control characters in names."""
 
 from __future__ import annotations
 
@@ -17,20 +16,20 @@ from strainsight.errors import printable
 
 
 def say(*lines: str, error: bool = False) -> None:
-    """Print each on a line of its own, at once, with control characters, also a line break, as escapes; error: on stderr."""
+    """Print each text on a separate line, flushed, with control characters and line breaks as escapes; error: on stderr."""
     for line in lines:
         print(printable(line), file=sys.stderr if error else sys.stdout, flush=True)
 
 
 def json_line(entry: Any) -> str:
-    """An object of --json, whose text is read back as it was."""
+    """Print an object of --json; its text can be read back unchanged."""
     return "".join(
         c if c.isprintable() else json.dumps(c)[1:-1] for c in json.dumps(entry, ensure_ascii=False, allow_nan=False)
     )
 
 
 class Level(IntEnum):
-    """ERROR: what ends the command; WARNING: warnings and notes; INFO: what is done, and the tables; DEBUG: why, tracebacks."""
+    """ERROR: why the command ends; WARNING: warnings and notes; INFO: progress and tables; DEBUG: reasons, tracebacks."""
 
     ERROR = 0
     WARNING = 1
@@ -47,32 +46,32 @@ def now() -> Level:
 
 
 def shown(level: Level) -> bool:
-    """Whether what is of this level goes to the terminal."""
+    """Whether messages of this level are printed."""
     return level <= _now
 
 
 def set_level(level: Level) -> None:
-    """In a process that another one has started."""
+    """Set the level in a child process."""
     global _now
     _now = level
 
 
 def level_of(quiet: bool, verbose: bool, named: str | None) -> Level:
-    """Of -q, -v and --log-level, of which one may be given. Raises UserError for several."""
+    """Level of -q, -v and --log-level, which exclude each other. Raises UserError for several."""
     options = [option for option, is_there in (("-q", quiet), ("-v", verbose), ("--log-level", named)) if is_there]
     if len(options) > 1:
         from strainsight.errors import UserError
 
         raise UserError(
-            f"{' and '.join(options)} contradict each other",
-            remedy="give one: -q is --log-level error, -v is --log-level debug",
+            f"{' and '.join(options)} exclude each other",
+            remedy="use one of them: -q is --log-level error, -v is --log-level debug",
         )
     return Level[named.upper()] if named else Level.ERROR if quiet else Level.DEBUG if verbose else Level.INFO
 
 
 @contextmanager
 def speaking(level: Level, wanted: bool) -> Iterator[None]:
-    """At this level from here on; wanted: what goes to stdout was wanted (--json, --dry-run) and stays."""
+    """Set this level; wanted: the output on stdout is the result (--json, --dry-run), and is printed at every level."""
     before = _now
     set_level(level)
     try:
@@ -89,14 +88,14 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 LAST_STREAM = 2
-"""Number of the last of the three that a process is born with."""
+"""Number of the last standard stream."""
 LEAST = 1 << 30
-"""[bytes] of address space; the libraries take more than half of it, and OpenBLAS waits for ever for threads without room."""
+"""[bytes] Minimum address space; the libraries use more than half of it, and OpenBLAS hangs without memory for threads."""
 
 
 class Pipe(io.FileIO):
-    """What is written to a pipe whose reader has gone, as with `| head`, goes nowhere: the work is not in vain, since its results
-    are files. Every other failure is one."""
+    """A stream that discards output after its reader has closed the pipe, as with `| head`: results are files, so the run
+    continues. Other errors are raised."""
 
     def write(self, content: ReadableBuffer, /) -> int:
         try:
@@ -106,20 +105,19 @@ class Pipe(io.FileIO):
             return super().write(content)
 
     def to_nowhere(self) -> None:
-        """The same number, another end."""
+        """The same file descriptor, opened again."""
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, self.fileno())
         os.close(nowhere)
 
 
 def prepare_streams() -> None:
-    """A service may have closed them: what is printed then goes nowhere. A terminal without Greek gets question marks, not a
-    failure at the end of a long run."""
+    """Open closed standard streams as null devices, and replace characters that the terminal cannot encode by question marks."""
     # the numbers that are free are the first that files get, and a library may print on 1 and 2
-    while (taken := os.open(os.devnull, os.O_RDWR)) < LAST_STREAM:
+    while (descriptor := os.open(os.devnull, os.O_RDWR)) < LAST_STREAM:
         pass
-    if taken > LAST_STREAM:
-        os.close(taken)
+    if descriptor > LAST_STREAM:
+        os.close(descriptor)
     sys.stdout = sys.stdout or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     sys.stderr = sys.stderr or open(os.devnull, "w", encoding="utf-8")  # noqa: SIM115
     sys.stdout, sys.stderr = _for_pipe(sys.stdout, line_buffering=False), _for_pipe(sys.stderr, line_buffering=True)
@@ -129,7 +127,7 @@ def prepare_streams() -> None:
 
 
 def _for_pipe(stream: IO[str], line_buffering: bool) -> IO[str]:
-    """The stream itself, or one that outlives its reader."""
+    """The stream itself, or one that survives its reader."""
     if not isinstance(stream, io.TextIOWrapper) or not stat.S_ISFIFO(os.fstat(stream.fileno()).st_mode):
         return stream
     stream.flush()
@@ -138,23 +136,21 @@ def _for_pipe(stream: IO[str], line_buffering: bool) -> IO[str]:
 
 
 def unwritten() -> str:
-    """What of the output cannot be written, a full disk say, as a message; empty where all is there. Nothing is tried again."""
+    """Message if the output could not be written, as on a full disk; otherwise empty. There is no second attempt."""
     try:
         sys.stdout.flush()
     except OSError as error:
         Pipe(sys.stdout.fileno(), "wb", closefd=False).to_nowhere()
-        return (
-            f"standard output cannot be written: {error.strerror}\n    what is computed is kept; write to another file"
-        )
+        return f"standard output cannot be written: {error.strerror}\n    the results are kept; write to another file"
     return ""
 
 
 def missing() -> str:
-    """What is not there, with the remedy; empty where all is."""
+    """Message with a remedy if something essential is missing; otherwise empty."""
     try:
         os.getcwd()
     except OSError:
-        return "the working folder is gone, or may not be read\n    change to a folder that exists"
+        return "the working folder does not exist, or cannot be read\n    change to an existing folder"
     try:
         import resource
     except ImportError:  # Windows has no such limits
@@ -162,7 +158,7 @@ def missing() -> str:
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     if limit != resource.RLIM_INFINITY and limit < LEAST:
         return (
-            f"the limit of address space is {limit / 2**20:.0f} MiB (ulimit -v), too little to load the libraries\n"
-            f"    at least {LEAST // 2**20} MiB: ulimit -v {LEAST // 1024}, and what the model takes beside it"
+            f"the limit of address space is {limit / 2**20:.0f} MiB (ulimit -v), not enough to load the "
+            f"libraries\n    set at least {LEAST // 2**20} MiB: ulimit -v {LEAST // 1024}, plus the memory of the model"
         )
     return ""

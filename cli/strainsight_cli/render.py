@@ -1,4 +1,4 @@
-"""What the user sees: one line a stage, tables, JSON."""
+"""Output to the user: one line per stage, tables, JSON."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ if TYPE_CHECKING:
     from strainsight.runner.runner import Event
 
 WIDTH_OF_A_FILE = 200
-"""Columns of a stage's table that goes to a file or a pipe."""
+"""Columns of a stage table in a file or pipe."""
 WIDTH_OF_A_PIPE = 100_000
-"""The same of status and doctor: a line a row, whatever its reasons."""
+"""Columns of status and doctor in a file or pipe: one line per row."""
 
 
 def stage_line(event: Event, verbose: bool = False) -> str:
@@ -32,7 +32,7 @@ def stage_line(event: Event, verbose: bool = False) -> str:
 
 
 def stage_json(event: Event | Status, run: str = "") -> str:
-    """One object of --json, of a stage that ran or failed, or that was only looked at; run: its name within a suite."""
+    """One object of --json for a stage that ran, failed or was checked; run: its name in a suite."""
     from strainsight.runner.artefact import Artefact
 
     artefact = event.artefact
@@ -58,10 +58,10 @@ def print_grid(
     right: Collection[int] = (),
     indent: int = 0,
 ) -> None:
-    """A table of rich Texts; nothing is folded and no line ends in spaces where nobody looks (a file, a pipe).
+    """A table of rich Texts; in files and pipes, without line breaks and trailing spaces.
 
-    head: names of the columns, "" for a table without any; least: least widths; right: columns set to the right.
-    Colours are rich's to leave out: where there is no terminal, or NO_COLOR is set.
+    head: column names, "" for a table without header; least: minimum widths; right: right-aligned columns. rich omits colours
+    without a terminal, or if NO_COLOR is set.
     """
     from rich.console import Console
     from rich.padding import Padding
@@ -83,7 +83,7 @@ def print_grid(
 
 
 def print_tables(tables: Sequence[Table]) -> None:
-    """The stages' tables, columns aligned."""
+    """The tables of the stages, with aligned columns."""
     if not tables:
         return
     from rich.console import Console

@@ -1,4 +1,4 @@
-"""results/NAME/run.log: what happened in that folder and when, for whoever asks later."""
+"""results/NAME/run.log: times and messages of the commands in that folder."""
 
 from __future__ import annotations
 
@@ -30,7 +30,8 @@ _BARE = re.compile(r"""(?<![\w.…/)\]-])/(?:[^\s/"',;:()]+/)*([^\s/"',;:()]+)""
 
 
 def placeless(text: str, folders: Iterable[Path] = ()) -> str:
-    """The text with paths below `folders`, the packages and the working directory relative to them, others by their name.
+    """The text with paths below `folders`, packages and working directory made relative, and other paths reduced to the file
+    name.
 
     `File "/home/…/site-packages/scipy/sparse/_csr.py"` becomes `File "scipy/sparse/_csr.py"`.
     """
@@ -45,17 +46,17 @@ def placeless(text: str, folders: Iterable[Path] = ()) -> str:
 
 NAME = "run.log"
 MOST, KEPT = 1 << 20, 1 << 19
-"""[bytes] A log that has grown beyond the first is cut to the last lines within the second."""
+"""[bytes] A log larger than the first value is cut to the last lines within the second."""
 
 Log = Callable[[str], None]
 
 
 @contextmanager
 def run_log(job: Job, stages: str) -> Iterator[Log]:
-    """Yields the function that writes a line to the log of the job's folder; warnings and a failure go there by themselves.
+    """Yield the function that writes a line to the log of the folder; warnings and a failure are logged automatically.
 
-    The folder is made by the run; lines from before it is there are written with the first one after. Nothing of this
-    is ever a reason for the run to fail: a log that cannot be written is not written.
+    The run creates the folder; earlier lines are kept and written with the first one after that. A log that cannot be written
+    never makes a run fail.
     """
     import strainsight
 
@@ -87,25 +88,25 @@ def run_log(job: Job, stages: str) -> Iterator[Log]:
     try:
         yield log
     except BaseException as error:
-        log(f"fails after {time.perf_counter() - start:.1f} s\n{''.join(traceback.format_exception(error))}")
+        log(f"failed after {time.perf_counter() - start:.1f} s\n{''.join(traceback.format_exception(error))}")
         raise
     else:
-        log(f"ends after {time.perf_counter() - start:.1f} s, {peak()}")
+        log(f"finished after {time.perf_counter() - start:.1f} s, {peak()}")
     finally:
         LAST_WORDS.remove(interrupted)
         warnings.showwarning = shown
 
 
 def peak() -> str:
-    """The most memory that this process has held until now, as in "peak 0.38 GiB"."""
-    held = peak_memory()
-    return "peak memory not known here" if held is None else f"peak {held / 2**30:.2f} GiB"
+    """Peak memory of this process, as in "peak 0.38 GiB"."""
+    peak_bytes = peak_memory()
+    return "peak memory unknown on this system" if peak_bytes is None else f"peak {peak_bytes / 2**30:.2f} GiB"
 
 
 def append(path: Path, text: str, wait: bool = True) -> None:
-    """Append whole lines, whatever other processes append at the same time, and keep the file within its bound.
+    """Append whole lines, safely with other processes, and limit the size of the file.
 
-    wait: for the lock; what ends the process may have interrupted the one who holds it.
+    wait: for the lock; during an exit, the interrupted code may hold it.
     """
     with suppress(OSError):
         handle = open_file(path, os.O_RDWR | os.O_APPEND)
@@ -129,7 +130,7 @@ def _write(handle: int, content: bytes) -> None:
 
 
 def _line(text: str) -> str:
-    """Time, process and text; lines that belong to it are set in below, so that a reader can tell whose they are."""
+    """Time, process and text; continuation lines are indented."""
     clean = "".join(c if c.isprintable() or c == "\n" else "�" for c in text).rstrip("\n")
     head = f"{datetime.now(UTC).isoformat(timespec='seconds').removesuffix('+00:00')}Z {os.getpid()}"
     return "".join(f"{head} {'  | ' if i else ''}{line}\n" for i, line in enumerate(clean.split("\n")))

@@ -1,4 +1,4 @@
-"""Which stages are up to date, why the others are not, and what time and memory these will take: a table, or JSON."""
+"""Which stages are up to date, why the others are not, and their expected time and memory: a table, or JSON."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ if TYPE_CHECKING:
     from strainsight.runner.artefact import Artefact
     from strainsight.runner.plan import Status
 
-HEAD = ("stage", "status", "took", "what came out, or why it runs")
+HEAD = ("stage", "status", "took", "result, or reason to run")
 LEAST = (9, 11, 8, 0)
-"""Least widths of the columns, so that those of a suite's runs stand below each other."""
+"""Minimum column widths, for aligned tables of the runs of a suite."""
 COLOURS = {"up to date": "green", "will run": "yellow"}
 
 
 def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool = False) -> None:
-    """What would run and why; verbose: every reason, not only the first three."""
+    """Stages that would run, with reasons; verbose: every reason instead of the first three."""
     from strainsight.runner.artefact import Artefact
     from strainsight.runner.plan import WILL_RUN, plan
 
@@ -44,7 +44,7 @@ def show_plan(work: Work, forced: Collection[str], as_json: bool, verbose: bool 
 
 
 def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: int = 0, head: bool = True) -> None:
-    """A row a stage: its status, how long it took when it was last computed, and the reasons or its message."""
+    """One row per stage: status, run time of the last computation, and the reasons or the message."""
     from rich.text import Text
 
     from strainsight.runner.artefact import Artefact
@@ -59,7 +59,7 @@ def print_statuses(statuses: Sequence[Status], verbose: bool = False, indent: in
 
 
 def sum_of(statuses: Sequence[Status]) -> str:
-    """`5 of 9 stages up to date; the other 4 took 12.3 s when last run`"""
+    """`5 of 9 stages up to date; last run time of the other 4: 12.3 s`"""
     from strainsight.runner.plan import UP_TO_DATE
 
     pending = [status for status in statuses if status.status != UP_TO_DATE]
@@ -70,18 +70,19 @@ def sum_of(statuses: Sequence[Status]) -> str:
         return text
     others = f"the other {len(pending)}" if len(pending) > 1 else "the other"
     which = others if len(known) == len(pending) else f"{len(known)} of {others}"
-    return f"{text}; {which} took {sum(known):.1f} s when last run"
+    return f"{text}; last run time of {which}: {sum(known):.1f} s"
 
 
 GIB = 2.0**30
-FACTOR = "processor time and memory within a factor of two (docs/scaling.md)"
-WITH_PLACE = "processor time and memory within a factor of two, of place of three (docs/scaling.md)"
+FACTOR = "accuracy of time and memory: a factor of two (docs/scaling.md)"
+WITH_PLACE = "accuracy of time and memory: a factor of two, for place of three (docs/scaling.md)"
 
 
 def forecast(work: Work, pending: Collection[str], imported: Artefact | None) -> str:
-    """The line; nothing where no stage of that kind is pending, or the model is none of finite elements.
+    """The forecast line; empty if no finite-element stage is pending.
 
-    pending: stages that will run; imported: import.h5, None where it is not up to date: then only the deck's size is known.
+    pending: stages that will run; imported: import.h5, or None if it is not up to date, so that only the size of the deck is
+    known.
     """
     from strainsight.memory import available_memory
     from strainsight.text import listed
@@ -90,21 +91,23 @@ def forecast(work: Work, pending: Collection[str], imported: Artefact | None) ->
     if costs is None:
         deck = work.job.base / str(work.job.config["mesh"]["file"])
         size = deck.stat().st_size / 1e6 if deck.is_file() else 0
-        return f"forecast: the deck has {size:.1f} MB; time and memory are known once it is imported" if size else ""
+        return f"forecast: the deck has {size:.1f} MB; time and memory are known after the import" if size else ""
     if not costs:
         return ""
     model, each = costs
     peak, available = max(cost.memory for cost in each.values()), available_memory() / GIB
     stages = listed([f"{name} {in_words(cost.seconds)}" for name, cost in each.items()])
     factor = WITH_PLACE if "place" in each else FACTOR
-    short = "" if peak <= available else f"; {available:.2g} GiB are there: take a coarser mesh or a larger machine"
+    short = (
+        "" if peak <= available else f"; only {available:.2g} GiB are available: use a coarser mesh or a larger machine"
+    )
     return f"forecast: {stages} for {model.unknowns} unknowns, {peak:.2g} GiB, {factor}{short}"
 
 
 def costs_of(
     work: Work, pending: Collection[str], imported: Artefact | None
 ) -> tuple[Size, dict[str, Cost]] | tuple[()] | None:
-    """The size, and the cost of every stage that has a law; empty where none will run; None where the size is not known."""
+    """Model size and cost of every pending stage with a cost model; empty if none will run; None if the size is unknown."""
     from strainsight.config.placement import PlacementConfig
     from strainsight.experiment.structure.cost import SOLVES, cost_of, cost_of_place, size_of
     from strainsight.records.mesh import mesh_from

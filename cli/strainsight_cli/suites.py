@@ -1,4 +1,4 @@
-"""A suite on the command line: its runs one after the other, then its own page, then where the time went."""
+"""A suite on the command line: its runs in order, then its page, then a table of run times."""
 
 from __future__ import annotations
 
@@ -45,14 +45,14 @@ if TYPE_CHECKING:
     from strainsight.runner.stage import Stage
 
 Computed = tuple[str, str, float | None]
-"""Key, digest and seconds: a reused artefact is the same to the last digit."""
+"""Key, checksum and seconds; a reused artefact is identical to the last digit."""
 
 
 def timing_table(runs: Sequence[str], artefacts_of: Sequence[Sequence[Artefact]], page: Artefact) -> Table:
-    """A row a run, a column a stage: seconds that the stage took when it was computed, "↩ 2" where it was run 2 that did.
+    """One row per run, one column per stage: run time in seconds, or "↩ 2" for a result reused from run 2.
 
-    Which run it was is known of what was reused just now; of what was there before, the first run is taken to be it.
-    page: the suite's own artefact, in a row of its own.
+    For results of previous commands, the first run with an artefact counts as its origin. page: artefact of the suite, in a
+    separate row.
     """
     from strainsight.runner.output import Table
 
@@ -75,18 +75,18 @@ def timing_table(runs: Sequence[str], artefacts_of: Sequence[Sequence[Artefact]]
         (str(i + 1), name, *cells[i].values(), _seconds(whole[i]) if whole[i] else "") for i, name in enumerate(runs)
     ]
     page_seconds = page.header.seconds or 0.0
-    rows.append(("", "the suite's page", *[""] * len(stages), _seconds(page_seconds)))
+    rows.append(("", "page of the suite", *[""] * len(stages), _seconds(page_seconds)))
     below = [_seconds(sum(times[stage] for times in spent)) for stage in stages]
     rows.append(("", "all", *below, _seconds(page_seconds + sum(whole))))
-    return Table("where the time goes [s] (↩ n: reused from run n)", ("", "run", *stages, "all"), tuple(rows))
+    return Table("run time [s] (↩ n: reused from run n)", ("", "run", *stages, "all"), tuple(rows))
 
 
 def peak_memory(jobs: int) -> str:
-    """The most memory that this process held, and the largest of its children, of which there were `jobs` at a time."""
+    """Peak memory of this process, and of its largest child, with `jobs` parallel children."""
     process, child = (processes.peak_memory(children) for children in (False, True))
     if process is None or child is None:
-        return "\npeak memory: not known here"
-    at_once = f", {jobs} of them at a time" if jobs > 1 else ""
+        return "\npeak memory: unknown on this system"
+    at_once = f", {jobs} in parallel" if jobs > 1 else ""
     largest = f", largest child process {child / 2**30:.2f} GiB{at_once}" if child else ""
     return f"\npeak memory: {process / 2**30:.2f} GiB{largest}"
 
@@ -100,8 +100,8 @@ def _seconds(value: float) -> str:
 
 
 def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> list[Work]:
-    """The runs of a suite, in order, and last the suite itself; where: the sweeps of a run run. Raises ConfigError for whatever
-    is wrong with any of them."""
+    """The runs of a suite in order, and the suite itself last; where: location of the sweeps of a run. Raises ConfigError for
+    every fault in any of them."""
     from strainsight.config.suite_runs import all_of, runs_of
     from strainsight.runner.plan import Job
     from strainsight.stages.pages.suite_entries import suite_config
@@ -111,10 +111,8 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
     works = []
     for run, stages in zip(runs, all_of(runs, lambda run: _stages(suite, run)), strict=True):
         name = run.config.model.name
-        beside = f"run {run.place + 1} of {len(runs)} {name}"
-        works.append(
-            replace(pipelines.work_of(run.config, results), stages=stages, run=name, beside=beside, where=where)
-        )
+        label = f"run {run.place + 1} of {len(runs)} {name}"
+        works.append(replace(pipelines.work_of(run.config, results), stages=stages, run=name, label=label, where=where))
     # the suite's own stage, on the numbers of its runs
     config = suite_config(suite, runs, [[stage.name for stage in work.stages] for work in works])
     page = Work((SUITE,), Job(config, results, results, suite.locate), config["name"])
@@ -124,8 +122,8 @@ def works_of(suite: LoadedConfig, results: Path, where: Where = Where(1)) -> lis
 
 
 def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple[int, Where]:
-    """How many runs go on at a time, and where the sweeps of each run: `--jobs` are the runs; else the suite says how many,
-    and they share the cores."""
+    """Number of parallel runs, and location of their sweeps: `--jobs` sets the runs; otherwise the suite does, and the runs share
+    the cores."""
     from strainsight.parallel import cores
 
     at_once = jobs or int(suite.data["jobs"])
@@ -133,7 +131,7 @@ def shared_out(suite: LoadedConfig, jobs: int | None, dask: str | None) -> tuple
 
 
 def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
-    """Raise ConfigError where a file that a run takes from another one is not made, or later."""
+    """Raise ConfigError if a file that a run needs from another run is not written, or written later."""
     from strainsight.runner.plan import files_of
 
     files = {key: path for stage in works[i].stages for key, path in files_of(stage, works[i].job).items()}
@@ -141,10 +139,10 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
         stage = files[key].stem
         if j > i:
             raise ConfigError(
-                f"{files[key]} comes from '{works[j].run}', which the suite runs later",
+                f"{files[key]} comes from '{works[j].run}', which runs later in this suite",
                 key=key,
                 where=works[i].job.locate(key),
-                remedy="list that run before this one",
+                remedy="move that run before this one",
             )
         reached = [each.name for each in works[j].stages]
         later = [each.name for each in pipelines.stages_of(works[j].job.config) if each.name not in reached]
@@ -153,12 +151,12 @@ def _refuse_inputs(suite: LoadedConfig, works: Sequence[Work], i: int) -> None:
                 f"the run ends after '{works[j].stages[-1].name}', before it writes {files[key].name}",
                 key=f"runs[{j}].until",
                 where=suite.locate(f"runs.{j}.until"),
-                remedy=f"runs[{i}] takes its {'guess' if '.guess.' in key else key} from it: until: {stage}",
+                remedy=f"runs[{i}] needs it for its {'guess' if '.guess.' in key else key}; set until: {stage}",
             )
 
 
 def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
-    """The run's stages up to the last one that is asked for, but for those that neither it nor the page of the suite needs."""
+    """Stages of the run up to `until`, without those that neither the run nor the page of the suite needs."""
     from strainsight.config.suite import SuiteConfig, measures_of
     from strainsight.stages.pages.suite_entries import OF_A_BENCH
 
@@ -177,16 +175,16 @@ def _stages(suite: LoadedConfig, run: PlannedRun) -> tuple[Stage, ...]:
     assert isinstance(suite.model, SuiteConfig)
     measures = measures_of(suite.model.claims, suite.model.comparisons).values()
     wanted = {run.entry.until, *OF_A_BENCH, *(measure.stage for measure in measures)}
-    kept: list[Stage] = []
+    selected: list[Stage] = []
     for stage in reversed(reached):
         if stage.name in wanted:
-            kept.insert(0, stage)
+            selected.insert(0, stage)
             wanted.update(stage.upstream)
-    return tuple(kept)
+    return tuple(selected)
 
 
 def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool = False) -> None:
-    """What would run and why, run by run; the page follows wherever a run will do anything."""
+    """Stages that would run, with reasons, run by run; the page follows if any run changes."""
     from strainsight.runner.plan import NO_CODE, OTHER_CODE, UP_TO_DATE, WILL_RUN, plan
 
     pending = []
@@ -199,7 +197,7 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
         if as_json:
             say(*(render.stage_json(status, work.run) for status in statuses))
             continue
-        say(f"{work.beside}: {sum_of(statuses)}")
+        say(f"{work.label}: {sum_of(statuses)}")
         if waits or verbose:
             print_statuses(statuses, verbose, indent=2, head=False)
     (status_of_page,) = plan(works[-1].stages, works[-1].job, works[-1].forced(force))
@@ -214,8 +212,10 @@ def show_suite(works: Sequence[Work], force: bool, as_json: bool, verbose: bool 
 
 
 def run_suite(works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool) -> None:
-    """Bring every run up to date, `jobs` at a time, then the page; a run that fails ends it, and the message says which.
-    Ends with 3 where a record of a test contradicts its model."""
+    """Update every run, `jobs` in parallel, then the page; a failed run ends the command, with its name in the message.
+
+    Exits with 3 if the measurements of a run are inconsistent with its model.
+    """
     _look_for_inputs(works[:-1])
     with progress_bar(not as_json) as progress:
         computed = _all_runs(works[:-1], jobs, force, as_json, verbose, progress)
@@ -256,7 +256,7 @@ def _one_run(work: Work, force: bool, as_json: bool, verbose: bool, progress: Pr
 
 @contextmanager
 def _named(work: Work) -> Iterator[None]:
-    """Say which run it was, before the failure itself is reported."""
+    """Print the name of the run before its failure is reported."""
     try:
         yield
     except Exception:
@@ -265,11 +265,11 @@ def _named(work: Work) -> Iterator[None]:
 
 
 def _heading(work: Work) -> str:
-    return work.beside or f"suite {work.run}"
+    return work.label or f"suite {work.run}"
 
 
 def _look_for_inputs(works: Sequence[Work]) -> None:
-    """Look for the input files of all runs before the first one starts, but for what they give each other."""
+    """Check that the input files of all runs exist before the first one starts, except files that they exchange."""
     from strainsight.runner.plan import inputs_of
 
     for work in works:
@@ -282,12 +282,12 @@ def _look_for_inputs(works: Sequence[Work]) -> None:
 
 
 LOOK = 0.2
-"""[s] between two looks at what the processes say."""
+"""[s] Polling interval of the processes."""
 
 
 @dataclass(frozen=True)
 class Ended:
-    """A run that ended: its lines; artefacts of its stages; what is reported of the failure that ended it, if any."""
+    """A finished run: its lines, the artefacts of its stages, and the report of a failure."""
 
     place: int
     lines: tuple[str, ...]
@@ -298,8 +298,10 @@ class Ended:
 def side_by_side(
     works: Sequence[Work], jobs: int, force: bool, as_json: bool, verbose: bool, progress: Progress
 ) -> Generator[Ended]:
-    """Every run as it ends, `jobs` at a time; where one process computes what another needs, the other waits and reuses
-    it. After a run that failed no other is started. Raises StrainsightError where a process was killed."""
+    """Every finished run, `jobs` in parallel; a process waits for results that another one is computing, and reuses them.
+
+    After a failure no other run starts. Raises StrainsightError if a process was killed.
+    """
     waits = [set(makers(work, works).values()) for work in works]
     pending, ended = list(range(len(works))), set[int]()
     running: dict[Future[Ended], int] = {}
@@ -324,7 +326,7 @@ def side_by_side(
 @contextmanager
 def _processes(count: int, verbose: bool) -> Iterator[tuple[ProcessPoolExecutor, Any]]:
     context = get_context("spawn")
-    # the process that clears up semaphores after Ctrl-C need not speak of it
+    # the process that clears up semaphores after Ctrl-C must not report it
     sys.warnoptions.append("ignore:resource_tracker")
     try:
         resource_tracker.ensure_running()
@@ -342,7 +344,7 @@ def _processes(count: int, verbose: bool) -> Iterator[tuple[ProcessPoolExecutor,
 
 
 def _pass_on(moves: Any, progress: Progress) -> None:
-    """What the processes sent since the last look: a move of the bar, a note or a warning."""
+    """Messages of the processes since the last poll: progress, notes and warnings."""
     while not moves.empty():
         text = moves.get()
         if isinstance(text, str):
@@ -357,8 +359,8 @@ def _killed(works: Sequence[Work]) -> Exception:
     from strainsight.errors import StrainsightError
 
     return StrainsightError(
-        "a process was killed, probably for lack of memory: --set jobs=1",
-        where=", ".join(work.beside for work in works),
+        "a process was killed, probably for lack of memory; use --set jobs=1",
+        where=", ".join(work.label for work in works),
     )
 
 
@@ -366,7 +368,7 @@ _moves: Any = None
 
 
 def _start(moves: Any, verbose: bool, level: printing.Level) -> None:
-    """In a new process: end with the parent, and leave warnings to it, which prints each once."""
+    """Prepare a child process: it ends with its parent, which prints its warnings once."""
     global _moves
     _moves = moves
     signal.signal(signal.SIGINT, signal.SIG_DFL)

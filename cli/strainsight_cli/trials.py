@@ -1,4 +1,4 @@
-"""What doctor tries in a process of its own, since it may take the process down: imports, the solver, a picture."""
+"""Trials of doctor in a separate process, since they may crash it: imports, the solver, a picture."""
 
 from __future__ import annotations
 
@@ -14,13 +14,13 @@ from strainsight.imports import FOLDER
 from strainsight.processes import inherited
 
 SECONDS = 120.0
-"""[s] after which a trial is given up."""
+"""[s] Time limit of a trial."""
 SIDE = 20
-"""Nodes along an edge of the grid that the solver is tried on."""
+"""Number of nodes along an edge of the grid of the solver trial."""
 
 
 def tried(name: str, words: Sequence[str] = (), seconds: float = SECONDS) -> tuple[dict[str, Any], str]:
-    """Run the trial of that name in a new process: what it found so far, and what ended it early, "" if nothing did."""
+    """Run the named trial in a new process: its results, and the reason for an early end ("" if none)."""
     # a numpy.py in the user's folder is not the numpy that is asked about
     code = "import sys; from strainsight_cli.trials import main; main(sys.argv[1:])"
     command = [sys.executable, "-P", "-c", code, name, *words]
@@ -30,15 +30,17 @@ def tried(name: str, words: Sequence[str] = (), seconds: float = SECONDS) -> tup
         )
     except subprocess.TimeoutExpired as late:
         text = late.stdout or b""
-        return _found(text.decode(errors="replace") if isinstance(text, bytes) else text), f"no end after {seconds:g} s"
+        return _results(
+            text.decode(errors="replace") if isinstance(text, bytes) else text
+        ), f"no result after {seconds:g} s"
     if done.returncode < 0:
-        return _found(done.stdout), f"crashed with {_signal(-done.returncode)}"
+        return _results(done.stdout), f"crashed with {_signal(-done.returncode)}"
     last = done.stderr.strip().splitlines()[-1:] or [f"exit code {done.returncode}"]
-    return _found(done.stdout), last[0] if done.returncode else ""
+    return _results(done.stdout), last[0] if done.returncode else ""
 
 
-def _found(text: str) -> dict[str, Any]:
-    """The facts among the lines; libraries print what they like beside them."""
+def _results(text: str) -> dict[str, Any]:
+    """Results among the printed lines; libraries may print other lines."""
     facts: dict[str, Any] = {}
     for line in text.splitlines():
         if line.startswith(MARK):
@@ -61,7 +63,7 @@ def _say(**facts: Any) -> None:
 
 
 def imports(modules: Sequence[str]) -> None:
-    """Import each; says before which one it is at, so that a crash has a name."""
+    """Import each module; its name is printed before, so that a crash can be assigned."""
     import importlib
 
     failed: dict[str, str] = {}
@@ -76,7 +78,7 @@ def imports(modules: Sequence[str]) -> None:
 
 
 def solver() -> None:
-    """Factorise and solve a small Laplacian by the solver that the pipeline would take."""
+    """Factorise and solve a small Laplacian with the solver of the pipeline."""
     import warnings
 
     import numpy as np
@@ -105,7 +107,7 @@ def solver() -> None:
 
 
 def rendering() -> None:
-    """Draw one sphere off screen, as the report does."""
+    """Render one sphere off screen, as for the results page."""
     import numpy as np
     import pyvista as pv
 
@@ -120,7 +122,7 @@ def rendering() -> None:
 
 
 def main(words: Sequence[str]) -> None:
-    """The trial named first."""
+    """Run the trial named first."""
     name, *others = words
     if name == "imports":
         imports(others)

@@ -1,4 +1,4 @@
-"""`strainsight view` and `strainsight figures`: what a run has computed, in a window, as a picture or as files."""
+"""`strainsight view` and `strainsight figures`: results of a run in a window, as a picture, or as files."""
 
 from __future__ import annotations
 
@@ -25,23 +25,24 @@ def view(
     config: ConfigFile,
     what: Annotated[
         Literal["mesh", "modes", "strain", "candidates", "layout", "field"] | None,
-        typer.Option("--what", help="Default: the layout, else the mesh."),
+        typer.Option("--what", help="View to show; default: the layout, otherwise the mesh."),
     ] = None,
     at: Annotated[
         float | None,
-        typer.Option("--at", metavar="SECONDS", help="Instant of a field; default: that of the largest stress."),
+        typer.Option("--at", metavar="SECONDS", help="Instant of a field [s]; default: that of the largest stress."),
     ] = None,
     of: Annotated[
         Literal["test", "validation"] | None,
-        typer.Option("--of", help="Whose field, of a placement; default: the test's where there is one."),
+        typer.Option("--of", help="Stage of the field of a placement; default: the test, if there is one."),
     ] = None,
     record: Annotated[
         str | None,
-        typer.Option("--record", metavar="NAME", help="Which record, of a test of several; default: the first."),
+        typer.Option("--record", metavar="NAME", help="Record of a test with several records; default: the first."),
     ] = None,
     body: Annotated[str | None, typer.Option("--body", metavar="NAME", help="Flexible body of a bench.")] = None,
     screenshot: Annotated[
-        Path | None, typer.Option("--screenshot", metavar="FILE.png", help="Write a picture, open no window.")
+        Path | None,
+        typer.Option("--screenshot", metavar="FILE.png", help="Write a picture instead of opening a window."),
     ] = None,
     results: Results = DEFAULT_RESULTS,
     overrides: Set = None,
@@ -69,19 +70,21 @@ def view(
 
 
 def _refuse_name(screenshot: Path | None) -> None:
-    """Before anything is drawn: a picture that could not be written, or under a name that says it is something else."""
+    """Check the path of the picture before the rendering."""
     from strainsight.errors import UserError
 
     if screenshot is None:
         return
     if screenshot.suffix.lower() != ".png":
-        raise UserError("a screenshot is a PNG file", where=str(screenshot), remedy="give it a name that ends in .png")
+        raise UserError("a screenshot is a PNG file", where=str(screenshot), remedy="use a name that ends in .png")
     if not screenshot.parent.is_dir():
-        raise UserError("no such folder", where=str(screenshot.parent), remedy="make it, or give another path")
+        raise UserError(
+            "folder not found", where=str(screenshot.parent), remedy="create the folder, or use another path"
+        )
 
 
 def viewable(loaded: LoadedConfig, config: Path) -> PlacementConfig | BenchConfig:
-    """The model of a placement or a bench. Raises UserError for any other."""
+    """The config of a placement or a bench. Raises UserError for others."""
     from strainsight.config.bench.bench import BenchConfig
     from strainsight.config.placement import PlacementConfig
     from strainsight.errors import UserError
@@ -90,14 +93,14 @@ def viewable(loaded: LoadedConfig, config: Path) -> PlacementConfig | BenchConfi
     if isinstance(model, PlacementConfig | BenchConfig):
         return model
     if model.kind == "suite":
-        raise UserError(
-            "a suite has no picture of its own", where=str(config), remedy="view the config of one of its runs"
-        )
-    raise UserError("a bearing alone has no mesh", where=str(config), remedy="its curves and balls are in bearing.html")
+        raise UserError("a suite has no view", where=str(config), remedy="use the config of one of its runs")
+    raise UserError(
+        "a bearing config has no mesh", where=str(config), remedy="open bearing.html for its curves and ball loads"
+    )
 
 
 def say_stale(loaded: LoadedConfig, results: Path, read: tuple[str, ...], command: str) -> None:
-    """Print and log the warnings of the stages whose results are shown; a note says where these are older than the config."""
+    """Print and log the warnings of the stages shown, with a note for results older than the config."""
     from strainsight.runner.plan import UP_TO_DATE, plan
 
     work = pipelines.work_of(loaded, results)
@@ -120,16 +123,16 @@ def figures(
         model = viewable(loaded, config)
         folder = results / str(loaded.data["name"])
         pages = [stage for stage in pipelines.stages_of(loaded.data) if stage.name in pipelines.PAGES]
-        drawn = figures_of(model, pages, folder, str(config))
-        say_stale(loaded, results, drawn.read, "figures")
-        write_figures(folder / "figures", drawn.files)
-        many = sum(drawn.counted.values())
-        of = _of_what(drawn.counted, loaded)
+        figures = figures_of(model, pages, folder, str(config))
+        say_stale(loaded, results, figures.read, "figures")
+        write_figures(folder / "figures", figures.files)
+        many = sum(figures.counted.values())
+        of = _of_what(figures.counted, loaded)
         say(f"wrote {many} figures{of} as SVG, PNG and CSV: {folder / 'figures'}")
 
 
 def _of_what(counted: Mapping[str, int], loaded: LoadedConfig) -> str:
-    """Which pages they are of, where there is a test."""
+    """The pages with the figures, if there is a test."""
     if "test" not in counted:
         return ""
     settings = loaded.data["estimate"]

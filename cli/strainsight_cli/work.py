@@ -1,4 +1,4 @@
-"""Bringing the stages of one config up to date, and saying so line by line."""
+"""Update of the stages of one config, with a line of progress for each."""
 
 from __future__ import annotations
 
@@ -22,24 +22,24 @@ if TYPE_CHECKING:
 
 Say = Callable[[str], None]
 Progress = Callable[[str, str, str, float, RemainingTime], None]
-"""(run, stage, what is being done, share done, time left); no stage: the run has ended."""
+"""(run, stage, activity, fraction done, time left); without stage: the run has ended."""
 
 
 def note(text: str) -> None:
-    """Say beside the results what is no result."""
+    """Print a note that is not a result."""
     if shown(Level.WARNING):
         say(f"note: {text}", error=True)
 
 
 @dataclass(frozen=True)
 class Work:
-    """The stages of one config and what they run on; run: its name within a suite, beside: what the progress bar says of it;
-    where: its sweeps run."""
+    """The stages of one config and their environment; run: its name in a suite; label: its label in the progress bar; where:
+    location of its sweeps."""
 
     stages: tuple[Stage, ...]
     job: Job
     run: str = ""
-    beside: str = ""
+    label: str = ""
     where: Where = field(default_factory=Where)
 
     def forced(self, force: bool) -> list[str]:
@@ -48,7 +48,7 @@ class Work:
 
 
 def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
-    """Dotted key of an input file → place of the run, of the others, in whose folder it lies and which makes it anew."""
+    """Dotted key of an input file → index of the run, among these, that writes the file."""
     from strainsight.runner.plan import files_of
 
     folders = {other.job.folder.resolve(): i for i, other in enumerate(others) if other is not work}
@@ -57,36 +57,35 @@ def makers(work: Work, others: Sequence[Work]) -> dict[str, int]:
 
 
 def refuse_taken(work: Work) -> None:
-    """Raise ConfigError where a suite would write its page into the folder of a run, or a run into that of a suite."""
+    """Raise ConfigError if a suite would write its page into the folder of a run, or a run into that of a suite."""
     from strainsight.errors import ConfigError
 
     this, foreign, its = ("suite", "run", "import") if work.stages[0].name == "suite" else ("run", "suite", "suite")
     if (work.job.folder / f"{its}.h5").exists():
         raise ConfigError(
-            f"{work.job.folder} holds the results of a {foreign}, whose report.html this {this} would overwrite",
+            f"{work.job.folder} contains the results of a {foreign}, and this {this} would overwrite its report.html",
             key="name",
             where=work.job.locate("name"),
-            remedy="give another name, or another folder with --results DIR",
+            remedy="use another name, or another folder with --results DIR",
         )
 
 
 ABOVE = 3
-"""Folders above the config's in which results of it are looked for."""
+"""Number of parent folders of the config to search for its results."""
 
 
 def elsewhere(work: Work) -> str:
-    """A note where nothing is computed in this results folder and the same run is in one near the config: whoever calls from
-    another folder computes all anew."""
+    """A note if this results folder is empty but a results folder near the config contains the run."""
     folder, base = work.job.folder, work.job.base.resolve()
     for above in [] if folder.exists() else [base, *base.parents[:ABOVE]]:
         other = above / "results" / folder.name
         if other.resolve() != folder.resolve() and (other / "import.h5").is_file():
-            return f"nothing is computed in {folder} yet, but in {other}: to go on from there give --results {other.parent}"
+            return f"{folder} has no results yet, but {other} has; to use them, set --results {other.parent}"
     return ""
 
 
 def look_at_folder(work: Work, note: Say) -> None:
-    """Report what is wrong with the results folder before anything else: `refuse_taken`, `elsewhere`."""
+    """Check the results folder before anything else: `refuse_taken`, `elsewhere`."""
     refuse_taken(work)
     if text := elsewhere(work):
         note(text)
@@ -95,7 +94,7 @@ def look_at_folder(work: Work, note: Say) -> None:
 def bring_up_to_date(
     work: Work, forced: Collection[str], as_json: bool, verbose: bool, say: Say, progress: Progress, note: Say = note
 ) -> list[Artefact]:
-    """Run what is not up to date, a line a stage; the artefacts of all stages."""
+    """Run the stages that are not up to date, one line per stage; returns the artefacts of all stages."""
     look_at_folder(work, note)
     from strainsight.errors import StrainsightError
     from strainsight.memory import available_memory
@@ -108,16 +107,16 @@ def bring_up_to_date(
     at_work, started, following, forecast_said = "", time.time(), None, as_json or bool(work.run)
     last = seconds_of(work.stages, work.job)
 
-    def move(stage: str, doing: str, share: float) -> None:
+    def move(stage: str, activity: str, share: float) -> None:
         left = RemainingTime(ends_at(started, time.time(), share, last.get(stage)), following)
-        progress(work.beside, stage, doing, share, left)
+        progress(work.label, stage, activity, share, left)
 
     def notice(text: str) -> None:
         log(f"note: {text}")
         note(text)
 
-    asked = " ".join(stage.name for stage in work.stages)
-    with run_log(work.job, asked) as log, opened(work.where, available_memory) as sweep:
+    command = " ".join(stage.name for stage in work.stages)
+    with run_log(work.job, command) as log, opened(work.where, available_memory) as sweep:
         try:
             for text in config_warnings(work.job):
                 warn(text)
@@ -145,7 +144,7 @@ def bring_up_to_date(
                 say(render.stage_json(event, work.run) if as_json else render.stage_line(event, verbose))
         except Exception as error:
             if at_work and (not artefacts or artefacts[-1].header.stage != at_work):
-                log(f"{at_work} fails after {time.time() - started:.1f} s, {peak()}")
+                log(f"{at_work} failed after {time.time() - started:.1f} s, {peak()}")
             if as_json and at_work:
                 reason = str(error) if isinstance(error, StrainsightError) else f"{type(error).__name__}: {error}"
                 say(render.stage_json(Event(at_work, "failed", reason), work.run))
@@ -157,7 +156,7 @@ def bring_up_to_date(
 
 
 def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None:
-    """The tables of the stages named, with one of all warnings at the end, and the files that were written for a reader."""
+    """Print the tables of the stages named, a table of all warnings, and the files written for readers."""
     from strainsight.runner.artefact import GRID
     from strainsight.runner.output import WARNINGS, warnings_in, warnings_table
 
@@ -172,7 +171,7 @@ def show_results(artefacts: Sequence[Artefact], tables: Collection[str]) -> None
 
 
 def config_warnings(job: Job, imported: Artefact | None = None) -> tuple[str, ...]:
-    """Numbers of a config outside their plausible ranges; imported: the artefact with the size of the structure."""
+    """Warnings for numbers of a config outside their plausible ranges; imported: artefact with the size of the structure."""
     from strainsight.config.base import implausible, shown_key
 
     if job.model is None:
@@ -185,7 +184,7 @@ def config_warnings(job: Job, imported: Artefact | None = None) -> tuple[str, ..
 
 
 def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
-    """Print the warnings of the config, and of the artefacts that a command which computes nothing reads or lists."""
+    """Print the warnings of the config, and of the artefacts that a command reads or lists without computing."""
     from strainsight.runner.artefact import Artefact
     from strainsight.runner.plan import UP_TO_DATE
 
@@ -196,7 +195,7 @@ def show_warnings(work: Work, statuses: Iterable[Status]) -> None:
 
 
 def refuse_warned(work: Work) -> None:
-    """Raise UserError where the config or the import of a run has warnings, with the first three."""
+    """Raise UserError if the config or the import of a run has warnings, with the first three."""
     from strainsight.errors import UserError
     from strainsight.runner.artefact import Artefact
 
@@ -205,14 +204,15 @@ def refuse_warned(work: Work) -> None:
     if texts:
         more = f"; and {len(texts) - 3} more" if len(texts) > 3 else ""
         raise UserError(
-            f"{len(texts)} warning{'s' * (len(texts) > 1)}, and --strict takes none: {'; '.join(texts[:3])}{more}",
+            f"{len(texts)} warning{'s' * (len(texts) > 1)}, which --strict does not permit: "
+            f"{'; '.join(texts[:3])}{more}",
             where=work.job.locate("mesh"),
-            remedy="do what each says, or leave --strict out",
+            remedy="follow the advice of each warning, or remove --strict",
         )
 
 
 def exit_code(artefacts: Sequence[Artefact]) -> int:
-    """Of a command that has brought these up to date, by what their stages have decided."""
+    """Exit code of a command, from the results of its updated stages."""
     from strainsight.estimation.decision import exit_code_in
 
     return max((exit_code_in(artefact.summary) for artefact in artefacts), default=0)

@@ -173,10 +173,8 @@ class BenchCase(_Checked[BenchConfig]):
         return read(ReducedBodies, InMemory(reduce_output(self.config, meshes, self).datasets)).bodies
 
     def place(self, meshes: Mapping[str, Mesh], bodies: Mapping[str, ReducedBody]) -> BenchPlaced:
-        """The layout of the section `place`, with a bound and layouts drawn at random beside it.
-
-        Raises InfeasibleError where no layout within the limits detects every unknown in every pose.
-        """
+        """Layout of the section `place`, with an optimality bound and random layouts.
+        Raises InfeasibleError if no permitted layout can observe every unknown in every pose."""
         from strainsight.experiment.bench.layout.placement import placement_output
 
         self._has("place")
@@ -199,8 +197,8 @@ class BenchCase(_Checked[BenchConfig]):
         placed: BenchPlaced | None = None,
         measured: Simulated | None = None,
     ) -> BenchEstimated:
-        """Loads and parameters of the section `estimate`, σ NaN where it is withheld. measured: the motion of
-        `estimate.measured.from`, where the config takes one."""
+        """Loads and parameters of the section `estimate`, with σ NaN if it is omitted. measured: the motion of
+        `estimate.measured.from`, if the config uses one."""
         from strainsight.experiment.bench.bench import bench_of
         from strainsight.experiment.bench.inverse.estimation import estimate_bench
         from strainsight.experiment.bench.inverse.problem import free_properties
@@ -215,12 +213,12 @@ class BenchCase(_Checked[BenchConfig]):
             duration = settings.truth.duration or self.config.filter_duration
             truths = truths_of(bench_of(self.config, bodies, meshes, placed), settings.truth, duration, self)
         bench = bench_of(self.config, bodies, meshes, placed, free_properties(settings))
-        found = estimate_output(self.config, estimate_bench(bench, measured, truths, self))
-        return read(BenchEstimated, InMemory(found.datasets))
+        output = estimate_output(self.config, estimate_bench(bench, measured, truths, self))
+        return read(BenchEstimated, InMemory(output.datasets))
 
     def _has(self, section: str) -> None:
         if getattr(self.config, section) is None:
-            raise ConfigError(f"the config has no section '{section}'", key=section, remedy="add it")
+            raise ConfigError(f"the config has no section '{section}'", key=section, remedy="add the section")
 
 
 def load(path: Path | str, overrides: Iterable[str] = ()) -> Case:
@@ -252,7 +250,7 @@ def _checked(path: Path | str, overrides: Iterable[str], kind: type[Config]) -> 
     if not isinstance(config, kind):
         word = "placement" if kind is PlacementConfig else "bench"
         raise ConfigError(
-            f"a config of kind {config.kind}", where=str(path), key="kind", remedy=f"give the config of a {word}"
+            f"the config has the kind {config.kind}", where=str(path), key="kind", remedy=f"use the config of a {word}"
         )
     return config, Job(loaded.data, loaded.path.parent, Path("results"), loaded.locate, config)
 
@@ -267,9 +265,9 @@ def mesh(case: Case) -> Mesh:
     """The deck with what the config adds, checked, in SI units. Raises DeckError with file:line."""
     from strainsight.experiment.structure.mesh import checked, mesh_of
 
-    found = mesh_of(case.config.mesh, case.files["mesh.file"], base=case.base)
-    checked(found, case.config.mesh)
-    return found
+    mesh = mesh_of(case.config.mesh, case.files["mesh.file"], base=case.base)
+    checked(mesh, case.config.mesh)
+    return mesh
 
 
 def modes(case: Case, mesh: Mesh) -> Modes:
@@ -307,18 +305,18 @@ def screen(case: Case, mesh: Mesh, reduced: Reduced, training: Training) -> Scre
 
 
 def observe(case: Case, reduced: Reduced, training: Training, screened: Screened) -> Observed:
-    """Which loads, moduli and densities the pool could tell, for all cases and excitations."""
+    """Observability of loads, moduli and densities with the whole pool, for all cases and excitations."""
     from strainsight.experiment.structure.observation import observed_of
 
     return observed_of(case.config, reduced, training, screened, case)
 
 
 def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened) -> StructurePlacement:
-    """The layout: elimination, exchanges, a bound on any other, and what it is expected to know.
+    """The layout, from elimination and exchanges, with an optimality bound and the predicted σ.
 
-    `.gauges` are its numbers, the most missed first, `.listed` where they are, `.expected.std` σ of every unknown relative to
-    its scale, `.hot_spots` as of `hot_spots`, `.at_gauges` gradient and room at each of them, `.advice` sentences.
-    Raises InfeasibleError where no layout within the limits detects every unknown.
+    `.gauges`: candidate numbers, by the effect of their removal, largest first; `.listed`: locations; `.expected.std`: σ of every
+    unknown relative to its scale; `.hot_spots`: as in `hot_spots`; `.at_gauges`: strain gradient and free height; `.advice`:
+    sentences. Raises InfeasibleError if no permitted layout can observe every unknown.
     """
     from strainsight.experiment.structure.placement import placement_of
 
@@ -328,9 +326,9 @@ def place(case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened
 def expect(
     case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges
 ) -> Expectation:
-    """What a filter on any gauges is expected to claim along the training run, under the loads as stated.
+    """Predicted σ of a filter with any gauges along the training run, under the configured loads.
 
-    `.std` σ of every unknown relative to its scale, `.without` the same without each gauge in turn, `.budget` the shares of the
+    `.std`: σ of every unknown relative to its scale; `.without`: the same without each gauge in turn; `.budget`: shares of the
     variance by source.
     """
     from strainsight.experiment.structure.expectation import expectation
@@ -343,10 +341,10 @@ def expect(
 
 
 def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gauges: Gauges) -> HotSpots | None:
-    """Whether the strain at any gauges is that of the part or that of its mesh, at most 20 of them.
+    """Mesh sensitivity of the strain at up to 20 gauges.
 
-    `.refined` and `.spread` are changes over the RMS reading in training, when the mesh around a gauge is refined and when forces
-    on nodes there are spread; `.hot` which are beyond `.share`. None where the model is not that of a mesh.
+    `.refined`, `.spread`: changes relative to the RMS reading in training, with a refined local mesh and with distributed nodal
+    forces; `.hot`: gauges above the limit `.share`. None for a model without mesh.
     """
     from strainsight.experiment.structure.clearance import tested_hot_spots
 
@@ -356,10 +354,9 @@ def hot_spots(case: Case, mesh: Mesh, reduced: Reduced, training: Training, gaug
 def validate(
     case: Case, mesh: Mesh, reduced: Reduced, training: Training, screened: Screened, gauges: Gauges
 ) -> Validation:
-    """The filter on simulated measurements of a truth that is not its own model.
+    """The filter on simulated measurements with model error.
 
-    `.accuracy` says of every unknown how far it is off and what is claimed, `.validated` has the histories and studies as
-    validate.h5 has them.
+    `.accuracy`: error and standard deviation of every unknown; `.validated`: histories and studies as in validate.h5.
     """
     from strainsight.experiment.structure.reduction import spectrum_of
     from strainsight.experiment.structure.validation import validation_of
@@ -375,14 +372,14 @@ def estimate(
 ) -> Estimation:
     """The filter on the measurements of a test, `estimate.file` of the config.
 
-    gauges: those that the config calls G1, G2, …; none where all have names of their own. `.estimated` has loads, parameters and
-    strains with their σ as estimate.h5 has them, `.surface` the pictures of the surface for `to_pyvista`. Raises UserError
-    for what the file contradicts, and InfeasibleError where its channels cannot tell the unknowns.
+    gauges: those named G1, G2, … in the config; none if all have names. `.estimated`: loads, parameters and strains with their σ
+    as in estimate.h5; `.surface`: surface fields for `to_pyvista`. Raises UserError for inconsistent measurements, and
+    InfeasibleError if the channels cannot distinguish the unknowns.
     """
     estimation = campaign(case, mesh, reduced, training, screened, gauges).only
     if estimation is None:
         raise ConfigError(
-            "several records", key="estimate.records", remedy="take `campaign`, which has each by its name"
+            "several records", key="estimate.records", remedy="use `campaign`, which returns each record by name"
         )
     return estimation
 
@@ -392,8 +389,8 @@ def campaign(
 ) -> Campaign:
     """The filter on all records of a test, `estimate.records` of the config, in one estimate.
 
-    `.records` has by the name of each what `estimate` gives of one, with parameters by all of them; `.damage` is that of all,
-    `.together` what each says of the parameters alone. Arguments and errors as of `estimate`.
+    `.records`: as `estimate`, by record name, with parameters common to all; `.damage`: of all records; `.together`: parameters
+    from each record alone. Arguments and errors as in `estimate`.
     """
     from strainsight.experiment.structure.campaign import campaign_of
 

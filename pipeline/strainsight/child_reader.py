@@ -1,12 +1,8 @@
-"""Read a file in a child process, in which the library of its format may crash, hang, or want more memory than there is.
-
-The HDF5 library ends the whole process with a segmentation fault on some damaged files, and never ends on others (seen with
-HDF5 2.0, a few altered bytes in four of four thousand files); a damaged MDF4 or MAT file claims any amount of memory; meshio
-makes room for what a file claims (192 GiB were seen for a TetGen file of 300 bytes). In a child process that costs the file and
-not the run.
-
-A message of the child is a line of JSON, and behind it the arrays whose types and shapes the line lists.
-"""
+"""Read a file in a child process, in which the library of its format may crash, hang, or run out of memory.
+The HDF5 library crashes on some damaged files, and hangs on others (HDF5 2.0, four of four thousand altered files). Damaged MDF4
+or MAT files, or meshio, may request any amount of memory (192 GiB for a TetGen file of 300 bytes). In a child process, only the
+file is lost.
+A message of the child is a line of JSON, followed by the arrays listed in it."""
 
 from __future__ import annotations
 
@@ -66,13 +62,13 @@ def answer(
 
     modules: imported before; memory: what is asked → bytes that reading may take; writable: see `asked_of_reader`.
     """
-    asked = asked_of_reader(*modules, writable=writable)
+    request = asked_of_reader(*modules, writable=writable)
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # what a library prints is no answer
     if memory is not None:
-        limit_memory(memory(asked))
+        limit_memory(memory(request))
     try:
-        for head, arrays in read(asked):
+        for head, arrays in read(request):
             plain = [np.ascontiguousarray(values) for values in arrays]
             _send(out, head | {"arrays": [(values.dtype.str, values.shape) for values in plain]}, plain)
     except UserError as error:
@@ -87,5 +83,5 @@ def _send(out: IO[bytes], head: dict[str, Any], arrays: Sequence[np.ndarray]) ->
 
 
 def reason(error: Exception) -> str:
-    """What a library says of a damaged file, in one line; most have no classes of errors of their own."""
+    """Message of a library for a damaged file, on one line; most libraries have no specific error classes."""
     return " ".join(str(error).split())[:200] or type(error).__name__

@@ -1,9 +1,7 @@
-"""Unit, axes and meaning of the fields of a dataclass, where the field is defined.
-
+"""Unit, axes and meaning of dataclass fields, declared with the field.
 @dataclass(frozen=True)
 class Ply:
-    thickness: Annotated[float, Column("m", "", "thickness")]
-"""
+    thickness: Annotated[float, Column("m", "", "thickness")]"""
 
 from __future__ import annotations
 
@@ -14,11 +12,9 @@ from typing import Any, get_type_hints
 
 @dataclass(frozen=True)
 class Column:
-    """unit: "m", "1"; axes: what each axis counts, "node × 3", "" of a number; meaning: one line for people.
-
-    name: in a file, that of the field where empty; none: what stands in a file for None; offset: in a file of many objects, the
-    dataset that says where the list of each begins, `<name>_offset` where empty.
-    """
+    """unit: "m", "1"; axes: axis names, "node × 3", "" for a number; meaning: description in one line.
+    name: name in a file, default that of the field; none: stored value for None; offset: in a file of many objects, the dataset
+    with the start of each list, default `<name>_offset`."""
 
     unit: str
     axes: str
@@ -30,7 +26,7 @@ class Column:
 
 @cache
 def columns_of(kind: type) -> dict[str, tuple[Any, Column | None]]:
-    """Type and column of every field of a dataclass by name; None of a field without one."""
+    """Type and column of every field of a dataclass, by name; None for a field without column."""
     hints = get_type_hints(kind, include_extras=True)
     columns = {}
     for name in (field.name for field in fields(kind)):

@@ -33,17 +33,17 @@ def kept(*files: str, **options: Any) -> Callable[[F], F]:
     (`inner`), and of what its tuples are; what is divided by zero is not finite, which its caller looks for."""
 
     def compiled(function: F) -> F:
-        made: F = _compiled_once(noticing(njit(cache=True, error_model="numpy", **options)(function), files))
-        return made
+        compiled: F = _compiled_once(noticing(njit(cache=True, error_model="numpy", **options)(function), files))
+        return compiled
 
     return compiled
 
 
-def _compiled_once(made: Any) -> Any:
+def _compiled_once(function: Any) -> Any:
     """Other processes wait while one compiles a signature, and load it from the disk."""
-    index: Any = getattr(getattr(made, "_cache", None), "_cache_file", None)
+    index: Any = getattr(getattr(function, "_cache", None), "_cache_file", None)
     if hasattr(index, "_index_path"):
-        compile_signature = made.compile
+        compile_signature = function.compile
 
         def compile_or_load(signature: Any) -> Any:
             os.makedirs(index._cache_path, exist_ok=True)
@@ -52,8 +52,8 @@ def _compiled_once(made: Any) -> Any:
                     lock_file(lock.fileno(), wait=True)
                 return compile_signature(signature)
 
-        made.compile = compile_or_load
-    return made
+        function.compile = compile_or_load
+    return function
 
 
 class _Part(JITCodeLibrary):  # type: ignore[misc]
@@ -83,11 +83,11 @@ class _InnerCompiler(Compiler):  # type: ignore[misc]
 
 
 def inner(function: F, **options: Any) -> F:
-    """Of compiled code that compiled code alone calls: made and kept with what calls it. A way in from Python, which unpacks
-    every array, and a file of its own would take as long again. Called from Python it ends the process."""
-    own: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _InnerCompiler, **options}
-    made: F = njit(error_model="numpy", **own)(function)
-    return made
+    """Compile a function that only compiled code calls, as part of its caller: a Python wrapper and a separate cache file would
+    double the compile time. A call from Python ends the process."""
+    settings: Any = {"no_cpython_wrapper": True, "no_cfunc_wrapper": True, "pipeline_class": _InnerCompiler, **options}
+    compiled: F = njit(error_model="numpy", **settings)(function)
+    return compiled
 
 
 def joined(function: F) -> F:
@@ -96,15 +96,15 @@ def joined(function: F) -> F:
     return inner(function, forceinline=True)
 
 
-def noticing(made: Any, files: tuple[str, ...]) -> Any:
+def noticing(function: Any, files: tuple[str, ...]) -> Any:
     """numba by itself looks at the time and the size of a function's own file alone."""
-    folder, own = Path(__file__).parent, Path(__file__).name
-    index: Any = getattr(getattr(made, "_cache", None), "_cache_file", None)
+    folder, file_name = Path(__file__).parent, Path(__file__).name
+    index: Any = getattr(getattr(function, "_cache", None), "_cache_file", None)
     if hasattr(index, "_source_stamp"):
-        times = tuple((at.st_mtime, at.st_size) for at in ((folder / file).stat() for file in (own, *files)))
+        times = tuple((at.st_mtime, at.st_size) for at in ((folder / file).stat() for file in (file_name, *files)))
         index._source_stamp = (index._source_stamp, *times)
         index._load_index = partial(_readable, index._load_index)
-    return made
+    return function
 
 
 def _readable(load: Callable[[], dict[Any, str]]) -> dict[Any, str]:

@@ -1,4 +1,4 @@
-"""Every error says what happened, where, the measured value, and the remedy."""
+"""Errors with their location, measured value and remedy."""
 
 from __future__ import annotations
 
@@ -34,52 +34,51 @@ class StrainsightError(Exception):
         head = "  ".join(part for part in (where, key and f"{key}: {what}") if part)
         if not key:
             head = f"{where}  {what}" if where else what or ""
-        own = f"{head}\n    {remedy}" if remedy else head
-        return "\n".join([own, *map(str, self.others)])
+        message = f"{head}\n    {remedy}" if remedy else head
+        return "\n".join([message, *map(str, self.others)])
 
 
 LONGEST = 1500
-"""Signs of a part of a message: of a number of five thousand digits the middle is left out."""
+"""Largest number of characters of a part of a message; the middle of longer texts is omitted."""
 SPACES = "\u00a0\u202f"
-"""Between a number and its unit, and between thousands."""
+"""Spaces between a number and its unit, and between thousands."""
 
 
 def printable(text: str) -> str:
-    """One line of a text that may come from any file: what a terminal obeys (controls, line breaks, changes of the direction of
-    writing) as escapes."""
+    """The text on one line, with control characters, line breaks and bidirectional marks as escapes."""
     return "".join(sign if sign.isprintable() or sign in SPACES else ascii(sign)[1:-1] for sign in text)
 
 
 def _cut(text: str) -> str:
-    """What a message shows of a text: no more than LONGEST signs."""
+    """The text, cut to LONGEST characters."""
     return printable(text if len(text) <= LONGEST else f"{text[: LONGEST // 2]} … {text[-LONGEST // 2 :]}")
 
 
 def at_least(limit: float) -> str:
-    """A limit for a remedy in two digits, rounded up: what is taken from the message is accepted."""
+    """A limit for a remedy with two digits, rounded up, so that the printed value is accepted."""
     return f"{Context(2, ROUND_CEILING).create_decimal_from_float(limit):g}"
 
 
 def at_most(limit: float) -> str:
-    """The same, rounded down."""
+    """A limit for a remedy with two digits, rounded down."""
     return f"{Context(2, ROUND_FLOOR).create_decimal_from_float(limit):g}"
 
 
 class UserError(StrainsightError):
-    """Something the user can correct: a config, a deck, an infeasible request."""
+    """A failure that the user can correct: a config, a deck, an infeasible request."""
 
     exit_code = 2
 
 
 class ConfigError(UserError):
-    """A config file or an override that cannot be accepted."""
+    """An invalid config file or override."""
 
 
 class DeckError(UserError):
-    """A mesh file that cannot be imported as it stands.
+    """A mesh file that cannot be imported.
 
-    entity   ("node", id), ("element", id) or ("tie", id) that is at fault, for whoever knows the lines of the file
-    choices  what the config can choose from, where it has to
+    entity   faulty entity: ("node", id), ("element", id) or ("tie", id), to find its line in the file
+    choices  alternatives among which the config has to choose
     """
 
     def __init__(
@@ -98,16 +97,16 @@ class DeckError(UserError):
 
 
 class ChoiceError(DeckError):
-    """A deck that states several sets of supports (key "spc"; choices: their ids), or steps that differ (key "step"; choices:
-    their numbers), of which the config has to say which counts."""
+    """A deck with several support sets (key "spc"; choices: ids) or different steps (key "step"; choices: numbers), among which
+    the config has to choose."""
 
 
 class ContactError(DeckError):
-    """A deck with surfaces in contact (choices: "A on B"), of which the config has to say whether they are joined."""
+    """A deck with contact pairs (choices: "A on B"); the config has to define their treatment."""
 
 
 class MachineWarning(UserWarning):
-    """A warning about the machine, such as a missing solver; it is printed and kept in no results file."""
+    """A warning about the machine, such as a missing solver; it is printed, but not stored in results files."""
 
 
 class InfeasibleError(UserError):
@@ -115,7 +114,7 @@ class InfeasibleError(UserError):
 
 
 class ContradictionError(UserError):
-    """A record that contradicts the model so far that no filter can follow it."""
+    """Measurements so inconsistent with the model that no filter can follow them."""
 
     exit_code = 3
 
@@ -130,7 +129,7 @@ class NumericalError(StrainsightError):
 
 @contextmanager
 def blame(key: str) -> Iterator[None]:
-    """Name the config key that a kernel's error came from, where the kernel could not know it."""
+    """Set the config key of an error from a kernel that does not know it."""
     try:
         yield
     except StrainsightError as error:
@@ -144,7 +143,7 @@ SHORT = 5
 
 
 def did_you_mean(word: str, known: Iterable[str], otherwise: str = "") -> str:
-    """A suggestion in words, or `otherwise`; of short words, as G5, one sign in two may be wrong."""
+    """A suggestion in words, or `otherwise`; in short words such as G5, half of the characters may differ."""
     spelt = {name.lower(): name for name in known}
     close = get_close_matches(word.lower(), spelt, n=1, cutoff=0.5 if len(word) <= SHORT else 0.6)
     return f"did you mean {spelt[close[0]]}?" if close else otherwise

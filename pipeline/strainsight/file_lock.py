@@ -8,15 +8,15 @@ from importlib import import_module
 from types import ModuleType
 
 
-def _there(name: str) -> ModuleType | None:
+def _module(name: str) -> ModuleType | None:
     try:
         return import_module(name)
     except ImportError:
         return None
 
 
-fcntl, msvcrt = _there("fcntl"), _there("msvcrt")
-"""What POSIX has, and what Windows has."""
+fcntl, msvcrt = _module("fcntl"), _module("msvcrt")
+"""Lock modules of POSIX and of Windows."""
 FIRST_BYTE = 1 << 30
 """Windows holds others off a locked byte: beyond all that is written, so that everybody can read who holds the lock. It counts
 bytes to 2³¹."""
@@ -44,11 +44,11 @@ def lock_byte(handle: int, byte: int, wait: bool) -> None:
         _windows(msvcrt, handle, FIRST_BYTE + byte % FIRST_BYTE, wait)
 
 
-def _windows(own: ModuleType, handle: int, byte: int, wait: bool) -> None:
+def _windows(msvcrt: ModuleType, handle: int, byte: int, wait: bool) -> None:
     while True:
         try:
             os.lseek(handle, byte, os.SEEK_SET)
-            own.locking(handle, own.LK_NBLCK, 1)
+            msvcrt.locking(handle, msvcrt.LK_NBLCK, 1)
         except PermissionError as error:
             if not wait:
                 raise BlockingIOError(*error.args) from None

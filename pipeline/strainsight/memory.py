@@ -11,15 +11,15 @@ GIB = 1024.0**3
 PROC, CGROUP = Path("/proc"), Path("/sys/fs/cgroup")
 
 
-SMALLER = "take a coarser mesh or a larger machine, or end other programs"
+SMALLER = "use a coarser mesh or a larger machine, or end other programs"
 
 
 def require_memory(needed: float, what: str, remedy: str = SMALLER) -> None:
     """Raise UserError where a step takes more than is available; needed [bytes]; what as in "the factor of 10 unknowns"."""
-    there = available_memory()
-    if needed > there:
+    available = available_memory()
+    if needed > available:
         raise UserError(
-            f"{what}: {needed / GIB:.3g} GiB of memory are needed, {there / GIB:.3g} GiB are available",
+            f"{what}: {needed / GIB:.3g} GiB of memory are needed, but {available / GIB:.3g} GiB are available",
             remedy=remedy,
         )
 

@@ -1,9 +1,7 @@
-"""Numbers in order where rounding must not decide: gauges that symmetry makes equal differ by the last digits, and these by
-the processor, the linear algebra and the number of threads.
-
-A number is a tie with the lowest of those that are left if it is above it by at most a share of it; of ties the lower index
-is first. So what comes first is worse than the best by that share at most, however many numbers lie between.
-"""
+"""Order numbers independently of rounding: gauges that are equal by symmetry differ in the last digits, depending on processor,
+linear algebra and threads.
+A number is a tie with the lowest remaining one if it exceeds it by at most a given share; among ties, the lowest index is first.
+The first number therefore exceeds the best by at most that share."""
 
 from __future__ import annotations
 

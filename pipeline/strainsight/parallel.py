@@ -43,11 +43,11 @@ class Sweep(Protocol):
 
 def serial(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
     """One point after the other, here."""
-    found = []
+    results = []
     for point in points:
-        found.append(task(shared, point))
-        progress(len(found) / len(points))
-    return found
+        results.append(task(shared, point))
+        progress(len(results) / len(points))
+    return results
 
 
 def watched(sweep: Sweep, watcher: Progress) -> Sweep:
@@ -95,12 +95,12 @@ def in_threads(count: Callable[[], int]) -> Sweep:
     """At most count() at a time, asked when a sweep begins: nothing is sent anywhere, and no process has to start."""
 
     def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
-        found = []
+        results = []
         with ThreadPoolExecutor(count()) as pool:
             for result in pool.map(lambda point: task(shared, point), points):
-                found.append(result)
-                progress(len(found) / len(points))
-        return found
+                results.append(result)
+                progress(len(results) / len(points))
+        return results
 
     return sweep
 
@@ -114,7 +114,7 @@ def mapped(function: Callable[[A], B], parts: Iterable[A]) -> list[B]:
 
 
 def side_by_side(first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]:
-    """What both return, the first in a thread of its own where there are two; where both fail, the error of the first."""
+    """Results of both functions, the first in a separate thread if two are available; if both fail, the error of the first."""
     if threads() == 1:
         return first(), second()
     with ThreadPoolExecutor(1) as pool:
@@ -122,8 +122,8 @@ def side_by_side(first: Callable[[], A], second: Callable[[], B]) -> tuple[A, B]
         try:
             behind = second()
         finally:
-            found = ahead.result()
-        return found, behind
+            result = ahead.result()
+        return result, behind
 
 
 WORTH = 5.0
@@ -139,12 +139,12 @@ def in_processes(jobs: int | None, memory: Callable[[], float]) -> Sweep:
     most = jobs or cores()
 
     def sweep(task: Callable[[S, P], R], points: Sequence[P], shared: S, progress: Progress = unwatched) -> list[R]:
-        found: list[R] = []
+        results: list[R] = []
         start = time.perf_counter()
 
         def keep(result: R) -> None:
-            found.append(result)
-            progress(len(found) / len(points))
+            results.append(result)
+            progress(len(results) / len(points))
 
         for k, point in enumerate(points):
             left = len(points) - k
@@ -154,9 +154,9 @@ def in_processes(jobs: int | None, memory: Callable[[], float]) -> Sweep:
                     _spread(task, points[k:], shared, count, keep)
                     break
             keep(task(shared, point))
-        for point in points[len(found) :]:
+        for point in points[len(results) :]:
             keep(task(shared, point))
-        return found
+        return results
 
     return sweep
 
@@ -176,7 +176,8 @@ def _spread(task: Callable[[S, P], R], points: Sequence[P], shared: S, count: in
                 keep(repeated(result))
     except TerminatedWorkerError:
         warnings.warn(
-            "a process of a sweep was killed, probably for lack of memory: the rest goes on in one (--jobs 1)",
+            "a process of a sweep was killed, probably for lack of memory; the sweep continues in one process "
+            "(--jobs 1)",
             MachineWarning,
             stacklevel=2,
         )
@@ -194,6 +195,6 @@ def cores() -> int:
 
 
 def _fitting(memory: float) -> int:
-    """Processes as large as this one was at its largest that there is memory for [bytes], beside it."""
-    own = peak_memory()
-    return cores() if own is None or math.isinf(memory) else int(memory / own)
+    """Number of additional processes that fit into the memory [bytes], each with the peak memory of this one."""
+    peak = peak_memory()
+    return cores() if peak is None or math.isinf(memory) else int(memory / peak)

@@ -1,4 +1,4 @@
-"""The axes and the unit in which people read positions."""
+"""Coordinate system and unit of positions for the workshop."""
 
 from __future__ import annotations
 
@@ -30,21 +30,21 @@ class PositionAxes:
 
     @property
     def heads(self) -> tuple[str, str, str]:
-        """Heads of the columns of a place."""
+        """Column headings of a position."""
         return f"x [{self.unit}]", f"y [{self.unit}]", f"z [{self.unit}]"
 
     @property
     def of_the_deck(self) -> bool:
-        """Whether its axes are the deck's own."""
+        """Whether the axes are those of the deck."""
         return not self.origin.any() and np.array_equal(self.axes, np.eye(3))
 
     def in_words(self) -> str:
-        """Where it is, in the deck's coordinates."""
+        """The coordinate system in words."""
         if self.of_the_deck:
-            return "the deck's coordinates"
+            return "deck coordinates"
         origin, x, y = (" ".join(f"{round(v, 6) + 0.0:g}" for v in row) for row in (self.origin, *self.axes[:2]))
-        return f"the datum at ({origin}) {self.unit} of the deck, x along ({x}), y along ({y})"
+        return f"datum at ({origin}) {self.unit} of the deck, x axis ({x}), y axis ({y})"
 
 
 METRES = PositionAxes("m", 1.0, np.zeros(3), np.eye(3))
-"""The deck's coordinates in metres."""
+"""Deck coordinates in metres."""

@@ -40,7 +40,7 @@ _IMPORTERS = (
     "importlib._bootstrap_external",
 )
 _COMPILERS = (*_IMPORTERS, "collections", "dataclasses")
-"""Modules that execute code that is imported, and text of their own where a class of theirs is made."""
+"""Modules that execute imported code, or code in text."""
 
 
 def confine(folder: str | None = None) -> None:
@@ -68,12 +68,12 @@ def _audit(folder: str | None, event: str, arguments: tuple[Any, ...]) -> None:
     if event == "open":
         path, _, flags = arguments
         if flags & _WRITING and not _is_writable(path, folder):
-            raise PermissionError(f"a reader may not write {path!r}")
+            raise PermissionError(f"the reader process must not write {path!r}")
     elif event in ("compile", "exec"):
         if sys._getframe(1).f_globals.get("__name__") not in _COMPILERS:
-            raise PermissionError(f"a reader may not {event} text")
+            raise PermissionError(f"the reader process must not {event} text")
     elif event in _REFUSED or event.startswith(_REFUSED_MODULES):
-        raise PermissionError(f"a reader may not call {event}")
+        raise PermissionError(f"the reader process must not call {event}")
 
 
 def _is_writable(path: str | bytes | int, folder: str | None) -> bool:
@@ -315,8 +315,8 @@ def reader(command: Sequence[str], asked: Any, start_limit: float) -> Iterator[W
 
 
 def _end_at(process: subprocess.Popen[bytes], limit: float, done: Event) -> None:
-    """End a process that is not done after limit [s] of processor time, or LONGER times that by the clock; on systems that do not
-    say what it has used only the second."""
+    """End a process after limit [s] of processor time, or LONGER times that by the clock; only the second if processor time is
+    unknown."""
     used, started = _used(process.pid), time.monotonic()
     while not done.wait(min(LOOK, limit)):
         if _used(process.pid) - used > limit or time.monotonic() - started > LONGER * limit:
@@ -339,24 +339,24 @@ def asked_of_reader(*modules: str, writable: Callable[[Any], str] | None = None)
     read; from then on the process is confined to reading. writable: what is asked → the folder of `confine`.
     """
     end_with_parent()
-    folder, asked = json.loads(sys.stdin.read())
+    folder, request = json.loads(sys.stdin.read())
     for module in modules:
         import_module(module)
     os.chdir(folder)
-    confine(writable(asked) if writable else None)
+    confine(writable(request) if writable else None)
     sys.stdout.buffer.write(READY)
     sys.stdout.buffer.flush()
-    return asked
+    return request
 
 
 def limit_memory(more: int) -> None:
-    """From now on this process may take no more than so many bytes beside what it has, where the system can."""
+    """Limit the additional memory of this process, if the system permits."""
     with suppress(ImportError, OSError, ValueError):
         import resource
 
-        there = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
+        used = int(Path("/proc/self/statm").read_text().split()[0]) * resource.getpagesize()
         hard = resource.getrlimit(resource.RLIMIT_AS)[1]
-        most = there + more
+        most = used + more
         resource.setrlimit(resource.RLIMIT_AS, (most if hard == resource.RLIM_INFINITY else min(most, hard), hard))
 
 
@@ -402,9 +402,9 @@ def _parents() -> dict[int, int]:
     if not (PROC / "self/stat").exists() and os.name == "posix":  # macOS
         listed = subprocess.run(["ps", "-A", "-o", "pid=,ppid="], capture_output=True, text=True, timeout=PS_LIMIT)
         return {int(pid): int(parent) for pid, parent in map(str.split, listed.stdout.splitlines())}
-    found = {}
+    parents = {}
     for stat in PROC.glob("[0-9]*/stat"):
         with suppress(OSError, ValueError, IndexError):
             # pid (name) state parent …: a name may hold anything, also brackets.
-            found[int(stat.parent.name)] = int(stat.read_bytes().rpartition(b")")[2].split()[1])
-    return found
+            parents[int(stat.parent.name)] = int(stat.read_bytes().rpartition(b")")[2].split()[1])
+    return parents

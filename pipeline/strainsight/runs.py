@@ -1,4 +1,4 @@
-"""What runs on the command line have written, stage by stage, as records of NumPy arrays."""
+"""Results of runs on the command line, stage by stage, as records of NumPy arrays."""
 
 from __future__ import annotations
 
@@ -35,13 +35,13 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Written:
-    """The artefacts of a run; each array is read when it is asked for.
+    """The artefacts of a run; each array is read on first access.
 
-    folder: results/NAME. Raises ArtefactError for a stage that has not run, and for a file that is damaged.
+    folder: results/NAME. Raises ArtefactError for a stage that has not run, and for a damaged file.
     """
 
     GRIDS: ClassVar[str]
-    """Stages that write a grid."""
+    """Stages with a grid."""
     folder: Path
 
     def artefact(self, stage: str) -> Artefact:
@@ -52,13 +52,13 @@ class Written:
         """The grid of a stage at one of its steps."""
         artefact = self.artefact(stage)
         if "/VTKHDF" not in artefact:
-            raise UserError(f"the stage '{stage}' has written no grid", where=str(artefact.path), remedy=self.GRIDS)
+            raise UserError(f"the stage '{stage}' has no grid", where=str(artefact.path), remedy=self.GRIDS)
         paths = [path for path in artefact.paths() if path.startswith("/VTKHDF/")]
         return to_pyvista(VtkHdf({path.removeprefix("/VTKHDF/"): artefact[path] for path in paths}, {}), step)
 
 
 class _Of(Generic[Record]):
-    """The record of a stage in `Written`, read anew where it is asked for."""
+    """Property for the record of a stage in `Written`, read on access."""
 
     def __init__(self, kind: type[Record], stage: str) -> None:
         self.kind, self.stage = kind, stage
@@ -68,8 +68,8 @@ class _Of(Generic[Record]):
 
 
 class Run(Written):
-    """What a placement has written. Grids: "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain
-    of the candidates, "estimate" with `estimate.field` the surface in time."""
+    """Results of a placement. Grids: "import" the mesh, "rom" the modes as steps, "place" the pool, "validate" the strain of the
+    candidates, "estimate" with `estimate.field` the surface over time."""
 
     GRIDS = "import, rom, place or validate; estimate with estimate.field"
 
@@ -87,27 +87,29 @@ class Run(Written):
 
     @property
     def estimated(self) -> Estimated:
-        """Of a test that is one record. Raises UserError where there are several."""
+        """The estimate of a test with one record. Raises UserError for several records."""
         artefact = self.artefact("estimate")
         if campaign_in(artefact) is not None:
             raise UserError(
-                "the test has several records", where=str(artefact.path), remedy="take `records`, by their names"
+                "the test has several records",
+                where=str(artefact.path),
+                remedy="use the attribute `records`, by record name",
             )
         return read(Estimated, artefact)
 
     @property
     def records(self) -> dict[str, Estimated]:
-        """The records of a test by their names; of an empty name where it is one file."""
+        """The records of a test by name; a single record has an empty name."""
         return estimated_in(self.artefact("estimate"))
 
     @property
     def campaign(self) -> CampaignRecord | None:
-        """What several records share; None of one."""
+        """Results common to several records; None for one record."""
         return campaign_in(self.artefact("estimate"))
 
 
 class BenchRun(Written):
-    """What a bench has written, or bearings alone. Grids: "place" the pool, "field" the surface of a body in time."""
+    """Results of a bench, or of bearings alone. Grids: "place" the pool, "field" the surface of a body over time."""
 
     GRIDS = "place, with the section place; field, with the section field"
 
@@ -127,12 +129,12 @@ class BenchRun(Written):
 
 
 def open_run(folder: Path | str) -> Run:
-    """The results of a placement on the command line, `results/NAME`. Raises UserError where there are none."""
+    """Results of a placement in `results/NAME`. Raises UserError if the folder has no results."""
     return Run(_results(folder))
 
 
 def open_bench(folder: Path | str) -> BenchRun:
-    """The results of a bench on the command line, or of bearings alone, as of `open_run`."""
+    """Results of a bench, or of bearings alone, in `results/NAME`. Raises UserError if the folder has no results."""
     return BenchRun(_results(folder))
 
 
@@ -140,20 +142,22 @@ def to_pyvista(grid: VtkHdf | Mesh, step: int = 0) -> pyvista.UnstructuredGrid:
     """A mesh, or a grid at one of its steps."""
     from pyvista import UnstructuredGrid
 
-    own = unstructured_grid(grid.position, grid.elements) if isinstance(grid, Mesh) else grid
-    offset, points = own.datasets["Offsets"], own.datasets["Points"]
-    cells = np.insert(own.datasets["Connectivity"], offset[:-1], np.diff(offset))
-    found = UnstructuredGrid(cells, own.datasets["Types"], points)
-    for path, values in own.datasets.items():
+    surface = unstructured_grid(grid.position, grid.elements) if isinstance(grid, Mesh) else grid
+    offset, points = surface.datasets["Offsets"], surface.datasets["Points"]
+    cells = np.insert(surface.datasets["Connectivity"], offset[:-1], np.diff(offset))
+    result = UnstructuredGrid(cells, surface.datasets["Types"], points)
+    for path, values in surface.datasets.items():
         where, _, name = path.partition("/")
         if where in ("PointData", "CellData"):
-            data, size = (found.point_data, len(points)) if where == "PointData" else (found.cell_data, len(offset) - 1)
+            data, size = (
+                (result.point_data, len(points)) if where == "PointData" else (result.cell_data, len(offset) - 1)
+            )
             data[name] = values[step * size :][:size] if len(values) > size else values
-    return found
+    return result
 
 
 def _results(folder: Path | str) -> Path:
     path = Path(folder)
     if not any(path.glob("*.h5")):
-        raise UserError("no results of a run", where=str(path), remedy="give the folder results/NAME of a run")
+        raise UserError("no results of a run found", where=str(path), remedy="specify the folder results/NAME of a run")
     return path

@@ -1,8 +1,6 @@
-"""Files and folders that are written: under their own names, never through a link.
-
-A folder of somebody else may hold links. A file that is written replaces a link of its name and leaves alone what that leads to;
-a folder that is a link is refused.
-"""
+"""Write files and folders under their names, never through links.
+A folder of another user may contain links. A written file replaces a link without a change of its target; a folder that is a link
+is an error."""
 
 from __future__ import annotations
 
@@ -21,12 +19,12 @@ NO_LINK = getattr(os, "O_NOFOLLOW", 0)
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder where there is none. Raises UserError for a link, of which only the folders above may be one."""
+    """Create a folder if it does not exist. Raises UserError if it is a link; parent folders may be links."""
     if folder.is_symlink() or getattr(os.path, "isjunction", lambda _: False)(folder):
         raise UserError(
-            f"is a link to {os.readlink(folder)}, which is not written to",
+            f"is a link to {os.readlink(folder)}, and results are not written through links",
             where=str(folder),
-            remedy="remove the link, or give another results folder with --results DIR",
+            remedy="remove the link, or use another results folder with --results DIR",
         )
     folder.mkdir(parents=True, exist_ok=True)
 
@@ -34,7 +32,7 @@ def make_folder(folder: Path) -> None:
 def write_file(path: Path, content: bytes) -> None:
     """Write the file, complete or not at all. Raises UserError for a folder, a pipe or a device of that name."""
     if path.exists() and not path.is_file():
-        raise UserError("is not a file", where=str(path), remedy="give another name")
+        raise UserError("is not a regular file", where=str(path), remedy="use another name")
     part = temporary(path, partial(write_bytes, content))
     try:
         replace_file(part, path)
@@ -43,14 +41,14 @@ def write_file(path: Path, content: bytes) -> None:
 
 
 def open_file(path: Path, flags: int) -> int:
-    """Open a file, made where there is none; a link of its name is removed."""
+    """Open a file, created if it does not exist; a link with its name is removed."""
     if path.is_symlink():
         path.unlink()
     return os.open(path, flags | os.O_CREAT | NO_LINK, 0o666)
 
 
 def temporary(path: Path, write: Callable[[Path], Any]) -> Path:
-    """A finished, synced file beside `path`, not yet under its name."""
+    """A finished, synced temporary file in the folder of `path`."""
     handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{path.name}-", dir=path.parent)
     part = Path(name)
     try:
@@ -71,7 +69,7 @@ def write_bytes(content: bytes, part: Path) -> None:
 
 
 def replace_file(part: Path, path: Path) -> None:
-    """Give a finished file its name, in place of what has it."""
+    """Move a finished file to its name, replacing an existing file."""
     os.replace(part, path)
     if os.name == "nt":  # a folder cannot be opened there
         return
@@ -83,7 +81,7 @@ def replace_file(part: Path, path: Path) -> None:
 
 
 def umask() -> int:
-    """What new files are not allowed; there is no way to ask without setting it."""
+    """Permission bits that new files do not get; reading them requires setting them."""
     current = os.umask(0)
     os.umask(current)
     return current

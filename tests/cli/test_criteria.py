@@ -48,7 +48,7 @@ def metric(place, rows, criterion, combine):
     ],
     ids=["trace of E", "log-determinant", "worst eigenvalue", "worst failure"],
 )
-def test_the_artefact_says_what_the_criterion_of_the_config_is_worth(changes, over, criterion, combine):
+def test_artefact_contains_value_of_configured_criterion(changes, over, criterion, combine):
     place = made(CONFIG, *LESS, *changes, until="place", beside="criteria")["place"]
     key = "trace" if criterion is np.trace else "metric"
     said, final = place.summary, place["/selected/final/gauge"]
@@ -77,7 +77,7 @@ def test_the_artefact_says_what_the_criterion_of_the_config_is_worth(changes, ov
         ("place.optimise=trace", "place.optimise"),
     ],
 )
-def test_what_is_no_criterion_is_refused_with_its_key(asked, key):
+def test_invalid_criterion_is_refused_with_key(asked, key):
     with pytest.raises(ConfigError) as refused:
         load_config(CONFIG, [asked])
     assert refused.value.key == key

@@ -23,7 +23,7 @@ def found(tmp_path_factory) -> dict[str, DoctorFinding]:
 
 
 @pytest.mark.slow
-def test_this_environment_is_sound_and_everything_was_looked_at(found):
+def test_doctor_passes_and_runs_every_check(found):
     assert {"python", "numpy", "solver", "solver: slepc", "rendering", "cores"} <= found.keys()
     assert {"memory", "disk", "locale", "terminal"} <= found.keys()
     assert not [finding for finding in found.values() if finding.verdict == FAILS]
@@ -42,12 +42,12 @@ def test_versions_out_of_range_and_missing_packages_have_a_remedy():
     elsewhere = "none-on-any-machine>=1; platform_machine == 'abacus'"
     python, numpy, missing = doctor.compared(">=99", ["numpy>=99.0", "no-such-package>=1", elsewhere])
     assert (python.verdict, numpy.verdict, missing.verdict) == (FAILS, FAILS, FAILS)
-    assert numpy.found.endswith(", >=99.0 is needed")
+    assert numpy.found.endswith(", but >=99.0 is needed")
     assert numpy.remedy == "pip install 'numpy>=99.0'"
     assert "not installed" in missing.found
 
 
-def test_without_pardiso_it_says_what_that_means(tmp_path, monkeypatch):
+def test_missing_pardiso_is_explained(tmp_path, monkeypatch):
     (tmp_path / "pypardiso.py").write_text("raise OSError('no libmkl_rt')", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     solver = doctor.check_solver()
@@ -57,7 +57,7 @@ def test_without_pardiso_it_says_what_that_means(tmp_path, monkeypatch):
     assert "100 000 unknowns" in solver.found
 
 
-def test_a_renderer_that_dies_or_draws_nothing_fails(tmp_path, monkeypatch):
+def test_crashed_or_empty_rendering_fails(tmp_path, monkeypatch):
     (tmp_path / "pyvista.py").write_text("import os, signal; os.kill(os.getpid(), signal.SIGSEGV)", encoding="utf-8")
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))
     died = doctor.check_rendering()

@@ -31,7 +31,7 @@ def call(tmp_path, monkeypatch):
     return lambda *words: CliRunner().invoke(app, ["example", *words])
 
 
-def test_without_a_name_they_are_listed_and_nothing_is_written(call, tmp_path):
+def test_examples_are_listed_without_a_name(call, tmp_path):
     listed = call()
     assert listed.exit_code == 0
     assert [line.split()[0] for line in listed.output.splitlines()[: len(EXAMPLES)]] == list(EXAMPLES)
@@ -39,7 +39,7 @@ def test_without_a_name_they_are_listed_and_nothing_is_written(call, tmp_path):
 
 
 @pytest.mark.parametrize("name", EXAMPLES)
-def test_an_example_is_a_config_whose_files_lie_beside_it(name, call, tmp_path):
+def test_example_contains_config_and_its_files(name, call, tmp_path):
     done = call(name)
     assert done.exit_code == 0
     assert f"strainsight run {name}.yaml" in done.output
@@ -54,7 +54,7 @@ def test_an_example_is_a_config_whose_files_lie_beside_it(name, call, tmp_path):
     }
 
 
-def test_files_that_are_there_stay_and_force_overwrites(call, tmp_path):
+def test_existing_files_are_kept_without_force(call, tmp_path):
     assert call("cantilever").exit_code == 0
     assert call("cantilever").exit_code == 0  # they hold the same
     own = tmp_path / "cantilever.yaml"
@@ -62,7 +62,7 @@ def test_files_that_are_there_stay_and_force_overwrites(call, tmp_path):
     (tmp_path / "cantilever.bdf").unlink()
     refused = call("cantilever")
     assert refused.exit_code == 2
-    assert refused.stderr.startswith("cantilever.yaml  the file exists, and nothing was written\n    go to an empty folder")
+    assert refused.stderr.startswith("cantilever.yaml  the file already exists with other content; nothing was written\n")
     assert "--force" in refused.stderr
     assert own.read_text(encoding="utf-8") == "mine"
     assert not (tmp_path / "cantilever.bdf").exists()
@@ -70,7 +70,7 @@ def test_files_that_are_there_stay_and_force_overwrites(call, tmp_path):
     assert load_config(own).data["name"] == "cantilever"
 
 
-def test_the_build_takes_just_what_examples_consist_of():
+def test_build_contains_exactly_the_example_files():
     wheel = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["hatch"]["build"]["targets"]["wheel"]
     needed = {file for own in EXAMPLES.values() for file in (own.config, *own.files)}
     assert wheel["force-include"] == {file: f"strainsight_cli/shipped/{file}" for file in needed}
@@ -153,19 +153,19 @@ def test_after_import_the_mesh_is_pictured_and_a_changed_config_is_reported(view
     ("words", "text"),
     [
         (("--screenshot", "a.jpg"), "ends in .png"),
-        (("--screenshot", "none/a.png"), "no such folder"),
+        (("--screenshot", "none/a.png"), "folder not found"),
         (("--what", "stress"), "'field'"),
-        (("--body", "hub"), "one body"),
+        (("--body", "hub"), "single body"),
     ],
 )
-def test_what_cannot_be_is_refused_with_exit_code_2(view_call, words, text):
+def test_invalid_view_request_has_exit_code_2(view_call, words, text):
     done = view_call("view", CONFIG, *words)
     assert done.exit_code == 2
     assert text in said(done)
 
 
 @pytest.mark.parametrize("command", ["view", "figures"])
-def test_a_suite_has_none_of_its_own(command, view_call, tmp_path):
+def test_suite_has_no_view(command, view_call, tmp_path):
     suite = tmp_path / "two.yaml"
     suite.write_text(f"kind: suite\nname: two\ntitle: Two\nruns: [{{config: {CONFIG}, label: a}}]\n", encoding="utf-8")
     done = view_call(command, str(suite))
@@ -188,13 +188,13 @@ def lines(result) -> list[str]:
     return [line for line in result.output.splitlines() if line.startswith("forecast")]
 
 
-def test_the_size_is_known_after_the_import_and_what_is_done_has_no_line(forecast_call, monkeypatch):
+def test_forecast_has_size_after_import_and_omits_finished_stages(forecast_call, monkeypatch):
     assert lines(forecast_call("run", "--dry-run")) == [
-        "forecast: the deck has 0.0 MB; time and memory are known once it is imported"
+        "forecast: the deck has 0.0 MB; time and memory are known after the import"
     ]
     assert lines(forecast_call("import")) == []
     (line,) = lines(forecast_call("run", "--dry-run"))
     assert line.startswith(FORECAST)
     monkeypatch.setattr(memory, "available_memory", lambda: 0.1 * 2**30)
     (line,) = lines(forecast_call("run", "--dry-run"))
-    assert line.endswith("; 0.1 GiB are there: take a coarser mesh or a larger machine")
+    assert line.endswith("; only 0.1 GiB are available: use a coarser mesh or a larger machine")

@@ -76,7 +76,7 @@ def failed(works, verbose=False, moved=lambda *_: None) -> int:
     return caught.value.exit_code
 
 
-def test_a_failure_is_reported_at_once_and_the_run_beside_it_ends(works, capfd):
+def test_failure_is_reported_and_parallel_run_ends(works, capfd):
     said = []
 
     def moved(run: str, *_) -> None:
@@ -101,12 +101,12 @@ def test_the_traceback_of_a_process_is_shown_on_request(works, capsys):
     assert 'return {}["nothing"]' in said
 
 
-def test_a_killed_process_is_named_with_what_to_do(works, capsys):
+def test_killed_process_is_reported_with_remedy(works, capsys):
     assert failed(works("dies", "slow")) == 1
     said = capsys.readouterr().err
     assert "run 1 of 2 dies1" in said
-    assert "a process was killed, probably for lack of memory: --set jobs=1" in said
-    assert "report them" not in said
+    assert "a process was killed, probably for lack of memory; use --set jobs=1" in said
+    assert "report the details" not in said
 
 
 def test_an_interrupted_suite_leaves_no_word_about_semaphores(tmp_path):

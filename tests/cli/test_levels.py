@@ -45,7 +45,7 @@ def call(project, tmp_path):
 
 
 @pytest.mark.parametrize("words", [("-q",), *slowly((("--quiet",),), (("--log-level", "error"),))])
-def test_quiet_says_nothing_and_the_log_says_all(call, tmp_path, words):
+def test_quiet_prints_nothing_and_log_is_complete(call, tmp_path, words):
     done = call(*words)
     assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
     log = (tmp_path / "results" / "beam" / "run.log").read_text(encoding="utf-8")
@@ -60,11 +60,11 @@ def test_warning_keeps_warnings_and_no_stages(call):
     assert ON_ONE_NODE in done.stderr
 
 
-def test_two_levels_contradict_each_other(call, tmp_path):
+def test_two_log_levels_are_refused(call, tmp_path):
     for words in (("-q", "-v"), ("-q", "--log-level", "info")):
         done = call(*words)
         assert done.exit_code == 2
-        assert done.stderr.endswith("contradict each other\n    give one: -q is --log-level error, -v is --log-level debug\n")
+        assert done.stderr.endswith("exclude each other\n    use one of them: -q is --log-level error, -v is --log-level debug\n")
     assert not (tmp_path / "results").exists()
     assert call("--log-level", "loud").exit_code == 2
 
@@ -91,7 +91,7 @@ def good(context) -> Output:
 
 
 def bad(context) -> Output:
-    raise InfeasibleError("too much", where=f"{Path.cwd()}/own.yaml:1:1", remedy="take less")
+    raise InfeasibleError("too much", where=f"{Path.cwd()}/own.yaml:1:1", remedy="use less")
 
 
 def crash(context) -> Output:
@@ -129,7 +129,7 @@ def test_a_line_a_start_and_an_end_with_time_memory_message_and_warnings(work):
     assert starts == "good starts: never run"
     assert warning == "warning: �[2Jlook at this"
     assert re.fullmatch(r"good done after \d+\.\d s, peak \d+\.\d\d GiB: three numbers", done)
-    assert re.fullmatch(r"ends after \d\.\d s, peak \d+\.\d\d GiB", ends)
+    assert re.fullmatch(r"finished after \d\.\d s, peak \d+\.\d\d GiB", ends)
 
 
 @pytest.mark.parametrize(("function", "error"), [(bad, InfeasibleError), (crash, FileNotFoundError)])
@@ -138,7 +138,7 @@ def test_a_failure_has_its_traceback_and_no_place_of_this_machine(work, function
         run(work(good, function))
     log = (work(good).job.folder / "run.log").read_text(encoding="utf-8")
     said = texts(log)
-    assert re.match(rf"{function.__name__} fails after \d\.\d s", next(text for text in said if "fails" in text))
+    assert re.match(rf"{function.__name__} failed after \d\.\d s", next(text for text in said if "fails" in text))
     assert any('File "strainsight/runner/runner.py", line ' in text for text in said)
     assert any(error.__name__ in text for text in said)
     assert not re.search(r"(?<![\w.…)/])/\w", log), log
@@ -173,7 +173,7 @@ def test_a_log_that_cannot_be_written_is_no_reason_to_fail(work):
     assert (one.job.folder / "good.h5").exists()
 
 
-def test_it_keeps_the_last_lines_within_its_bound(tmp_path):
+def test_log_keeps_last_lines_within_size_limit(tmp_path):
     path = tmp_path / "run.log"
     for i in range(40):
         append(path, f"{i} {'x' * 98}\n" * 500)

@@ -61,7 +61,7 @@ def test_a_dry_run_and_status_write_nothing(call, tmp_path):
     assert not (tmp_path / "results").exists()
 
 
-def test_what_init_says_to_run_next_can_be_copied_and_its_config_is_not_overwritten(call, tmp_path, monkeypatch):
+def test_command_printed_by_init_runs_and_config_is_not_overwritten(call, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     shutil.move("beam.bdf", "Träger 1.bdf")
     load = ["--load", "node 1000", "--direction", "0 0 1", "--amplitude", "1e4", "--frequency", "20"]
@@ -74,7 +74,7 @@ def test_what_init_says_to_run_next_can_be_copied_and_its_config_is_not_overwrit
     assert CliRunner().invoke(app, ["init", "none.bdf"]).exit_code == 2
 
 
-def test_an_estimate_without_its_section_says_what_to_add(call, tmp_path):
+def test_estimate_without_section_has_remedy(call, tmp_path):
     plain = call("estimate", CONFIG)
     assert plain.exit_code == 2
     assert "add a section `estimate: {channels: [{gauge: G1, channel: NAME, unit: um/m}]}`" in plain.stderr
@@ -105,7 +105,7 @@ def test_the_stages_of_the_command_line_are_those_of_the_pipelines():
     assert set(pipelines.STAGES) == {*placement, *bench, *tested, *ON_DEMAND}
 
 
-def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(call, tmp_path, monkeypatch):
+def test_exit_code_is_2_for_user_error_and_1_for_internal_error(call, tmp_path, monkeypatch):
     assert call("run", str(ROOT / "configs" / "none.yaml")).exit_code == 2
     assert call("run", CONFIG, "--set", "place.keep=0").exit_code == 2
     (tmp_path / "file").write_text("a file where the folder should be")
@@ -122,7 +122,7 @@ def test_a_users_mistake_is_two_and_an_internal_failure_one_without_a_traceback(
     assert "Traceback" not in message
 
 
-def test_memory_that_runs_out_is_two_and_says_what_was_asked_for(call, monkeypatch):
+def test_memory_error_has_exit_code_2_and_requested_size(call, monkeypatch):
     def greedy(*_, **__):
         np.empty(2**59)
 
@@ -130,11 +130,11 @@ def test_memory_that_runs_out_is_two_and_says_what_was_asked_for(call, monkeypat
     done = call("run", CONFIG)
     assert done.exit_code == 2
     message = done.output + (done.stderr or "")
-    assert "there is not enough memory: Unable to allocate 4.00 EiB" in message
+    assert "not enough memory: Unable to allocate 4.00 EiB" in message
     assert "internal error" not in message
 
 
-def test_a_folder_that_cannot_be_written_is_reported_with_the_option_for_another():
+def test_read_only_results_folder_has_remedy():
     failure = failure_of(PermissionError(13, "Permission denied", "results"))
     assert failure.code == 2
     assert failure.message.startswith("results  Permission denied\n")
@@ -165,15 +165,15 @@ def test_a_process_without_streams_does_its_work(closed, tmp_path):
 
 
 @posix
-def test_a_working_folder_that_is_gone_is_named(tmp_path):
+def test_missing_working_folder_is_reported(tmp_path):
     (tmp_path / "gone").mkdir()
     done = shell('cd gone && rmdir ../gone && "$@"', tmp_path, "status", "c.yaml")
     assert done.returncode == 2
-    assert done.stderr.startswith("the working folder is gone, or may not be read\n    change to")
+    assert done.stderr.startswith("the working folder does not exist, or cannot be read\n    change to")
 
 
 @posix
-def test_too_small_a_limit_of_memory_stops_before_anything_is_loaded(tmp_path):
+def test_low_address_space_limit_is_reported_before_imports(tmp_path):
     done = shell('ulimit -v 300000 && "$@"', tmp_path, "status", "c.yaml")
     assert done.returncode == 2
     assert "the limit of address space is 293 MiB" in done.stderr
@@ -181,13 +181,13 @@ def test_too_small_a_limit_of_memory_stops_before_anything_is_loaded(tmp_path):
 
 
 @posix
-def test_a_config_that_is_a_pipe_is_not_waited_for(tmp_path):
+def test_pipe_as_config_is_refused(tmp_path):
     os.mkfifo(tmp_path / "c.yaml")
-    with pytest.raises(ConfigError, match="is not a plain file"):
+    with pytest.raises(ConfigError, match="is not a regular file"):
         load_config(tmp_path / "c.yaml")
 
 
-def test_too_many_open_files_are_no_full_disk():
+def test_too_many_open_files_differ_from_full_disk():
     for number in (errno.EMFILE, errno.ENFILE):
         for error in (OSError(number, os.strerror(number)), OSError(number, os.strerror(number), "results/a.h5")):
             failure = failure_of(error)
@@ -196,7 +196,7 @@ def test_too_many_open_files_are_no_full_disk():
 
 
 @posix
-def test_a_reader_that_has_gone_ends_nothing_and_is_no_failure(tmp_path):
+def test_closed_output_pipe_is_no_failure(tmp_path):
     done = shell('{ "$@" 2>&1; echo $? >&3; } 3>code | true', tmp_path, "status", "nothing.yaml")
     assert (tmp_path / "code").read_text() == "2\n"
     assert done.stderr == ""
@@ -214,7 +214,7 @@ def test_output_that_cannot_be_written_is_a_failure(tmp_path, words):
 
 
 @posix
-def test_files_do_not_get_the_numbers_of_streams_that_are_closed(tmp_path):
+def test_closed_streams_are_reserved(tmp_path):
     code = "from strainsight_cli.printing import prepare_streams as p; p(); "
     code += "open('n', 'w').write(str(open('a', 'w').fileno()))"
     line = f'{sys.executable} -c "{code}" <&- >&- 2>&-'

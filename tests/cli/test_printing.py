@@ -41,7 +41,7 @@ def test_every_control_becomes_an_escape_and_letters_stay():
     assert printable(printable(HOSTILE)) == printable(HOSTILE)
 
 
-def test_json_is_read_back_as_it_was():
+def test_json_roundtrip():
     line = json_line({"name": HOSTILE, "n": [1, 2.5, None]})
     assert not (BAD | {"\n"}) & set(line)
     assert json.loads(line) == {"name": HOSTILE, "n": [1, 2.5, None]}
@@ -62,7 +62,7 @@ def test_json_is_read_back_as_it_was():
         lambda: say(stage_json(Event("place", "failed", HOSTILE), HOSTILE)),
     ],
 )
-def test_what_is_printed_holds_no_control_and_no_forged_line(printed, capsys):
+def test_output_has_no_control_characters_or_forged_lines(printed, capsys):
     printed()
     captured = capsys.readouterr()
     text = captured.out + captured.err
@@ -71,7 +71,7 @@ def test_what_is_printed_holds_no_control_and_no_forged_line(printed, capsys):
     assert not any(line.startswith(("\r", "warning")) for line in text.split("\n"))
 
 
-def test_a_warning_holds_no_control_and_no_forged_line(capsys):
+def test_warning_has_no_control_characters_or_forged_lines(capsys):
     with warnings.catch_warnings():
         plain_warnings(False)
         warnings.warn(HOSTILE, stacklevel=1)
@@ -84,7 +84,7 @@ def test_a_warning_holds_no_control_and_no_forged_line(capsys):
 @pytest.mark.parametrize(
     "words", [["status", "a", "b\x1b[31mc"], ["no\x9b31m"], ["status", "--no\x1b[31m"], ["status", "x\x1b]0;t\x07.yaml"]]
 )
-def test_words_of_the_command_line_hold_no_control(words, monkeypatch, capfd):
+def test_arguments_are_printed_without_control_characters(words, monkeypatch, capfd):
     monkeypatch.setattr(sys, "argv", ["strainsight", *words])
     monkeypatch.setattr(sys, "warnoptions", [])
     for name in (SAFE_PATH, "PYDANTIC_DISABLE_PLUGINS"):  # which main sets for the rest of a process
@@ -137,7 +137,7 @@ def drawn(environment: dict[str, str]) -> bytes:
 
 
 @pytest.mark.parametrize(("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False)])
-def test_it_says_what_is_left_as_it_is_written(environment, coloured):
+def test_progress_bar_shows_remaining_time(environment, coloured):
     said = drawn(environment)
     assert b"about 0:42 left, then 1:15" in COLOUR.sub(b"", said)
     assert b"so {far} [red]" in COLOUR.sub(b"", said)
@@ -147,7 +147,7 @@ def test_it_says_what_is_left_as_it_is_written(environment, coloured):
     assert bool([code for code in COLOUR.findall(said) if code != b"\x1b[0m"]) == coloured
 
 
-def test_there_is_none_in_a_pipe():
+def test_progress_bar_is_omitted_in_pipe():
     done = subprocess.run([sys.executable, "-c", SCRIPT], capture_output=True, timeout=60)
     assert (done.returncode, done.stdout, done.stderr) == (0, b"", b"")
 

@@ -55,7 +55,7 @@ def test_every_number_is_that_of_one_run_after_the_other(folder, together):
         assert Artefact(folder / "together" / path).digest == Artefact(folder / "alone" / path).digest
 
 
-def test_what_both_need_is_computed_once(together):
-    table = together.split("where the time goes")[1].splitlines()
+def test_common_stages_are_computed_once(together):
+    table = together.split("run time [s]")[1].splitlines()
     first, second = (next(line for line in table if f" {name} " in line) for name in ("first", "second"))
     assert first.count("↩") + second.count("↩") == 6

@@ -86,7 +86,7 @@ def test_suite_prints_runs_claims_and_times(first, folder):
         assert heading in first.splitlines()
     statement = next(line for line in first.splitlines() if line.startswith("Fine takes"))
     assert " ".join(statement.split()) == "Fine takes ten times the steps. 9 to 11 5 contradicted"
-    head, *rows, total = (line.split() for line in first.split("where the time goes")[1].splitlines()[1:6])
+    head, *rows, total = (line.split() for line in first.split("run time [s]")[1].splitlines()[1:6])
     assert (head[0], head[-1]) == ("run", "all")
     assert float(total[-1]) == pytest.approx(sum(float(row[-1]) for row in rows), abs=0.2)
     assert Artefact(folder / "results" / "both" / "suite.h5")["/claim/verdict"].tolist() == ["confirmed", "contradicted"]
@@ -156,11 +156,11 @@ def test_missing_inputs_of_any_run_are_found_before_the_first_one_starts(folder)
         ("import", [], ["a suite has no stage 'import'", "strainsight run"]),
         ("status", ["runs.0.until=simulat"], ["runs[0].until: the run has no stage 'simulat'", "did you mean simulate?"]),
         ("status", ["runs.0.until=a", "runs.1.until=b"], ["no stage 'a'", "no stage 'b'"]),
-        ("run", ["claims.0.number=violations"], ["no number 'violations' in the stage 'simulate'", "did you mean violation?"]),
-        ("status", ["claims.0.stage=estimate"], ["runs[0], 'coarse', has no stage 'estimate'"]),
+        ("run", ["claims.0.number=violations"], ["result 'violations' not found in the stage", "did you mean violation?"]),
+        ("status", ["claims.0.stage=estimate"], ["runs[0], 'coarse', does not have the stage 'estimate'"]),
     ],
 )
-def test_what_a_suite_lacks_is_refused_with_its_place(first, call, command, changes, words):
+def test_fault_of_suite_is_refused_with_location(first, call, command, changes, words):
     done = call(command, *(word for change in changes for word in ("--set", change)))
     assert done.exit_code == 2
     for word in words:
@@ -185,7 +185,7 @@ def guessing(tmp_path):
     return made
 
 
-def test_a_guess_is_waited_for_however_its_run_is_written(guessing):
+def test_run_waits_for_guess_in_any_path_notation(guessing):
     for source in ("first", f"../configs/{guessing.path}"):
         works = guessing(source)
         assert makers(works[1], works) == {"parameters.E.guess.from": 0}
@@ -196,12 +196,12 @@ def test_a_guess_from_a_run_that_ends_before_it_or_comes_later_is_refused(guessi
         guessing("first", until="place")
     assert caught.value.key == "runs[0].until"
     assert "guess.yaml:5:" in caught.value.where
-    assert caught.value.remedy == "runs[1] takes its guess from it: until: validate"
-    with pytest.raises(ConfigError, match="which the suite runs later"):
+    assert caught.value.remedy == "runs[1] needs it for its guess; set until: validate"
+    with pytest.raises(ConfigError, match="which runs later in this suite"):
         guessing(guessing.path, place=0)
 
 
-def test_a_name_that_is_taken_in_the_results_is_refused(guessing, tmp_path):
+def test_existing_run_name_is_refused(guessing, tmp_path):
     (tmp_path / "results" / "both").mkdir(parents=True)
     (tmp_path / "results" / "first").mkdir()
     (tmp_path / "results" / "both" / "import.h5").touch()

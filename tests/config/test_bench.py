@@ -37,44 +37,44 @@ def refused(*overrides: str) -> ConfigError:
 
 REFUSED = [
     # (overrides, key at fault, words of the message)
-    (["bodies.hub.moduli.constant={region: 1, value: 1.7e+11}"], "bodies.hub.moduli.constant", ("is taken",)),
+    (["bodies.hub.moduli.constant={region: 1, value: 1.7e+11}"], "bodies.hub.moduli.constant", ("is reserved",)),
     (["cases.weight.bearing=pitch-baering"], "cases.weight.bearing", ("did you mean pitch-bearing?",)),
     (["cases.weight.bearing=[]"], "cases.weight.bearing", ()),
     (["curves=[{along: x, reach: 1.0e-4, bearing: [pitch]}]"], "curves[0].bearing", ("did you mean pitch-bearing?",)),
     ([SECOND, "curves=[{along: x, reach: 0.05}]"], "curves[0].reach", ("'spare', 0.01 m",)),
     (["bodies.blade.mass=1.0e+30"], "bodies.blade.mass", ("radius of gyration of 1.6",)),
-    (["bodies.blade.mass=1.0e-30"], "bodies.blade.mass", ("1e-30 kg with moments of inertia",)),
+    (["bodies.blade.mass=1.0e-30"], "bodies.blade.mass", ("1e-30 kg and moments of inertia",)),
     (["bodies.dust={type: rigid, mass: 1.0e-10, inertia: {xx: 1.0e-10, yy: 1.0e-10, zz: 1.0e-10}}"],
-     "bodies.dust.mass", ("1e-10 kg beside 14000 kg of 'blade'",)),
+     "bodies.dust.mass", ("1e-10 kg and 14000 kg of 'blade'",)),
     (["frames.far={body: blades}"], "frames.far.body", ("did you mean blade?",)),
     (["forces.bearing.bearing=pitch"], "forces.bearing.bearing", ("did you mean pitch-bearing?",)),
     (["sensors.gauges.body=blade"], "sensors.gauges.body", ("no flexible body 'blade'",)),
     (["field={body: blade}"], "field.body", ("no flexible body 'blade'",)),
     *(
         ([f"{OF_THE_BEARING}.preload={preload!r}"], f"{OF_THE_BEARING}.preload", (says,))
-        for preload, says in ((-1.0, "-1 m is beyond 0.0012 m, 2 %"), (0.0013, "beyond"), (1e300, "beyond"))
+        for preload, says in ((-1.0, "-1 m exceeds 0.0012 m, 2 %"), (0.0013, "exceeds"), (1e300, "exceeds"))
     ),
     *(
         ([f"curves=[{{along: x, reach: 1.0e-4}}, {{along: {along}, reach: {reach!r}}}]"], "curves[1].reach", says)
         for along, reach, says in (
-            ("x", 0.0601, ("0.0601 m is beyond", "0.06 m", "take at most 0.06 m")),
-            ("tilt_y", 0.06, ("moves the balls of 'pitch-bearing' by 0.069 m", "take at most 0.05217 rad")),
+            ("x", 0.0601, ("0.0601 m is more than", "0.06 m", "use at most 0.06 m")),
+            ("tilt_y", 0.06, ("moves the balls of 'pitch-bearing' by 0.069 m", "use at most 0.05217 rad")),
             ("z", 5e-11, ("rounding", "6e-11 m")),
             ("tilt_z", 1e-300, ("rounding", "rad")),
-            ("y", 1e300, ("1e+300 m is beyond",)),
+            ("y", 1e300, ("1e+300 m is more than",)),
         )
     ),
 ]  # fmt: skip
 
 
 @pytest.mark.parametrize(("overrides", "key", "says"), REFUSED)
-def test_what_the_bench_cannot_have_is_refused_with_its_key(overrides, key, says):
+def test_invalid_bench_is_refused_with_key(overrides, key, says):
     error = refused(*overrides)
     assert error.key.startswith(key)
     assert all(text in str(error) for text in says)
 
 
-def test_what_is_unusual_and_fits_is_accepted():
+def test_unusual_but_valid_bench_is_accepted():
     """A case of one bearing or several, a curve within the bearing that it names, a heavy body with moments to match."""
     for chosen in ("null", "spare", "[spare]", "[pitch-bearing, spare]"):
         load_config(FULL, [SECOND, f"cases.weight.bearing={chosen}"])
@@ -105,12 +105,12 @@ def test_config_and_kernel_refuse_the_same_grooves(radius, preload):
 @pytest.mark.parametrize(
     ("entry", "key", "says"),
     [
-        ("E: {guess: 187, std: 20}", "E.guess", "187 Pa beside 1.7e+11 Pa"),
-        ("E: {guess: 1.87e11, std: 1.7e10, starts: [153]}", "E.starts", "153 Pa beside 1.7e+11 Pa"),
-        ("r: {bearing: pitch-bearing, property: radius_inner_left, guess: 31.8}", "r.guess", "31.8 m beside 0.0318 m"),
+        ("E: {guess: 187, std: 20}", "E.guess", "187 Pa is far from 1.7e+11 Pa"),
+        ("E: {guess: 1.87e11, std: 1.7e10, starts: [153]}", "E.starts", "153 Pa is far from 1.7e+11 Pa"),
+        ("r: {bearing: pitch-bearing, property: radius_inner_left, guess: 31.8}", "r.guess", "31.8 m is far from 0.0318 m"),
     ],
 )
-def test_a_guess_in_another_unit_is_refused_where_it_stands(entry, key, says):
+def test_guess_in_wrong_unit_is_refused_with_location(entry, key, says):
     with pytest.raises(ConfigError) as caught:
         load_config(FULL.parent / "bench" / "modulus.yaml", [f"estimate.parameters={{{entry}}}"])
     assert not caught.value.others
@@ -175,12 +175,12 @@ def keys_naming(*frames):
     }  # fmt: skip
 
 
-def test_there_is_an_example_of_every_kind():
+def test_every_kind_has_an_example():
     for section, examples in EXAMPLES.items():
         assert examples.keys() == kinds(section).keys()
 
 
-def test_a_frame_that_is_not_there_is_refused_by_every_kind_that_names_it():
+def test_unknown_frame_is_refused_by_every_kind():
     load_config(FULL, every_kind())
     for name in ("flange", "root"):
         with pytest.raises(ConfigError) as caught:
@@ -190,7 +190,7 @@ def test_a_frame_that_is_not_there_is_refused_by_every_kind_that_names_it():
         assert all(f"no frame '{name}s'" in error.what and f"did you mean {name}?" in str(error) for error in errors)
 
 
-def test_two_frames_of_one_body_are_refused_by_every_kind_that_names_two():
+def test_two_frames_of_one_body_are_refused_by_every_kind():
     with pytest.raises(ConfigError, match="both frames are on 'blade'") as caught:
         load_config(FULL, every_kind(flange="station"))
     errors = [caught.value, *caught.value.others]
@@ -198,7 +198,7 @@ def test_two_frames_of_one_body_are_refused_by_every_kind_that_names_two():
 
 
 @pytest.mark.parametrize(("section", "table"), [("joints", JOINTS), ("forces", LAWS)])
-def test_every_joint_and_law_of_the_kernel_is_reached_with_the_keys_it_wants(section, table):
+def test_every_joint_and_force_law_is_configurable(section, table):
     """A section has a key for every argument of its function, of the same name, and besides no other than a history."""
     models = kinds(section)
     others = {"joints": set(), "forces": {"gravity", "force", "moment", "bearing"}}[section]
@@ -220,8 +220,8 @@ def test_a_rate_is_in_hertz_unless_stated(stated, hertz):
 @pytest.mark.parametrize(
     ("stated", "message"),
     [
-        ({"rate": 100, "channel": "t"}, "either `channel` or `rate`"),
-        ({"rate": 100, "unit": "ms"}, "a rate in ms"),
+        ({"rate": 100, "channel": "t"}, "`channel` and `rate` are both set"),
+        ({"rate": 100, "unit": "ms"}, "ms is not a unit"),
         ({"rate": 0}, "greater than 0"),
     ],
 )

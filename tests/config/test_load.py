@@ -88,10 +88,10 @@ UNKNOWN = ["loads.tip.known=false", "place.estimate=[tip, E]", "validate.initial
         (["estimate.initial_std={F: 0.2}"], "estimate.initial_std.F", "no unknown 'F'"),
         (["estimate.initial_std={tip: 0.2}"], "estimate.initial_std.tip", "no unknown 'tip'"),
         (["estimate.inputs={top: {channel: b, unit: N}}"], "estimate.inputs.top", "no load 'top'"),
-        (UNKNOWN, "estimate.inputs.tip", "would not be read"),
+        (UNKNOWN, "estimate.inputs.tip", "has no effect"),
     ],
 )
-def test_a_load_or_name_that_nothing_would_estimate_or_read_is_refused(write, overrides, key, says):
+def test_load_or_name_without_effect_is_refused(write, overrides, key, says):
     path = write(EXAMPLE + ESTIMATE)
     load_config(path)
     (error,) = (error for error in refused(path, *overrides) if error.key.startswith(key))
@@ -106,7 +106,7 @@ def test_all_problems_are_reported_at_once(write):
 
 
 @pytest.mark.parametrize("number", ["189e9", "1.89e11", "1.89E+11", "189000000000"])
-def test_a_number_is_a_number_however_it_is_written(write, number):
+def test_number_is_read_in_every_notation(write, number):
     assert load_config(write(EXAMPLE.replace("1.89e+11", number))).data["parameters"]["E"]["guess"] == 1.89e11
 
 
@@ -121,11 +121,11 @@ def test_a_number_is_a_number_however_it_is_written(write, number):
         "kind: \x00\n",
     ],
 )
-def test_what_is_no_config_is_refused_in_one_message(write, text):
+def test_invalid_config_file_is_refused_in_one_message(write, text):
     assert refused(write(text))[0].where
 
 
-def test_an_override_counts_and_is_named_as_the_place(write):
+def test_override_applies_and_is_reported_as_location(write):
     path = write(EXAMPLE)
     config = load_config(path, ["place.keep=6", "gauges.direction.angles=[0, 90]"])
     assert config.data["place"]["keep"] == 6
@@ -145,18 +145,18 @@ def test_a_kind_that_is_no_text_is_refused(write, kind, override):
     assert error.key == "kind"
 
 
-def test_what_a_terminal_obeys_is_not_shown_as_it_stands(write):
+def test_control_characters_are_escaped(write):
     (error,) = refused(write(f"{EXAMPLE}\n'a\\u202e\\x1b]0;b\\x07': 1\n".replace("'", '"')))
     assert "a\\u202e\\x1b]0;b\\x07" in str(error)
     assert str(error).replace("\n", "").isprintable()
 
 
-def test_half_of_a_sign_is_no_text(write):
+def test_lone_surrogate_is_refused(write):
     r"""\ud83d\ude00 is how JSON writes one sign; half of it cannot be written into any file."""
     good = load_config(write(EXAMPLE.replace("parameters:", r'"parameters":')), [r'name="a\u005fb"'])
     assert good.model.name == "a_b"
     (error,) = refused(write(EXAMPLE.replace("name: cantilever", r'name: "\ud83d" # ')))
-    assert "half of a sign" in error.what
+    assert "half of a surrogate pair" in error.what
     (error,) = refused(write(EXAMPLE.replace("seed: 1", r'seed: "\ud83d\ude00"')))
     assert "'😀'" in error.what
 
@@ -227,13 +227,13 @@ def named(rows, kind):
 
 
 @pytest.mark.parametrize(("kind", "counts"), [("figure", FIGURES), ("table", TABLES)])
-def test_none_is_missing(suite, kind, counts):
+def test_no_example_is_missing(suite, kind, counts):
     wanted = {f"{chapter}.{i}" for chapter, count in counts.items() for i in range(1, count + 1)}
     assert named(suite.model.comparisons, kind) == wanted
 
 
 @pytest.mark.slow
-def test_the_settings_of_the_thesis_are_its_own(runs):
+def test_thesis_examples_have_thesis_settings(runs):
     placements = [run for run in runs if run.data["kind"] == "placement"]
     printed = [run.model for run in placements if run.model.name.startswith("thesis-")]
     assert len(printed) == len(placements) / 2

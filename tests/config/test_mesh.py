@@ -61,7 +61,7 @@ def sections(text: str) -> str:
 BEAM = "regions: [spar], area: 1.0e-4, second_moments: [2.0e-9, 1.0e-9], torsion: 1.0e-9, direction: [0, 0, 1]"
 
 
-def test_all_that_a_mesh_may_need_beside_its_file_is_accepted(load):
+def test_all_optional_mesh_keys_are_accepted(load):
     mesh = load(CONFIG)["mesh"]
     assert mesh["supports"][0]["components"] == [1, 2, 3]
     assert mesh["matrices"]["stiffness"][0] == {"file": "k.mtx", "name": None, "parameter": "E", "at": 2.1e11}
@@ -90,10 +90,10 @@ CHANGES = [
     ("table: gauges.csv}", "table: gauges.csv}, direction: {type: axis, axis: [1, 0, 0]}", "gauges.direction"),
 ]
 SECTIONS = [
-    ("regions: all", "", "none of 'thickness', 'area' is given"),
-    ("regions: all, thickness: 0.002, area: 1.0e-4", "", "are both given"),
+    ("regions: all", "", "none of 'thickness', 'area' is set"),
+    ("regions: all, thickness: 0.002, area: 1.0e-4", "", "are both set"),
     ("regions: all, thickness: 0", ".thickness", "has to be above 0"),
-    ("regions: all, thickness: 0.002, direction: [0, 0, 1]", ".direction", "is of beams"),
+    ("regions: all, thickness: 0.002, direction: [0, 0, 1]", ".direction", "applies to beams only"),
     ("regions: all, area: 1.0e-4, direction: [0, 0, 1]", ".direction", "this is a rod"),
     (BEAM.replace("torsion: 1.0e-9, ", ""), ".torsion", "missing"),
     (BEAM.replace("[0, 0, 1]", "[0, 0, 0]"), ".direction", "length zero"),
@@ -108,7 +108,7 @@ SECTIONS = [
         *((sections(f"{{own: {{{text}}}}}"), f"mesh.sections.own{key}", what) for text, key, what in SECTIONS),
     ],
 )
-def test_a_contradiction_is_reported_at_its_key(load, text, key, what):
+def test_inconsistency_is_reported_at_its_key(load, text, key, what):
     assert text != CONFIG
     with expect_refusal(ConfigError, what, remedy="") as caught:
         load(text)
@@ -136,7 +136,7 @@ def loaded(cases, *more):
     return load_config(EXAMPLE, [*LOADS, *more, f"place.load_cases={cases}"]).model.place.load_cases
 
 
-def test_a_case_without_overrides_is_the_loads_as_stated():
+def test_load_case_without_overrides_equals_configured_loads():
     found = loaded("{plain: {}, idle: {weight: 2, loads: {side: none}, duration: 0.5, settle: none}}")
     assert found["plain"].weight == 1
     assert found["plain"].loads == {}
@@ -147,26 +147,26 @@ def test_a_case_without_overrides_is_the_loads_as_stated():
 @pytest.mark.parametrize(
     ("cases", "key", "what", "remedy"),
     [
-        ("{a: {weight: 0}}", "place.load_cases.a.weight", "0 has to be above 0", ""),
+        ("{a: {weight: 0}}", "place.load_cases.a.weight", "is 0, but has to be above 0", ""),
         ("{a: {loads: {sid: none}}}", "place.load_cases.a.loads.sid", "no load 'sid'", "did you mean side?"),
         ("{a: {loads: {side: none, tip: none}}, b: {}}", "place.load_cases.a.loads", "no load acts", "remove the case"),
-        ("{a: {loads: {side: none}}}", "place.load_cases", "'side' is silent in every case", "let side act"),
+        ("{a: {loads: {side: none}}}", "place.load_cases", "'side' is silent in every case", "add a signal of side"),
         ("{a: {loads: {tip: {signal: {type: sin, frequency: 1, amplitude: 1}}}}}", "place.load_cases.a.loads.tip.signal.type",
          "'sin' is not one of", "did you mean sine?"),
         ("{a: {loads: {tip: {signal: {type: sine, frequency: 900, amplitude: 1}}}}}", "place.load_cases.a.time_step",
-         "of load 'tip' (900 Hz)", "take at most"),
+         "of load 'tip' (900 Hz)", "use at most"),
         ("{a: {loads: {tip: {signal: {type: sine, frequency: 9, amplitude: 1}, frequency: 900}}}}",
-         "place.load_cases.a.loads.tip.frequency", "900 Hz", "take at most"),
+         "place.load_cases.a.loads.tip.frequency", "900 Hz", "use at most"),
         ("{a: {loads: {tip: {signal: {type: csv, file: f.csv, time_column: t, value_column: F}}}}}",
          "place.load_cases.a.loads.tip.frequency", "needs a typical frequency", "[Hz]"),
         ("{a: {loads: {tip: {signal: {type: multisine, lowest: 9, highest: 3, count: 2, amplitude: 1}}}}}",
-         "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "swap them"),
+         "place.load_cases.a.loads.tip.signal.lowest", "above the highest", "swap the two"),
         ("{a: {loads: {side: none, tip: {signal: {type: sine, frequency: 1, amplitude: 1}}}, time_step: 0.01}, b: {}}",
-         "place.load_cases.a.loads.side", "30 Hz, of which the time step of this case takes 3.33 steps", "a shorter step"),
-        ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "take"),
+         "place.load_cases.a.loads.side", "for 30 Hz, the time step of this case gives 3.33 steps", "a smaller time step"),
+        ("{a: {duration: 1.0001}}", "place.load_cases.a.time_step", "does not divide", "use"),
     ],
 )  # fmt: skip
-def test_what_cannot_be_is_refused_with_its_key_and_the_remedy(cases, key, what, remedy):
+def test_invalid_load_case_is_refused_with_key_and_remedy(cases, key, what, remedy):
     with pytest.raises(ConfigError) as caught:
         loaded(cases)
     found = [error for error in (caught.value, *caught.value.others) if error.key == key]
@@ -176,11 +176,11 @@ def test_what_cannot_be_is_refused_with_its_key_and_the_remedy(cases, key, what,
     assert remedy in found[0].remedy
 
 
-def test_the_step_of_a_case_resolves_the_process_noise_that_a_load_has_as_stated():
+def test_time_step_of_case_resolves_process_noise():
     slow = "{type: sine, frequency: 1, amplitude: 1}"
     cases = f"{{a: {{loads: {{side: {{signal: {slow}}}, tip: {{signal: {slow}}}}}, time_step: 0.01}}}}"
     assert loaded(cases)["a"].time_step == 0.01
-    with expect_refusal(ConfigError, "40 Hz, of which the time step of this case", key="loads.side.process_noise.frequency"):
+    with expect_refusal(ConfigError, "for 40 Hz, the time step of this case", key="loads.side.process_noise.frequency"):
         loaded(cases, "loads.side.process_noise.frequency=40")
 
 
@@ -196,7 +196,7 @@ def load_typed(tmp_path):
     return lambda *overrides: load_config(tmp_path / "edge.yaml", overrides).model
 
 
-def test_a_type_gives_grid_spacing_range_and_gain(load_typed):
+def test_gauge_type_sets_grid_spacing_range_and_gain(load_typed):
     """3/350 by its data sheet: a grid of 1/8 inch, a carrier of 0.42 × 0.27 inch, 5 %, 350 Ω, a gauge factor to 0.5 %."""
     config = load_typed("gauges.type=3/350")
     assert config.gauges.grid_length == pytest.approx(0.0254 / 8, rel=0.002)
@@ -214,7 +214,7 @@ def test_a_type_gives_grid_spacing_range_and_gain(load_typed):
         ("place.minimum_spacing", 0.05), ("tolerances.gain", 0.02),
     ],
 )
-def test_a_key_that_is_stated_wins(load_typed, key, value):
+def test_explicit_key_overrides_gauge_type(load_typed, key, value):
     config = load_typed("gauges.type=3/350", f"{key}={'null' if value is None else value}")
     section, name = key.split(".")
     assert getattr(getattr(config, section), name) == value
@@ -232,7 +232,7 @@ def test_tolerances_of_none_stay_none_and_accelerometers_keep_their_gain(load_ty
     assert load_typed("gauges.type=3/120").tolerances.gain == pytest.approx(math.hypot(0.005, 1 / 120), abs=1e-6)
 
 
-def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(load_typed):
+def test_user_defined_gauge_type_may_replace_catalogue_type(load_typed):
     for name in ("mine", "3/350"):
         config = load_typed(f"gauges.type={name}", f"gauges.types={{{name}: {OWN}}}".replace("'", ""))
         assert (config.gauges.grid_length, config.screen.minimum_spacing) == (0.002, 0.006)
@@ -243,22 +243,22 @@ def test_a_type_of_ones_own_is_taken_and_may_replace_one_of_the_catalogue(load_t
 @pytest.mark.parametrize(
     ("overrides", "said"),
     [
-        (["gauges.type=3/530"], r"gauges\.type: no type of gauge is called '3/530' +did you mean 3/350"),
-        (["gauges.type=3/350-rosette"], r"gauges\.type: 3/350-rosette has 3 grids, and a gauge here has 1"),
+        (["gauges.type=3/530"], r"gauges\.type: unknown gauge type '3/530' +did you mean 3/350"),
+        (["gauges.type=3/350-rosette"], r"gauges\.type: gauge type 3/350-rosette has 3 grids, but the gauges"),
         (
             ["gauges.type=3/350", "gauges.rosette=true", "gauges.direction={type: axis, axis: [1, 0, 0], angles: [0, 45, 90]}"],
-            r"3/350 has 1 grid, and a gauge here has 3 +take 3/350-rosette",
+            r"gauge type 3/350 has 1 grid, but the gauges of the config have 3 +take 3/350-rosette",
         ),
     ],
 )
-def test_a_type_that_is_not_there_or_does_not_fit_is_named_with_its_remedy(load_typed, overrides, said):
+def test_unknown_or_unsuitable_gauge_type_is_refused_with_remedy(load_typed, overrides, said):
     with pytest.raises(ConfigError) as caught:
         load_typed(*overrides)
     text = "\n".join(str(problem) for problem in (caught.value, *caught.value.others))
     assert re.search(said, text.replace("\n", " ")), text
 
 
-def test_the_catalogue_is_sound_by_its_own_names():
+def test_gauge_catalogue_agrees_with_its_names():
     for name, own in CATALOGUE.items():
         grid, resistance = name.removesuffix("-rosette").split("/")
         assert own.grid_length == pytest.approx(1e-3 * float(grid), rel=0.07)
@@ -272,5 +272,5 @@ def test_the_catalogue_is_sound_by_its_own_names():
         assert own.source
 
 
-def test_a_part_gets_the_type_whose_carrier_is_no_third_of_its_largest_face():
+def test_gauge_type_has_carrier_below_third_of_largest_face():
     assert [fitting_type(side) for side in (1.0, 0.0322, 0.032, 0.0238, 0.0236)] == ["3/350"] * 2 + ["1.5/350"] * 2 + [None]

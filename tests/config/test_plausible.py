@@ -66,14 +66,14 @@ def bounded(inside) -> bool:
     return below and above
 
 
-def test_every_number_of_every_config_has_a_plausible_range_or_a_reason_for_none():
+def test_every_config_number_has_plausible_range_or_reason():
     numbers = every_number()
     assert len(numbers) > 250
     lacking = [(model, name) for model, name, field, inside in numbers if not (mark_of(field, Marker) or bounded(inside))]
     assert lacking == []
 
 
-def test_ranges_are_in_order_and_reasons_are_given():
+def test_plausible_ranges_are_ordered():
     for _, _, field, _ in every_number():
         mark = mark_of(field, Marker)
         ranges = mark.ranges.values() if isinstance(mark, PlausibleBy) else (mark,) if isinstance(mark, Plausible) else ()
@@ -90,7 +90,7 @@ def test_every_default_is_plausible():
 
 
 @pytest.mark.parametrize("path", SHIPPED, ids=lambda path: path.stem)
-def test_no_config_that_is_shipped_is_warned_of(path):
+def test_shipped_configs_have_no_warnings(path):
     assert list(implausible(load_config(path).model)) == []
 
 
@@ -111,7 +111,7 @@ ODD = [  # (config, key, value, what the warning says)
 
 
 @pytest.mark.parametrize(("text", "key", "value", "words"), ODD, ids=[key for _, key, *_ in ODD])
-def test_an_absurd_value_is_warned_of_with_its_key_and_what_was_meant(tmp_path, text, key, value, words):
+def test_implausible_value_gives_warning_with_key_and_unit(tmp_path, text, key, value, words):
     path = tmp_path / "own.yaml"
     path.write_text(text, encoding="utf-8")
     assert list(implausible(load_config(path).model)) == []
@@ -125,11 +125,11 @@ def test_lengths_are_compared_with_the_structure(tmp_path):
     model = load_config(path, ["tolerances.position=0.05", "gauges.grid_length=0.06"]).model
     assert list(implausible(model)) == list(implausible(model, extent=1.0)) == []
     position, grid = sorted(implausible(model, extent=0.05), key=lambda own: -len(own.key))
-    assert "0.05 m is more than 0.1 times the size of the structure, 0.05 m" in position.what
+    assert "0.05 m is larger than 0.1 times the size of the structure, 0.05 m" in position.what
     assert (grid.key, position.key) == ("gauges.grid_length", "tolerances.position")
 
 
-def test_the_range_of_a_parameter_is_that_of_its_property(tmp_path):
+def test_parameter_range_follows_property(tmp_path):
     path = tmp_path / "own.yaml"
     path.write_text(PLACEMENT, encoding="utf-8")
     found = list(implausible(load_config(path, [f"parameters.E={E_IN_GPA}", "validate.truth.parameters.E=210.0"]).model))
@@ -142,7 +142,7 @@ def test_the_range_of_a_parameter_is_that_of_its_property(tmp_path):
 # What pydantic finds is said of the keys as they stand in the file, with what the key is for or what was meant.
 CONFIGS = Path(__file__).parents[2] / "configs"
 FORMS = "'box', 'cylinder', 'normal_cone', 'near_edges', 'near_set', 'shell_face', 'on_elements'"
-BOX = "box: [[x, y, z], [x, y, z]]: lower and upper corner [m]."
+BOX = "box: Lower and upper corner [[x, y, z], [x, y, z]] [m]."
 
 
 def refused(name: str, override: str | Override) -> list[ConfigError]:
@@ -154,13 +154,13 @@ def refused(name: str, override: str | Override) -> list[ConfigError]:
 @pytest.mark.parametrize(
     ("zone", "key", "what", "remedy"),
     [
-        ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "a mapping has to be a list", BOX),
-        ("{box: [[0, 0, 0], [1, 1, 1]], at: 1}", ".at", "unknown key", "known here: box"),
-        ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing", "axis: Direction of its axis [-]."),
-        ("{near_edgs: 0.1}", "", f"give exactly one of {FORMS}", "did you mean near_edges?"),
+        ("{box: {min: [0, 0, 0], max: [1, 1, 1]}}", ".box", "is a mapping, but has to be a list", BOX),
+        ("{box: [[0, 0, 0], [1, 1, 1]], at: 1}", ".at", "unknown key", "known keys: box"),
+        ("{cylinder: {point: [0, 0, 0], radius: 1}}", ".cylinder.axis", "missing", "axis: Direction of the axis [-]."),
+        ("{near_edgs: 0.1}", "", f"set exactly one of {FORMS}", "did you mean near_edges?"),
     ],
 )
-def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):
+def test_zone_is_identified_by_its_keys(zone, key, what, remedy):
     """A member of the union has the name of its key: it must not be named twice, nor in place of the key at fault."""
     (error,) = refused("cantilever-youngs-modulus.yaml", f"gauges.exclude=[{zone}]")
     assert (error.key, error.what, error.remedy) == (f"gauges.exclude[0]{key}", what, remedy)
@@ -170,10 +170,10 @@ def test_a_zone_is_named_by_its_keys_alone(zone, key, what, remedy):
     ("entry", "key", "what", "remedy"),
     [
         ("bearing: a, inner: c", "outer", "missing", "outer: Frame of the outer ring, at the centre of the bearing."),
-        ("bearing: a, outer: a, inner: c, size: 2", "size", "unknown key", "known here: type, bearing, outer, inner, drag"),
+        ("bearing: a, outer: a, inner: c, size: 2", "size", "unknown key", "known keys: type, bearing, outer, inner, drag"),
     ],
 )
-def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):
+def test_type_may_be_named_like_one_of_its_keys(entry, key, what, remedy):
     (error,) = refused("bench-full.yaml", f"forces.b={{type: bearing, {entry}}}")
     assert (error.key, error.what, error.remedy) == (f"forces.b.{key}", what, remedy)
 
@@ -181,13 +181,13 @@ def test_a_type_may_have_the_name_of_one_of_its_keys(entry, key, what, remedy):
 @pytest.mark.parametrize(
     ("text", "line", "remedy"),
     [
-        ("a:\n  b: 1\n\tc: 2\n", 3, "with spaces, not with tabs"),
-        ("a:\n    b: 1\n  c: 2\n", 3, "indent it exactly as its neighbours above"),
-        ("a: b: c\n", 1, "': ' in quotes"),
+        ("a:\n  b: 1\n\tc: 2\n", 3, "use spaces, not tabs"),
+        ("a:\n    b: 1\n  c: 2\n", 3, "use the same indentation as the neighbouring lines above"),
+        ("a: b: c\n", 1, "contains ': '"),
         ("a: 1\nb 2\nc: 3\n", 3, "KEY: VALUE in the line above"),
         ("a: [1, 2\nb: 3\n", 2, "close the bracket"),
         ("a: 'x\nb: 1\n", 3, "close the quotes"),
-        ("a: %b\n", 1, "put the value in quotes"),
+        ("a: %b\n", 1, "quote the value"),
         ('a: "C:\\data"\n', 1, "single quotes"),
     ],
 )
@@ -208,7 +208,7 @@ def test_a_misspelt_name_is_placed_at_the_override_that_made_it():
 def test_a_section_that_only_an_override_made_has_to_be_added():
     (error,) = refused("cantilever-youngs-modulus.yaml", Override("estimate.file", "a.csv", "--measurements"))
     assert (error.key, error.where) == ("estimate.channels", "--measurements")
-    assert error.remedy.startswith("the config has no section `estimate` yet: add it; channels: Channels of gauges")
+    assert error.remedy.startswith("add the section `estimate` to the config; channels: Channels of gauges")
     assert "docs/estimation.md" in error.remedy
 
 
@@ -229,7 +229,7 @@ LINE = {"slope": 3.0, "stress": 1e8}
         ({}, {"sensitivity": 0.1}, ["mean_stress.sensitivity"]),
     ],
 )
-def test_what_does_not_fit_together_is_named(curve, mean, keys):
+def test_inconsistent_keys_are_named(curve, mean, keys):
     settings = DamageSettings(curve=SNCurve(**(LINE | curve)), mean_stress=MeanStressSection(**mean))
     assert [problem.key for problem in settings.problems()] == [*keys]
 
@@ -257,19 +257,19 @@ ARMS = "gauges.fixed[0].arms"
 @pytest.mark.parametrize(
     ("overrides", "key", "what", "remedy"),
     [
-        ([one()], ARMS, "a bridge of 0 arms", "give two to four arms"),
-        ([one(UP + "}")], ARMS, "a bridge of 1 arm", "one alone is a gauge: position, direction"),
-        ([one(UP + "}", UP + "}", DOWN + "}")], ARMS, "a bridge of 3 arms of sign 1", "at most two of either sign"),
-        ([one(UP + ", sign: -1}", DOWN + ", sign: -1}")], ARMS, "2 arms, none of sign 1", "sign: -1 of the channel"),
-        ([one(UP + ", sign: 2}", DOWN + "}")], f"{ARMS}[0].sign", "2 is not one of 1, -1", "Of its strain"),
+        ([one()], ARMS, "a bridge of 0 arms", "use two to four arms"),
+        ([one(UP + "}")], ARMS, "a bridge of 1 arm", "for a single gauge set position and direction"),
+        ([one(UP + "}", UP + "}", DOWN + "}")], ARMS, "a bridge of 3 arms have the sign 1", "at most two of each sign"),
+        ([one(UP + ", sign: -1}", DOWN + ", sign: -1}")], ARMS, "2 arms, and none has the sign 1", "sign: -1 for the channel"),
+        ([one(UP + ", sign: 2}", DOWN + "}")], f"{ARMS}[0].sign", "2 is not one of 1, -1", "Sign of its strain"),
         (["gauges.bridge=half-bendng"], "gauges.bridge", "'half-bendng' is not one of half-bending, full-bending", ""),
         (["gauges.bridge=full-torsion", "gauges.rosette=true", "gauges.direction.angles=[0, 90]"],
-         "gauges.rosette", "no arm of a bridge", ""),
+         "gauges.rosette", "cannot be an arm of a bridge", ""),
         (["gauges.bridge=half-axial", "place.symmetry={point: [0, 0, 0], normal: [0, 1, 0]}"],
-         "place.symmetry", "not placed in mirrored pairs", ""),
+         "place.symmetry", "cannot be placed in mirrored pairs", ""),
     ],
 )  # fmt: skip
-def test_a_bridge_that_cannot_be_is_refused_with_key_and_remedy(overrides, key, what, remedy):
+def test_invalid_bridge_is_refused_with_key_and_remedy(overrides, key, what, remedy):
     with expect_refusal(ConfigError, what, remedy=remedy, key=key):
         load_config(CANTILEVER, overrides)
 

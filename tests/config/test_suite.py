@@ -109,7 +109,7 @@ def place(text: str, part: str, file: str = "suite.yaml") -> str:
     return f"{file}:{text[: text.index(part)].count(chr(10)) + 1}:"
 
 
-def test_every_run_gets_what_is_set_its_name_and_the_suffix(write):
+def test_every_run_gets_overrides_name_and_suffix(write):
     runs = runs_of(load_config(write()))
     assert [run.config.model.name for run in runs] == [
         "cantilever-youngs-modulus-short", "watched-short", "cantilever-input-short",
@@ -137,7 +137,7 @@ def test_overrides_of_the_command_line_reach_the_suite_and_its_set(write):
     assert error.where == "--set set.place.instants"
 
 
-def test_what_set_made_wrong_is_placed_in_the_suite_and_reported_once(write):
+def test_fault_from_set_is_located_in_suite_and_reported_once(write):
     text = SUITE.replace("place.instants: 3", "place.instant: 3").replace("place.keep: 5", "place.keep: 0")
     found = {error.key: error for error in refused(write(text))}
     assert set(found) == {"place.instant", "place.keep"}
@@ -146,7 +146,7 @@ def test_what_set_made_wrong_is_placed_in_the_suite_and_reported_once(write):
     assert place(text, "place.keep") in found["place.keep"].where
 
 
-def test_what_is_wrong_with_the_config_of_a_run_is_placed_there_and_reported_once(write):
+def test_fault_in_run_config_is_located_there_and_reported_once(write):
     path = write()
     own = path.parent / "cantilever-youngs-modulus.yaml"
     text = own.read_text(encoding="utf-8").replace("seed: 1", "seed: -1")
@@ -159,7 +159,7 @@ def test_what_is_wrong_with_the_config_of_a_run_is_placed_there_and_reported_onc
 def test_a_guess_from_a_run_that_comes_later_is_refused(write):
     head, first, _, last = SUITE.split("  - config: ")
     (error,) = refused(write(f"{head}  - config: {last}  - config: {first}"))
-    assert "which the suite runs later" in error.what
+    assert "which runs later in this suite" in error.what
     assert error.key == "parameters.E.guess.from"
     assert "cantilever-input.yaml:" in error.where
 
@@ -179,11 +179,11 @@ def test_a_section_that_was_replaced_whole_is_reported(write):
     errors = [error for error in refused(write(text)) if error.what == "missing"]
     assert errors
     for error in errors:
-        assert error.remedy == "`set` replaced all of train: write train.duration: 0.2"
+        assert error.remedy == "`set` replaced the whole section train; write train.duration: 0.2"
         assert place(text, "{train") in error.where
 
 
-def test_the_page_knows_what_every_run_varies_and_where_its_numbers_are(write):
+def test_page_lists_varied_key_and_location_of_results(write):
     suite = load_config(write(STUDIES))
     given = suite_config(suite, runs_of(suite), [["import", "reduce", "simulate", "report"]] * 3)
     assert [run["at"] for run in given["runs"]] == [0.5, 0.1, None]
@@ -202,32 +202,32 @@ MISTAKES = {
         ("suffix: -short", "suffix: a b", "suffix", "is not a name"),
         ("{place.keep: 5}", "{place..keep: 5}", "runs[0].set.place..keep", "is not a dotted key"),
         ("{place.keep: 5}", "{name: other}", "runs[0].set.name", "cannot set 'name'"),
-        ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite itself"),
-        ("name: watched", "name: cantilever-youngs-modulus", "runs[1].name", "as is runs[0]"),
-        ("name: all", "name: watched-short", "runs[1].name", "as is the suite itself"),
+        ("cantilever-input.yaml", "suite.yaml", "runs[2].config", "is a suite"),
+        ("name: watched", "name: cantilever-youngs-modulus", "runs[1].name", "name of runs[0]"),
+        ("name: all", "name: watched-short", "runs[1].name", "name of the suite itself"),
         ("title: Two runs", 'title: "Two \\e[31mruns"', "title", "control character U+001B"),
         ("label: E, only observed", 'label: "a\\0b"', "runs[1].label", "control character U+0000"),
         *(
-            ("cantilever-input.yaml", name, "runs[2].config", "no such file")
+            ("cantilever-input.yaml", name, "runs[2].config", "file not found")
             for name in ("x" * 300, r'"a\0b"', "../" * 2000)
         ),
     ],
     STUDIES: [
-        ("run: long,", "run: lnog,", "claims[0].run", "no run 'lnog'"),
-        (", below: 3", "", "claims[0]", "has no bound"),
+        ("run: long,", "run: lnog,", "claims[0].run", "unknown run 'lnog'"),
+        (", below: 3", "", "claims[0]", "no limit is set"),
         ("above: 4.5", "above: 6", "claims[1].above", "6 is not smaller than below, 5.5"),
-        ("below: 3", "against_number: steps, below: 3", "claims[0].against_number", "no run to compare"),
-        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is no number in runs[0], 'long-x'"),
-        ("over: simulate.time_step, ", "", "studies[0].numbers", "nothing to draw them over"),
-        ("name: steps, note", "name: stops, note", "studies[0].name", "no run is of the study 'stops'"),
-        ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "is listed twice"),
+        ("below: 3", "against_number: steps, below: 3", "claims[0].against_number", "the reference run is missing"),
+        ("over: simulate.time_step", "over: simulate.start", "studies[0].over", "is not a number in runs[0], 'long-x'"),
+        ("over: simulate.time_step, ", "", "studies[0].numbers", "have no horizontal axis"),
+        ("name: steps, note", "name: stops, note", "studies[0].name", "no run belongs to the study 'stops'"),
+        ("  - {name: steps,", "  - {name: steps}\n  - {name: steps,", "studies[1].name", "appears twice"),
         ("long, stage: simulate", "long, stage: simulat", "claims[0].stage", "has no stage 'simulat'"),
         ("long, stage: simulate, ", "long, ", "claims[0].run", "has no stage 'estimate'"),
     ],
     COMPARED: [
-        (", below: 9}", "}", "comparisons[0].as_printed", "has no bound"),
-        ("run: other", "run: otter", "comparisons[1].ours.run", "no run 'otter'"),
-        ("    why: A drawing.\n", "", "comparisons[2]", "nothing is measured, and nothing says why"),
+        (", below: 9}", "}", "comparisons[0].as_printed", "no limit is set"),
+        ("run: other", "run: otter", "comparisons[1].ours.run", "unknown run 'otter'"),
+        ("    why: A drawing.\n", "", "comparisons[2]", "no result and no explanation is set"),
         ("says: It is drawn.", 'says: "It is\\ndrawn."', "comparisons[2].says", "a line break"),
     ],
 }
@@ -244,7 +244,7 @@ def test_a_mistake_in_the_suite_has_its_place(write, text, before, after, key, w
     assert str(error).replace("\n", "").isprintable()
 
 
-def test_placements_and_benches_share_a_page_and_each_has_its_own_stage_of_numbers(write):
+def test_placements_and_benches_share_page_with_separate_result_stages(write):
     text = COMPARED.replace("set: {simulate.time_step: 0.5}", "set: {simulate.time_step: 0.5}, until: simulate")
     suite = load_config(write(text))
     given = suite_config(suite, runs_of(suite), [["simulate"], ["simulate"], ["import", "place", "validate"]])
@@ -265,11 +265,11 @@ def test_placements_have_studies_and_claims_too(write):
     (error,) = refused(write(text), stages=("import", "place"))
     assert (error.key, error.what) == (
         "claims[0].run",
-        "runs[0], 'a', has no stage 'validate': it goes through import, place",
+        "runs[0], 'a', does not have the stage 'validate'; its stages are import, place",
     )
 
 
-def test_what_is_measured_on_another_run_follows_the_suffix(write):
+def test_reference_run_of_measure_gets_suffix(write):
     estimate = (
         "{sensors: {relative: {noise: 1.0e-7}}, inputs: {Fx: {std: 1.0, increment: 1.0}}, measured: {from: NAME}}"
     )
@@ -282,4 +282,4 @@ def test_what_is_measured_on_another_run_follows_the_suffix(write):
     later = text.replace("NAME", "late") + "  - {config: full.yaml, name: late, label: l}\n"
     (error,) = refused(write(later))
     assert error.key == "estimate.measured.from"
-    assert "which the suite runs later" in error.what
+    assert "which runs later in this suite" in error.what

@@ -37,7 +37,7 @@ PLACEMENTS = [
         "E is reached by no process noise",
         {"parameters.E.process_noise_scale": 1e-30, "screen.keep": "all"},
     ),
-    ("filter.drift", "constants in a bank", {"filter.drift": True}),
+    ("filter.drift", "parameters are constant in the grid filter", {"filter.drift": True}),
     ("process_noise.model_error", "at most 1e+06", {"process_noise.model_error": 1e30}),
     (DAMPING, "nothing would move", {DAMPING: {"type": "rayleigh", "alpha": 1e30, "beta": 0.0}}),
     ("rom.modes", "200 modes of a model with 30 unknowns", {"rom.modes": 200}),
@@ -95,7 +95,7 @@ def test_what_a_refusal_advises_is_accepted(tmp_path, key, value, others):
     own = {"screen.keep": "all", "place.keep": 1, **others}
     with pytest.raises(UserError) as found:
         finished(tmp_path / "refused", "screen", bricks(COUNTS), {**own, key: value})
-    advised = float(re.search(r"take at (?:least|most) ([-+.e\d]+\d)", str(found.value))[1])
+    advised = float(re.search(r"(?:take|use) at (?:least|most) ([-+.e\d]+\d)", str(found.value))[1])
     accepted = {"value": advised} if isinstance(value, dict) else advised
     finished(tmp_path / "accepted", "screen", bricks(COUNTS), {**own, key: accepted})
 

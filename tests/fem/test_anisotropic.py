@@ -206,7 +206,7 @@ def test_a_factor_of_the_stiffness_is_free_and_a_modulus_is_not(box):
 
 def test_a_record_keeps_it(box):
     mesh = ring(box, "hex8", (1, 1, 1))
-    other = MeshColumns.of(mesh).made()
+    other = MeshColumns.of(mesh).restore()
     assert (assemble_stiffness(other) != assemble_stiffness(mesh)).nnz == 0
     assert other.anisotropic[1].density == 1600.0
     plain = MeshColumns.of(box("hex8"))

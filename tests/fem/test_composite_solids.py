@@ -208,7 +208,7 @@ def test_halves_of_an_element_have_the_layers_of_their_half(box, kind, along):
 
 def test_it_is_kept_stored_and_resized(box):
     mesh = layered(box("hex8", (2, 1, 1)), [(1.0, STEEL, 0), (3.0, CARBON, 30.0)], 1, TURN)
-    stored = MeshColumns.of(mesh).made()
+    stored = MeshColumns.of(mesh).restore()
     assert abs(assemble_stiffness(stored) - assemble_stiffness(mesh)).max() == 0
     assert MeshColumns.of(box("hex8", (1, 1, 1))).composites is None
     larger = scaled(mesh, 2.0)

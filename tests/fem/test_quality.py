@@ -123,7 +123,7 @@ def test_a_note_says_that_mass_is_lumped_and_by_what_and_no_other(tmp_path, valu
     mesh = mesh_of(MeshFile(file="a.bdf", mass=choice), path)
     said = [note for note in mesh.notes if "lumped" in note]
     assert [note.partition(":")[0] for note in said] == ([f"mass of solids is lumped, as {by} says"] if by else [])
-    assert mesh.lumped == MeshColumns.of(mesh).made().lumped == bool(by)
+    assert mesh.lumped == MeshColumns.of(mesh).restore().lumped == bool(by)
 
 
 def test_shells_are_not_lumped(tmp_path):

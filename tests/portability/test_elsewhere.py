@@ -49,7 +49,7 @@ def test_an_import_works_and_the_log_says_what_is_not_known(system, project):
     results = project / system
     done = call(system, "import", str(project / "beam.yaml"), "--results", str(results))
     assert (done.returncode, done.stderr) == (0, "")
-    assert "peak memory not known here" in (results / "beam" / "run.log").read_text(encoding="utf-8")
+    assert "peak memory unknown on this system" in (results / "beam" / "run.log").read_text(encoding="utf-8")
     assert not (results / "beam" / ".lock").exists()
 
 
@@ -72,7 +72,7 @@ def test_a_second_run_is_refused_with_the_first_and_a_killed_one_is_reported(pro
         first.kill()
     after = call("windows", *words)
     assert after.returncode == 0
-    assert f"an earlier run (process {first.pid}) was stopped" in after.stderr
+    assert f"an earlier run (process {first.pid}) was interrupted" in after.stderr
     assert not (folder / ".lock").exists()
 
 

@@ -135,7 +135,7 @@ def test_while_other_processes_sweep(project, results, launcher, number):
     time.sleep(0.5)
     ended(launcher, number)
     said = (project / "says").read_text()
-    assert said.endswith(SAYS if number == signal.SIGINT else "ended from outside; finished stages are kept\n")
+    assert said.endswith(SAYS if number == signal.SIGINT else "terminated by a signal; finished stages are kept\n")
     assert "Traceback" not in said
     assert "leaked" not in said
     assert Artefact(results / "beam" / "validate.h5")

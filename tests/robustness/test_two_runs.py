@@ -72,7 +72,7 @@ def test_a_second_run_on_a_folder_names_the_first_and_a_killed_one_is_reported(p
         second = screen(project / "beam.yaml", results)
         assert second.returncode == 2
         assert second.stderr.startswith(f"{results / 'beam'}  another run (process {pid}) is writing to this folder\n")
-        assert "wait until it has ended, or give another folder with --results DIR" in second.stderr
+        assert "wait until it has finished, or use another folder with --results DIR" in second.stderr
         assert {path: path.read_bytes() for path in (results / "beam").glob("*.h5")} == before
         looked = screen(project / "beam.yaml", results, "--dry-run")
         assert looked.returncode == 0
@@ -81,7 +81,7 @@ def test_a_second_run_on_a_folder_names_the_first_and_a_killed_one_is_reported(p
         assert (results / "beam" / ".lock").read_text() == f"{pid}\n"
         third = screen(project / "beam.yaml", results)
         assert third.returncode == 0
-        said = f"an earlier run (process {pid}) was stopped in {results / 'beam'}; its finished stages are kept"
+        said = f"an earlier run (process {pid}) was interrupted in {results / 'beam'}; its finished stages are kept"
         assert third.stderr == f"note: {said}\n"
     assert set(compared(results / "beam", undisturbed / "beam")) == names(results / "beam") == SCREENED
 
@@ -95,7 +95,7 @@ def test_runs_that_share_stages_wait_for_each_other(project, undisturbed, result
             words, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True, start_new_session=True
         )
         log = results / "other" / LOG
-        waits = "other waits for another process that computes rom"
+        waits = "other waits for another process to compute rom"
         assert until(lambda: other.poll() is not None or (log.exists() and waits in log.read_text()))
         assert other.poll() is None
         os.kill(pid, signal.SIGKILL if killed else signal.SIGCONT)

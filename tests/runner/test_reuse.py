@@ -76,7 +76,7 @@ def test_a_link_is_followed_to_the_file(results):
 
 
 @pytest.mark.parametrize("changed", ["look.h5", "page.html"])
-def test_what_is_replaced_while_it_is_taken_is_passed_over(results, changed, monkeypatch):
+def test_artefact_replaced_during_copy_is_skipped(results, changed, monkeypatch):
     source_of(job_of(results, "second"))
     source_of(job_of(results, "other", by=2))
     name = {"look.h5": "_shared", "page.html": "_beside"}[changed]
@@ -162,7 +162,7 @@ def test_an_artefact_has_nothing_outside_its_folder_removed(tmp_path):
     source_of(job_of(tmp_path / "results", "first"))
     artefact = tmp_path / "results" / "first" / "look.h5"
     sealed_anew(artefact, beside={"../../outside": digest_of(SECRET)}, sizes={"../../outside": len(SECRET)})
-    with pytest.raises(ArtefactError, match="as a file beside it"):
+    with pytest.raises(ArtefactError, match="additional file"):
         header_of(artefact)
     source_of(job_of(tmp_path / "results", "first"))
     assert outside.read_bytes() == SECRET

@@ -130,7 +130,7 @@ def test_a_stage_that_fails_writes_nothing_and_its_key_gets_a_place(job):
 
 def test_input_files_are_looked_for_before_anything_runs(job):
     (job.base / "numbers.txt").unlink()
-    with pytest.raises(UserError, match=r"no such file: .*numbers\.txt"):
+    with pytest.raises(UserError, match=r"file not found: .*numbers\.txt"):
         done(job)
     assert not list(job.results.rglob("*.h5"))
 
@@ -151,9 +151,9 @@ def test_another_runs_result_enters_by_its_content(job):
     (job.results / "other" / "validate.h5").rename(job.results / "other" / "estimate.h5")
     tested = Job({"name": "next", "guess": {"from": "other", "stage": "estimate"}}, job.base, job.results, job.locate)
     assert done(tested, (user,)) == {"use": "done"}
-    with pytest.raises(UserError, match=r"no result of a run 'other' \(.*validate\.h5\)"):
+    with pytest.raises(UserError, match=r"run 'other' has no result \(.*validate\.h5\)"):
         done(asking, (user,))
-    with pytest.raises(UserError, match="no result of a run 'nobody'"):
+    with pytest.raises(UserError, match="run 'nobody' has no result"):
         done(Job({"name": "next", "guess": {"from": "nobody"}}, job.base, job.results, job.locate), (user,))
 
 
@@ -187,7 +187,7 @@ def test_a_second_holder_is_refused_and_the_file_goes_with_the_first(tmp_path):
     assert not (tmp_path / NAME).exists()
 
 
-def test_what_a_killed_run_has_left_is_named_and_taken(tmp_path):
+def test_lock_of_killed_run_is_reported_and_replaced(tmp_path):
     (tmp_path / NAME).write_text("4711\n")
     with locked(tmp_path) as left_by:
         assert left_by == 4711

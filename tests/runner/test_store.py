@@ -52,7 +52,7 @@ def output(scale: float = 1.0, **changes) -> Output:
 
 
 @pytest.mark.parametrize("held", [0, contents.IN_MEMORY])
-def test_what_is_read_is_what_was_written(tmp_path, monkeypatch, held):
+def test_artefact_roundtrip(tmp_path, monkeypatch, held):
     monkeypatch.setattr(contents, "IN_MEMORY", held)
     written = write_artefact(tmp_path / "run" / "place.h5", output(), HEADER)
     artefact = Artefact(written.path)
@@ -73,7 +73,7 @@ def test_what_is_read_is_what_was_written(tmp_path, monkeypatch, held):
     assert "/tables" not in artefact.paths()
 
 
-def test_a_file_that_is_no_longer_written_goes_unless_someone_has_altered_it(tmp_path):
+def test_obsolete_file_is_removed_unless_modified(tmp_path):
     path, names = tmp_path / "estimate.h5", ("a.csv", "b.csv", "c.csv")
     write_artefact(path, output(files={name: name.encode() for name in names}), HEADER)
     (tmp_path / "b.csv").write_bytes(b"my own notes")
@@ -82,7 +82,7 @@ def test_a_file_that_is_no_longer_written_goes_unless_someone_has_altered_it(tmp
     assert sorted(own.name for own in tmp_path.glob("*.csv")) == ["b.csv", "c.csv", "d.csv"]
 
 
-def test_a_record_that_another_takes_the_place_of_stays_beside_it(tmp_path):
+def test_replaced_record_is_kept_as_backup(tmp_path):
     for content in (b"one", b"one", b"two", b"one"):
         made = output(files={"gauges.csv": content})
         write_artefact(tmp_path / "place.h5", made, HEADER, records=("gauges.csv",))
@@ -92,7 +92,7 @@ def test_a_record_that_another_takes_the_place_of_stays_beside_it(tmp_path):
     assert len([*tmp_path.glob("gauges-*.csv")]) == 2
 
 
-def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
+def test_every_dataset_has_unit_and_axes(tmp_path):
     path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
     with h5py.File(path) as file:
         strain = file["strain"]
@@ -104,7 +104,7 @@ def test_every_dataset_says_its_unit_and_its_axes(tmp_path):
         assert not any(str(tmp_path) in str(value) for value in file.attrs.values())
 
 
-def test_a_grid_has_a_file_beside_it_that_vtk_opens(tmp_path):
+def test_grid_has_sibling_file_for_vtk(tmp_path):
     grid = unstructured_grid(np.eye(3), (), {"rank": np.arange(3)})
     raw = {f"/VTKHDF/{path}": Dataset(array, "", "") for path, array in grid.datasets.items()}
     content = Output(raw, {}, "", attributes={f"/VTKHDF/{path}".rstrip("/"): own for path, own in grid.attributes.items()})
@@ -116,7 +116,7 @@ def test_a_grid_has_a_file_beside_it_that_vtk_opens(tmp_path):
     assert [path.name for path in sorted((tmp_path / "moved").iterdir())] == ["place.h5", "place.vtkhdf", "train.h5"]
 
 
-def test_arrays_of_the_file_beside_have_their_units_in_their_names_at_every_step(tmp_path):
+def test_grid_file_array_names_contain_units(tmp_path):
     """VTK reads under those names what the artefact has under its own, instant by instant."""
     time, stress = np.array([0.0, 0.5, 0.75]), np.arange(12.0).reshape(3, 4)
     grid = unstructured_grid(np.eye(4, 3), (), {"stress": stress, "rank": np.arange(4)}, steps=time)
@@ -171,7 +171,7 @@ def test_a_failure_while_writing_leaves_the_last_good_artefact(tmp_path, monkeyp
     assert sorted(tmp_path.iterdir()) == before
 
 
-def test_a_flipped_byte_anywhere_is_refused_before_hdf5_sees_it(tmp_path, monkeypatch):
+def test_flipped_byte_is_refused_before_hdf5(tmp_path, monkeypatch):
     """A byte of HDF5's own metadata can hold its library for ever, so the checksum in front of the file comes first."""
     path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
     whole = path.read_bytes()
@@ -193,12 +193,12 @@ def test_numbers_changed_by_another_program_are_noticed(tmp_path):
         Artefact(path)
 
 
-def test_a_file_that_is_not_there_or_not_ours_is_refused(tmp_path):
-    with pytest.raises(ArtefactError, match="no such results file"):
+def test_missing_or_foreign_file_is_refused(tmp_path):
+    with pytest.raises(ArtefactError, match="results file not found"):
         Artefact(tmp_path / "none.h5")
     with h5py.File(tmp_path / "foreign.h5", "w") as file:
         file["x"] = 1.0
-    with pytest.raises(ArtefactError, match="not written by strainsight"):
+    with pytest.raises(ArtefactError, match="not a strainsight results file"):
         Artefact(tmp_path / "foreign.h5")
     path = write_artefact(tmp_path / "a.h5", output(), HEADER).path
     with h5py.File(path, "a") as file:
@@ -271,7 +271,7 @@ def repeated_text(file, other):
         outside, external_storage, virtual, huge, ring, compressed, ladder, loop, nested, crowd, repeated_text,
     ],
 )
-def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused(tmp_path, monkeypatch, attack):
+def test_file_with_external_links_or_oversized_claims_is_refused(tmp_path, monkeypatch, attack):
     other = tmp_path / "other.h5"
     with h5py.File(other, "w") as file:
         file["secret"] = np.ones(3)
@@ -286,7 +286,7 @@ def test_a_file_that_points_elsewhere_or_claims_what_it_does_not_hold_is_refused
     assert time.process_time() - start < 1.0
 
 
-def test_room_is_reserved_for_more_than_the_file_takes(tmp_path):
+def test_reserved_space_exceeds_file_size(tmp_path):
     """The HDF5 library takes the process down where the disk is full: it must never have to ask for more."""
     many = {f"/many/{i}": Dataset(np.ones(i), "m", "x" * i) for i in range(1, 80)}
     words = {"/words": Dataset(np.array(["w" * i for i in range(90)], dtype=object), "1", "words")}
@@ -296,7 +296,7 @@ def test_room_is_reserved_for_more_than_the_file_takes(tmp_path):
         assert path.stat().st_size < store._most_bytes(content, HEADER)
 
 
-def test_a_full_disk_is_reported_before_hdf5_meets_it(tmp_path, monkeypatch):
+def test_full_disk_is_reported_before_hdf5(tmp_path, monkeypatch):
     numbers = {path: own for path, own in output().datasets.items() if not path.startswith("/VTKHDF")}
     more = {"datasets": numbers, "attributes": {}}
     good = write_artefact(tmp_path / "a.h5", output(**more), HEADER)

@@ -65,10 +65,10 @@ def test_numbers_that_there_are_once_a_seed_are_divided_seed_by_seed():
 @pytest.mark.parametrize(
     ("claim", "key", "what", "remedy"),
     [
-        ({"number": ["slope.Fx"]}, "claims.0.number", "no number 'slope.Fx' in the stage 'estimate' of 'h0'", "slope.F"),
+        ({"number": ["slope.Fx"]}, "claims.0.number", "result 'slope.Fx' not found in the stage 'estimate' of 'h0'", "slope.F"),
         ({"number": ["same.d"]}, "claims.0", "is true or false", "equals"),
         ({"number": ["slope.F"], "against": 1, "against_number": "error.Fq"}, "claims.0.against_number",
-         "no number 'error.Fq' in the stage 'estimate' of 'h1'", "error.F"),
+         "result 'error.Fq' not found in the stage 'estimate' of 'h1'", "error.F"),
     ],
 )  # fmt: skip
 def test_a_claim_on_a_number_that_a_run_does_not_have_is_refused(claim, key, what, remedy):
@@ -81,7 +81,7 @@ def test_a_claim_on_a_number_that_a_run_does_not_have_is_refused(claim, key, wha
 def test_a_number_to_draw_that_no_run_of_the_study_has_is_refused():
     run = BenchPageRun("h0", "h0", study="Steps", numbers={"estimate": {"slope.F": 1.0}})
     study = SimpleNamespace(name="Steps", note="", over="h", numbers=["slope.F", "slpoe.F"])
-    with pytest.raises(ConfigError, match="no run of the study 'Steps' has a number 'slpoe") as caught:
+    with pytest.raises(ConfigError, match="no run of the study 'Steps' has a result 'slpoe") as caught:
         suite._studies([study], [run])
     assert caught.value.key == "studies.0.numbers"
     assert caught.value.remedy == "did you mean slope.F?"

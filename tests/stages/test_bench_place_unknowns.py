@@ -95,9 +95,9 @@ def test_the_filter_is_given_the_components_of_the_layout(bench, place):
 @pytest.mark.parametrize(
     ("stage", "change", "says"),
     [
-        ("place", "place.sensors={gauges: {noise: 1.0}}", "it is no displacement sensor and no accelerometer"),
-        ("estimate", "place.sensors={}", "it is not among the candidates of place"),
-        ("place", "estimate.disturbance=0.1", "set it to 0, or take felt out of place.sensors"),
+        ("place", "place.sensors={gauges: {noise: 1.0}}", "only displacement sensors and accelerometers can be candidates"),
+        ("estimate", "place.sensors={}", "the sensor is not a candidate of place"),
+        ("place", "estimate.disturbance=0.1", "set it to 0, or remove felt from place.sensors"),
     ],
 )
 def test_what_cannot_be_a_candidate_is_refused(stage, change, says):

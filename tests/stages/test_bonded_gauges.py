@@ -169,7 +169,7 @@ HEAD = "gauge,position_x,position_y,position_z,direction_x,direction_y,direction
         (f"{HEAD}\nG1,0.3,nan,0.095,1,0,0\n", "is no number"),
         (f"{HEAD}\nG1,0.3,0,0.095,0,0,0\n", "direction of length zero"),
         (f"{HEAD}\n,0.3,0,0.095,1,0,0\n", "without the name"),
-        (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG1,0.4,0,0.095,0,1,0\n", "several places"),
+        (f"{HEAD}\nG1,0.3,0,0.095,1,0,0\nG1,0.4,0,0.095,0,1,0\n", "different locations"),
     ],
 )
 def test_a_file_of_bonded_gauges_that_cannot_be_is_refused_with_its_line(tmp_path, text, says):

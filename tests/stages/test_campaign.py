@@ -149,8 +149,8 @@ def one_more(line):
 @pytest.mark.parametrize(
     ("records", "also", "key", "remedy"),
     [
-        (one_more("{name: more, file: low.csv}"), (), "estimate.records[3].file", "leave one of them out"),
-        (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "paths start from"),
+        (one_more("{name: more, file: low.csv}"), (), "estimate.records[3].file", "remove one of the two"),
+        (one_more("{name: more, file: absent.csv}"), (), "estimate.records.3.file", "paths are relative"),
         ("  file: low.csv\n" + RECORDS, (), "estimate.records", "one file, or a list of records"),
         (
             one_more("{name: more, file: more.csv, channels: [{channel: G1, gauge: G1, unit: m/m}]}"),
@@ -180,4 +180,4 @@ def test_a_channel_that_one_file_lacks_is_named_with_the_record(project):
 def test_a_file_on_the_command_line_is_not_put_beside_records(project):
     code, said, _ = run(project, RECORDS, "--measurements", str(project / "low.csv"))
     assert code == 2
-    assert "'file' (low.csv) and 'records' are both given" in said
+    assert "'file' (low.csv) and 'records' are both set" in said

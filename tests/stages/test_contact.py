@@ -78,7 +78,7 @@ def test_init_leaves_it_out_as_the_warning_says_and_the_example_does():
     (own,) = [place for place in found.places if place.lies_on]
     assert own.lies_on == "held by 4 bores"
     text = template("lug.bdf.gz", found)
-    assert "held by 4 bores: does something lie on it?" in text
+    assert "held by 4 bores: contact face?" in text
     written = yaml.safe_load(text)
     (said,) = warned()
     assert said.endswith(f"mesh.faces: {{seat: {{near: {own.name}}}}} and gauges.exclude: [seat]")

@@ -40,7 +40,7 @@ CONFIG = {
     "a decimal comma": ([("ratio: 0.01", "ratio: 0,01")], "test.yaml:13:10  damping: ',01'", "decimal point, as in 0.01"),
     "a unit": ([("train: {duration: 0.4,", "train: {duration: 0.4 s,")], "train.duration: '0.4 s'", "without its unit"),
     "no for false": ([("known: false", "known: no")], "test.yaml:10:12  loads.tip.known: 'no'", "write false"),
-    "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: given twice", "remove one of them"),
+    "a key twice": ([("seed: 1", "seed: 1\nseed: 2")], "test.yaml:5:1  seed: the key appears twice", "remove one of them"),
     "a coarse step": (
         [("time_step: 1.0e-3}", "time_step: 1.0e-2}")],
         "train.time_step: 0.01 s gives 1.67 steps",
@@ -84,8 +84,8 @@ FILES = {
 """What the files contradict, before the import."""
 WORDS = {
     "a misspelt override": (["run", "test.yaml", "--set", "place.kep=3"], "--set place.kep  place.kep", "did you mean keep?"),
-    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  larger than 128 KiB", "give a config, not a deck"),
-    "a misspelt config": (["run", "tset.yaml"], "tset.yaml  no such config file", "strainsight init DECK writes one"),
+    "a deck for a config": (["run", "cantilever.bdf"], "cantilever.bdf  larger than 128 KiB", "specify a config, not a deck"),
+    "a misspelt config": (["run", "tset.yaml"], "tset.yaml  config file not found", "create one with `strainsight init DECK`"),
     "a config for a deck": (["init", "test.yaml"], "test.yaml  a config, not a deck", "strainsight run test.yaml"),
 }
 """What the command line says by itself."""
@@ -139,9 +139,9 @@ def test_where_gauges_were_bonded_is_known_after_the_layout(project):
     done = CliRunner().invoke(app, ["import", "test.yaml"])
     assert (done.exit_code, done.stderr) == (0, "")
     shutil.rmtree(project / "results")
-    refused(project, ["estimate", "test.yaml"], "estimate.file: no such file: ", "folder of the config")
+    refused(project, ["estimate", "test.yaml"], "estimate.file: file not found: ", "folder of the config")
     shutil.copy(project / "test.csv", project / "later.csv")
-    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: no such file: ", "folder of the config")
+    refused(project, ["estimate", "test.yaml"], "estimate.gauges_file: file not found: ", "folder of the config")
 
 
 def test_a_record_beside_the_config_is_named(project, monkeypatch):
@@ -149,7 +149,7 @@ def test_a_record_beside_the_config_is_named(project, monkeypatch):
     monkeypatch.chdir(project / "elsewhere")
     words = ["estimate", "../test.yaml", "--measurements", "test.csv"]
     refused(
-        project, words, "test.csv  --measurements: no such file", "did you mean ../test.csv? --measurements starts from"
+        project, words, "test.csv  --measurements: file not found", "did you mean ../test.csv? --measurements starts from"
     )
 
 
@@ -159,7 +159,7 @@ def test_from_another_working_directory_the_results_that_are_there_are_named(pro
     (project / "elsewhere").mkdir()
     monkeypatch.chdir(project / "elsewhere")
     there = project / "results"
-    note = f"note: nothing is computed in results/test yet, but in {there / 'test'}: to go on from there give --results {there}\n"
+    note = f"note: results/test has no results yet, but {there / 'test'} has; to use them, set --results {there}\n"
     for words in (["status", "../test.yaml"], ["import", "../test.yaml"]):
         done = CliRunner().invoke(app, words)
         assert (done.exit_code, done.stderr) == (0, note)

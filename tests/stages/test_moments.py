@@ -187,8 +187,8 @@ BEND = {**FREE, "loads.bend": LOADS["bend"]}
     [
         ({"loads.bend.direction": [0, 0, 1]}, "loads.bend.direction", "remove one of the two keys"),
         ({"loads.bend.deck_load": "FORCE-1", "loads.bend.node": None}, "loads.bend.moment", "remove the key"),
-        ({"motion_sensors": SENSORS}, "motion_sensors.mid", "reads the rigid motion, which is left out of a free structure"),
-        ({"mesh.matrices": READY, "parameters.E.region": None}, "mesh.free", "is of an assembled model"),
+        ({"motion_sensors": SENSORS}, "motion_sensors.mid", "measures the rigid-body motion, which a free structure"),
+        ({"mesh.matrices": READY, "parameters.E.region": None}, "mesh.free", "it needs an assembled model"),
     ],
 )
 def test_what_contradicts_a_moment_or_a_free_structure_is_refused(tmp_path, changes, key, says):
@@ -200,7 +200,7 @@ def test_what_contradicts_a_moment_or_a_free_structure_is_refused(tmp_path, chan
 
 
 def test_the_body_of_a_bench_is_free_in_any_case(tmp_path):
-    with pytest.raises(ConfigError, match="a body of a bench is free in any case"):
+    with pytest.raises(ConfigError, match="a flexible body of a bench is always free"):
         finished(tmp_path, "import", DECK, {"bodies.beam.mesh.free": True}, BENCH_CONFIG)
 
 

@@ -148,7 +148,7 @@ def test_a_truth_has_as_many_modes_as_there_are(folder):
         ((OF_RESULTS.replace("step: 1", "step: 1, applied: 0.9"),), "mesh.results.loads.tip", "of mode 1"),
         (("mesh.results={file: found.frd, modal_mass: mesh, at: {E: 2.0e+12}}",), "parameters.E.guess", "the results"),
         ((OF_RESULTS, "rom.modes=15"), "rom.modes", "ask for 1 to 12"),
-        ((OF_RESULTS, "mesh.free=true"), "mesh.free", "a structure that is held"),
+        ((OF_RESULTS, "mesh.free=true"), "mesh.free", "a supported structure"),
         # springs of the deck do not change with E, and one set of results does not say what they add
         ((OF_RESULTS, "mesh.file=sprung.bdf"), "parameters.E", "springs of the deck have none"),
         ((OF_RESULTS, "mesh.file=parts.bdf", "parameters.E.region=1"), "parameters.E", "it is of some regions only"),

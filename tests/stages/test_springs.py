@@ -41,7 +41,7 @@ def test_a_face_or_a_set_shares_the_stiffness_and_rotations_are_those_of_a_node_
 
 
 def test_a_body_of_a_bench_has_no_springs(tmp_path):
-    with pytest.raises(ConfigError, match=r"mesh.supports.0: springs of a body are not supported"):
+    with pytest.raises(ConfigError, match=r"mesh.supports.0: a flexible body cannot have springs"):
         finished(tmp_path, "import", MESH, {"bodies.beam.mesh.supports": [{"node": TIP, "stiffness": K}]}, BENCH_CONFIG)
 
 
@@ -174,9 +174,9 @@ INERTIA = r"train\.model: static"
 @pytest.mark.parametrize(
     ("changes", "key", "what"),
     [
-        ({"mesh.supports": [MIXED]}, "mesh.supports[0].components", "one stiffness for"),
+        ({"mesh.supports": [MIXED]}, "mesh.supports[0].components", "one stiffness cannot be both"),
         ({"parameters.s.springs": ["mesh.support.0"]}, "parameters.s.springs", "no spring 'mesh.support.0'"),
-        ({"parameters.s.region": 1}, "parameters.s.springs", "region is given too"),
+        ({"parameters.s.region": 1}, "parameters.s.springs", "region is set as well"),
         ({"parameters.s.guess": 30.0, "parameters.s.range": [0.7, 40.0]}, "parameters.s.guess", "has 1 in mesh.supports.0"),
         ({"parameters.t": FOUNDATION["parameters"]["s"]}, "parameters", "s and t are both the stiffness of the spring"),
         (STATIC | {"motion_sensors": {"a": SENSOR}}, "motion_sensors.a.quantity", INERTIA),

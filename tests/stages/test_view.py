@@ -122,7 +122,7 @@ def test_gauges_of_a_bench_are_those_of_its_sensors_on_the_surface(beam):
 
 
 def test_what_is_not_there_is_reported_with_what_to_run(tmp_path, job):
-    with pytest.raises(UserError, match="nothing to show yet") as caught:
+    with pytest.raises(UserError, match="no results to show yet") as caught:
         view_of(job.model, NAMES, tmp_path, "own.yaml")
     assert "strainsight import own.yaml" in str(caught.value)
     with pytest.raises(UserError, match=r"import\.h5") as caught:
@@ -171,7 +171,7 @@ def test_a_load_alone_strains_as_a_beam_does(strain):
     """ε = −F (L − x) z/(E I) on the upper and lower face, away from the clamp and the tip."""
     alone, _ = strain.panels
     assert alone.title == "tip alone, 1\u00a0kN at rest"
-    assert (strain.on, strain.unit, strain.quantity) == (FACETS, "µm/m", "principal strain of largest size")
+    assert (strain.on, strain.unit, strain.quantity) == (FACETS, "µm/m", "principal strain of largest magnitude")
     corner = strain.layout.points[strain.layout.faces[:, :4]]
     x, z = corner.mean(axis=1)[:, 0], corner.mean(axis=1)[:, 2]
     inner = (np.abs(np.abs(z) - 0.095) < 1e-9) & (x > 0.4) & (x < 1.6)

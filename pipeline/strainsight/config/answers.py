@@ -1,4 +1,4 @@
-"""What a deck says about its config, and what its user does, for `strainsight init`."""
+"""Properties of a deck and answers of its user, for `strainsight init`."""
 
 from __future__ import annotations
 
@@ -11,10 +11,17 @@ Kind = Literal["deck_load", "node", "set", "face"]
 
 @dataclass(frozen=True)
 class DeckPlace:
-    """Where a load or a support may be: name of a load or set of the deck, id of a node, or a point of a face, "[x, y, z]" in
-    m; what it is, in words; whether it is held already; force [N] of a load; of_mass: a load on all mass, whose force says how
-    often it acts; lies_on: what holds a face that probably lies on something; picked: what `mesh.faces` picks
-    that by, "near: [x, y, z]"; instead_of: the point of another of which it is as likely, the other side of the same bores."""
+    """A possible location of a load or support.
+
+    kind, name   load or set of the deck, id of a node, or point of a face, "[x, y, z]" in m
+    what         description in words
+    held         whether it is already supported
+    force        [N] of a load
+    of_mass      the load acts on all mass; force is its factor
+    lies_on      object that probably supports a face
+    picked       criterion for `mesh.faces`, "near: [x, y, z]"
+    instead_of   point of an equally likely location: the other side of the same bores
+    """
 
     kind: Kind
     name: str
@@ -29,8 +36,8 @@ class DeckPlace:
 
 @dataclass(frozen=True)
 class Lacking:
-    """Regions (ids) whose material the deck does not state, or, in a deck without any mass, without a density; youngs_modulus
-    [Pa] and poisson_ratio as it states them."""
+    """Regions (ids) without material, or, in a deck without mass, without density; youngs_modulus [Pa] and poisson_ratio if
+    known."""
 
     regions: tuple[int, ...]
     youngs_modulus: float | None = None
@@ -39,17 +46,20 @@ class Lacking:
 
 @dataclass(frozen=True)
 class Suggestion:
-    """What a deck says about its config.
+    """Properties of a deck that determine its config.
 
-    length_unit, mass_unit: in which its materials make sense, empty where they make sense in none, and odd says why; region: id
-    of the largest one, whether it has several moduli (a laminate, an anisotropic material), and its modulus [Pa], None where it
-    has none; lacking: what materials lack; supports, solids: whether the deck has any; support_sets: ids of its sets of
-    supports, or numbers of its steps (support_key), where it does not say which counts; unsupported: name for `mesh.ignore`,
-    number, and file:line of the first, of what the model is not the same without; places: where its loads and supports may be,
-    the likely ones first; taken: names of its sets; gauge_type: that suits its largest face; thin: names of its regions of
-    triangles and quadrangles, where it has no solids and no sections; pairs: its surfaces in contact, "A on B"; contact: what
-    mesh.contact may be for them; matrices: CalculiX has written .sti, .mas and .dof beside it; face_at: the point by which
-    `places` has the face that a point is on, or the point again where there is none.
+    length_unit, mass_unit   units with plausible materials; empty without any, with the reason in `odd`
+    region           id of the largest region; several_moduli: it is a laminate or anisotropic; youngs_modulus [Pa] or None
+    lacking          missing material data
+    supports, solids whether the deck has any
+    support_sets     ids of support sets, or numbers of steps (support_key), if the deck does not select one
+    unsupported      entities that change the model: name for `mesh.ignore`, number, file:line of the first
+    places           possible locations of loads and supports, the most likely first; taken: names of its sets
+    gauge_type       suitable type for the largest face
+    thin             names of regions of triangles and quadrangles, for a deck without solids and sections
+    pairs            contact pairs, "A on B"; contact: possible values of mesh.contact
+    matrices         whether CalculiX wrote .sti, .mas and .dof files
+    face_at          point in `places` of the face at a point, or the point itself
     """
 
     length_unit: str = "m"
@@ -74,7 +84,7 @@ class Suggestion:
     face_at: Callable[[str], str] = str
 
     def free(self, name: str) -> str:
-        """The name, or one like it that no set of the deck has."""
+        """The name, with a suffix if a set of the deck already has it."""
         while name in self.taken:
             name += "-face"
         return name
@@ -82,11 +92,14 @@ class Suggestion:
 
 @dataclass(frozen=True)
 class Answers:
-    """What only the user knows; None is left blank in the config.
+    """Answers of the user; None is left blank in the config.
 
-    material: E [Pa], ν, ρ [kg/m³], for what the deck does not state; held: where, for a deck without supports; load: where it
-    acts; direction: "[x, y, z]"; amplitude [N]; frequency [Hz]; find: the modulus from a load that is measured, or the load
-    itself; axis: along which gauges point, "[x, y, z]", None: the direction that strains most; spc: set of supports that holds.
+    material   E [Pa], ν, ρ [kg/m³], if the deck lacks them
+    held       support, for a deck without supports
+    load       location of the load; direction "[x, y, z]", amplitude [N], frequency [Hz]
+    find       unknown: the modulus with a measured load, or the load
+    axis       direction of the gauges "[x, y, z]"; None: principal strain
+    spc        active support set
     """
 
     material: tuple[float, float, float] | None = None
@@ -102,5 +115,5 @@ class Answers:
 
 
 MATERIALS = {"steel": (2.1e11, 0.3, 7850.0), "aluminium": (7.0e10, 0.33, 2700.0), "titanium": (1.14e11, 0.34, 4430.0)}
-"""E [Pa], ν, ρ [kg/m³] by name; typical values, the part's own are in its certificate."""
+"""E [Pa], ν, ρ [kg/m³] by name: typical values."""
 NONE = Answers()

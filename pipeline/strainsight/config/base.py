@@ -1,4 +1,4 @@
-"""What all config models share: sections, markers, plausible ranges, names by which entries refer to each other, problems."""
+"""Base of all config models: sections, markers, plausible ranges, references between entries, problems."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from strainsight.errors import did_you_mean
 
 
 def mark_of(field: FieldInfo, kind: Any) -> Any:
-    """The marker of a kind (a class or a union of classes) in a field's annotation, None where there is none."""
+    """Marker of one kind (a class or a union of classes) in the annotation of a field, or None."""
     return next((item for item in _parts(field.annotation, *field.metadata) if isinstance(item, kind)), None)
 
 
 @dataclass(frozen=True)
 class Marked:
-    """A text or number in a config: the section and the dotted key of its field, its own key and value, and its marker."""
+    """A marked text or number of a config: section, dotted key of its field, key of the value, value, marker."""
 
     section: BaseModel
     field: str
@@ -31,7 +31,7 @@ class Marked:
 
 
 def marked(section: BaseModel, kind: Any, above: str = "") -> Iterator[Marked]:
-    """Every text and number that a marker of this kind marks, in a section and below; above: dotted key of the section."""
+    """Iterate over every text and number with a marker of this kind, in a section and below; above: dotted key of the section."""
     for name, field in type(section).model_fields.items():
         mark, below = mark_of(field, kind), f"{above}.{field.alias or name}".removeprefix(".")
         for key, value in leaves(below, getattr(section, name)):
@@ -48,7 +48,7 @@ def _parts(*annotations: Any) -> Iterator[Any]:
 
 
 def leaves(key: str, value: Any, vectors: bool = False) -> Iterator[tuple[str, Any]]:
-    """The values that mappings and lists hold, with their keys; vectors: a list of numbers is one."""
+    """Iterate over the values in mappings and lists, with their keys; vectors: do not split lists of numbers."""
     if not isinstance(value, dict | tuple) or (vectors and isinstance(value, tuple) and isinstance(value[0], float)):
         yield key, value
         return
@@ -58,7 +58,7 @@ def leaves(key: str, value: Any, vectors: bool = False) -> Iterator[tuple[str, A
 
 @dataclass(frozen=True)
 class Problem:
-    """One thing to correct: dotted key, what is wrong, the remedy; whether the key itself is wrong, not its value."""
+    """One fault of a config: dotted key, fault, remedy; at_key: the key is wrong, not its value."""
 
     key: str
     what: str
@@ -67,50 +67,52 @@ class Problem:
 
 
 def shown_key(key: str) -> str:
-    """A dotted key as it is printed: `loads.0.node` is loads[0].node."""
+    """A dotted key as printed: `loads.0.node` becomes loads[0].node."""
     return re.sub(r"\.(\d+)(?=\.|$)", r"[\1]", key)
 
 
 def exactly_one(key: str, values: Mapping[str, object]) -> Iterator[Problem]:
-    """A problem unless exactly one of the values is given."""
-    stated = [f"'{name}'" for name, value in values.items() if value is not None]
-    if len(stated) != 1:
+    """Yield a problem unless exactly one of the values is set."""
+    names = [f"'{name}'" for name, value in values.items() if value is not None]
+    if len(names) != 1:
         listed = [f"'{name}'" for name in values]
-        what = f"{' and '.join(stated)} are both given" if stated else f"none of {', '.join(listed)} is given"
-        yield Problem(key, what, f"give exactly one of {', '.join(listed)}", at_key=True)
+        what = f"{' and '.join(names)} are both set" if names else f"none of {', '.join(listed)} is set"
+        yield Problem(key, what, f"set exactly one of {', '.join(listed)}", at_key=True)
 
 
 def step_problems(key: str, duration: float, step: float, fewest: int, most: int, other: str = "") -> Iterator[Problem]:
-    """A problem unless the duration [s] is a whole number of steps [s], of fewest to most; other: key of the duration, where it
-    may change too."""
+    """Yield a problem unless the duration [s] is a whole number of steps [s] within the limits; other: key of the duration, if it
+    may change as well."""
     steps = duration / step
     if not fewest * (1 - 1e-9) <= steps <= most:
         limit = f"at least {fewest}" if steps < fewest else f"at most {most}"
-        yield Problem(key, f"{duration:g} s are {steps:.3g} steps of {step:g} s", f"take {limit} steps")
+        yield Problem(key, f"a duration of {duration:g} s has {steps:.3g} steps of {step:g} s", f"use {limit} steps")
     elif abs(steps - round(steps)) > 1e-6 * steps:
-        what = f"{step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
+        what = f"the step of {step:g} s does not divide the duration of {duration:g} s ({steps:.6g} steps)"
         longer = f", or {other}: {step * round(steps):.9g}" if other else ""
-        yield Problem(key, what, f"take {duration / round(steps):.9g} s{longer}")
+        yield Problem(key, what, f"use a step of {duration / round(steps):.9g} s{longer}")
 
 
 def known(key: str, name: str, names: Collection[str], what: str, at_key: bool = False) -> Iterator[Problem]:
-    """A problem unless the name is one of these."""
+    """Yield a problem unless the name is one of the known names."""
     if name not in names:
         listed = ", ".join(names) or "none"
-        yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known here: {listed}"), at_key)
+        yield Problem(key, f"no {what} '{name}'", did_you_mean(name, names, f"known names: {listed}"), at_key)
 
 
 def named_twice(key: str, names: Sequence[str]) -> Iterator[Problem]:
-    """A problem for every entry of the list at a key that is there before."""
+    """Yield a problem for every repeated entry of the list at a key."""
     for i, name in enumerate(names):
         if name in names[:i]:
-            yield Problem(f"{key}.{i}", f"'{name}' is named twice", "remove one of them")
+            yield Problem(f"{key}.{i}", f"'{name}' appears twice", "remove one of the two")
 
 
 def box_problem(key: str, box: tuple[Vector, Vector]) -> Iterator[Problem]:
-    """A problem unless the first corner is the lower one."""
+    """Yield a problem unless the first corner is the lower one."""
     if any(low >= high for low, high in zip(*box, strict=True)):
-        yield Problem(key, "the lower corner is not below the upper one", "give [[lowest], [highest]] x, y, z")
+        yield Problem(
+            key, "the lower corner is not below the upper one", "write [[xmin, ymin, zmin], [xmax, ymax, zmax]]"
+        )
 
 
 UNITS = {
@@ -125,13 +127,13 @@ UNITS = {
     "strain": {"µm/m": 1e-6, "per cent": 0.01},
     "kg": {"t": 1e3, "g": 1e-3},
 }
-"""Other units in which a number may have been written, and their factors."""
+"""Other units in which a number may have been written, with their conversion factors."""
 
 
 @dataclass(frozen=True)
 class Plausible:
-    """Marks a number that is plausible if it is 0 or its magnitude lies within low and high [unit]; share: where it is a length,
-    and the size of the structure is known, at most so many times that."""
+    """Marks a number that is plausible if it is 0 or its magnitude is between low and high [unit]; share: upper limit of a
+    length, as a multiple of the size of the structure."""
 
     low: float
     high: float
@@ -169,7 +171,7 @@ class PlausibleBy:
 
 @dataclass(frozen=True)
 class Unbounded:
-    """Marks a number of which any value is plausible."""
+    """Marks a number without a plausible range."""
 
     reason: str
 
@@ -226,7 +228,7 @@ PROPERTY = PlausibleBy(
 
 
 def implausible(config: BaseModel, extent: float = inf) -> Iterator[Problem]:
-    """Every number of a config outside its plausible range; extent: size of the structure [m]."""
+    """Yield a problem for every number outside its plausible range; extent: size of the structure [m]."""
     for number in marked(config, Marker):
         limits = number.mark.of(number.section)
         if limits is not None and not isinstance(number.value, str):
@@ -246,17 +248,17 @@ def _outside(key: str, value: float, limits: Plausible, extent: float) -> Iterat
         yield Problem(key, what, next(meant, "check the value and its unit"))
     elif size > limits.share * extent:
         share = "" if limits.share == 1 else f"{limits.share:g} times "
-        what = f"{value:g} m is more than {share}the size of the structure, {extent:.4g} m"
+        what = f"{value:g} m is larger than {share}the size of the structure, {extent:.4g} m"
         yield Problem(
-            key, what, f"lengths of the config are in m: give at most {limits.share * extent:.2g}, or check the mesh"
+            key, what, f"lengths of the config are in m; use at most {limits.share * extent:.2g}, or check the mesh"
         )
 
 
 Name = Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_-]*$", max_length=64)]
-"""Of a parameter, a load: letters, digits, - and _; it becomes part of dataset paths and of dotted keys."""
+"""Name of a parameter or load: letters, digits, - and _. It becomes part of dataset paths and of dotted keys."""
 
 RunName = Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9_-]*$", max_length=100)]
-"""Of a run: the folder below the results folder."""
+"""Name of a run: its folder in the results folder."""
 
 Id = Annotated[int, Unbounded("an id of the deck")]
 Seed = Annotated[int, Field(ge=0, lt=2**32)]
@@ -267,7 +269,7 @@ NotNegative = Annotated[float, Field(ge=0)]
 Vector = tuple[float, float, float]
 DIRECTION = Unbounded("only the direction counts")
 DirectionVector = Annotated[Vector, DIRECTION]
-"""Not of length zero (`section_problems`)."""
+"""A vector of nonzero length (checked by `section_problems`)."""
 Point = Annotated[Vector, Plausible(0.0, 1e4, "m")]
 Size = Annotated[Positive, SIZE]
 TimeStep = Annotated[Positive, Plausible(1e-7, 10.0, "s")]
@@ -281,17 +283,18 @@ ParameterValue = Annotated[Positive, PARAMETER]
 
 
 class Section(BaseModel):
-    """A mapping of the config: no unknown keys, no coercion, no NaN, not to be changed."""
+    """A mapping of the config: no unknown keys, no type conversion, no NaN, immutable."""
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False)
 
     def problems(self) -> Iterator[Problem]:
-        """Contradictions between the fields of this section, by keys that begin in it."""
+        """Yield the inconsistencies between the fields of this section; keys are relative to it."""
         yield from ()
 
 
 def section_problems(section: Section, above: str = "") -> Iterator[Problem]:
-    """Contradictions within a section and all below it, and directions of length zero; above: dotted key of the section."""
+    """Yield the inconsistencies of a section and all sections below it, and vectors of length zero; above: dotted key of the
+    section."""
     for problem in section.problems():
         yield replace(problem, key=f"{above}.{problem.key}".strip("."))
     for name, field in type(section).model_fields.items():
@@ -300,59 +303,59 @@ def section_problems(section: Section, above: str = "") -> Iterator[Problem]:
             if isinstance(value, Section):
                 yield from section_problems(value, key)
             elif directed and isinstance(value, tuple) and not any(value):
-                yield Problem(key, "a vector of length zero", "give a vector such as [1, 0, 0]")
+                yield Problem(key, "the vector has length zero", "use a vector such as [1, 0, 0]")
 
 
 class TimeSpan(Section):
-    """The length and the time step of a run."""
+    """Duration and time step of a run."""
 
-    duration: Duration = Field(description="Length of the run [s].")
+    duration: Duration = Field(description="Duration of the run [s].")
     time_step: TimeStep = Field(description="Time step [s].")
 
 
 class NamedRun(Section):
-    """What every run has."""
+    """Keys of every run."""
 
-    name: RunName = Field(description="Name of the run; its results go to results/NAME.")
-    seed: Seed = Field(0, description="Seed of everything that is drawn at random [-].")
+    name: RunName = Field(description="Name of the run; its results are written to results/NAME.")
+    seed: Seed = Field(0, description="Seed of the random number generator [-].")
 
 
 PARALLEL = 1e-6
-"""sin² of the least angle between the two axes of a system, 0.06°."""
+"""sin² of the smallest angle between the two axes of a coordinate system, 0.06°."""
 
 
 class AxesSection(Section):
-    """A right-handed system, z = x × y."""
+    """A right-handed coordinate system, z = x × y."""
 
-    origin: Point = Field((0.0, 0.0, 0.0), description="Its origin [m; of a datum in the deck's unit of length].")
-    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of x [-].")
-    y: DirectionVector = Field(
-        (0.0, 1.0, 0.0), description="A direction in the plane of x and y, on the side of y [-]."
-    )
+    origin: Point = Field((0.0, 0.0, 0.0), description="Origin [m; for a datum in the length unit of the deck].")
+    x: DirectionVector = Field((1.0, 0.0, 0.0), description="Direction of the x axis [-].")
+    y: DirectionVector = Field((0.0, 1.0, 0.0), description="A vector in the x-y plane on the positive y side [-].")
 
     def problems(self) -> Iterator[Problem]:
-        """Its two directions span a plane."""
+        """Check that the two directions span a plane."""
         x, y = self.x, self.y
         along = sum(a * b for a, b in zip(x, y, strict=True))
         if any(x) and any(y) and along**2 >= (1 - PARALLEL) * sum(a * a for a in x) * sum(b * b for b in y):
-            yield Problem("y", f"{list(y)} runs along x, {list(x)}", "give another direction in the plane of x and y")
+            yield Problem(
+                "y", f"{list(y)} is parallel to the x axis, {list(x)}", "use another direction in the x-y plane"
+            )
 
 
 def expert(*default: Any, **settings: Any) -> Any:
-    """A `Field` that no shipped example sets: the template leaves it out, and the reference has it among the expert keys."""
+    """A `Field` for experts: not in the template, and listed under the expert keys of the reference."""
     return Field(*default, json_schema_extra={"expert": True}, **settings)
 
 
 def with_defaults(section: type[Section], description: str) -> Any:
-    """A field that may be left out: its section then has all its defaults."""
+    """An optional field; by default its section has all its defaults."""
     factory: Any = section
     return Field(default_factory=factory, description=description)
 
 
 @dataclass(frozen=True)
 class Names:
-    """Marks a text as the name of an entry of a section: what that is called, its `type` if only one will do, and what may
-    be named besides."""
+    """Marks a text as the name of an entry of a section: its kind in words, the required `type` if any, and other permitted
+    names."""
 
     section: str
     what: str
@@ -369,7 +372,7 @@ BearingName = Annotated[Text, Names("bearings", "bearing")]
 
 
 def name_problems(config: BaseModel) -> Iterator[Problem]:
-    """A problem for every name of what is not there."""
+    """Yield a problem for every reference to an entry that does not exist."""
     for name in marked(config, Names):
         mark = name.mark
         entries = getattr(config, mark.section)

@@ -1,4 +1,4 @@
-"""Types of gauges, where they may go, along what, how noisy they are; those bonded already; motion sensors."""
+"""Gauge types, candidate locations, measuring directions and noise; bonded gauges; motion sensors."""
 
 from __future__ import annotations
 
@@ -31,40 +31,44 @@ from strainsight.config.layout import Zone, key_of
 from strainsight.errors import did_you_mean
 
 TypeName = Annotated[str, Field(pattern=r"^[A-Za-z0-9_][A-Za-z0-9_/-]*$", max_length=40)]
-"""Of a type of one's own: letters, digits, _, - and /, as in 3/350."""
+"""Name of a user-defined gauge type: letters, digits, _, - and /, as in 3/350."""
 LEADS = 1.0
-"""[Ω] of lead wires that nobody has allowed for: an assumption of ours, of a few metres of thin wire."""
+"""[Ω] Assumed lead wire resistance without compensation: a few metres of thin wire."""
 
 
 class GaugeType(Section):
     """A type of strain gauge."""
 
-    grid_length: Annotated[Positive, GRID] = Field(description="Length of its grid [m], over which it averages.")
-    grid_width: Annotated[Positive, GRID] = Field(description="Width of its grid [m].")
-    carrier_length: Annotated[Positive, GRID] = Field(
-        description="Length of its carrier, along the grid, untrimmed [m]."
+    grid_length: Annotated[Positive, GRID] = Field(
+        description="Length of the measuring grid [m]; the gauge measures the mean strain over it."
     )
-    carrier_width: Annotated[Positive, GRID] = Field(description="Width of its carrier, untrimmed [m].")
+    grid_width: Annotated[Positive, GRID] = Field(description="Width of the measuring grid [m].")
+    carrier_length: Annotated[Positive, GRID] = Field(
+        description="Length of the carrier along the grid, untrimmed [m]."
+    )
+    carrier_width: Annotated[Positive, GRID] = Field(description="Width of the carrier, untrimmed [m].")
     resistance: Annotated[Positive, RESISTANCE] = Field(description="Nominal resistance [Ω].")
     gauge_factor: Annotated[Positive, GAUGE_FACTOR] = expert(
-        2.0, description="Nominal gauge factor [-]; that of the lot is on the package."
+        2.0, description="Nominal gauge factor [-]; the value of the batch is on the package."
     )
     gauge_factor_tolerance: float = expert(0.01, gt=0, le=0.5, description="Tolerance of the gauge factor [-].")
-    range: Annotated[Positive, STRAIN_RANGE] = expert(0.05, description="Largest strain that it can measure [strain].")
+    range: Annotated[Positive, STRAIN_RANGE] = expert(0.05, description="Maximum strain [strain].")
     bend_radius: Annotated[NotNegative, Plausible(1e-4, 1.0, "m")] = expert(
-        0.0, description="Smallest radius to which it may be bent, solder tabs included [m]; 0: it follows any surface."
+        0.0, description="Minimum bend radius, including solder tabs [m]; 0: no limit."
     )
-    grids: int = expert(default=1, ge=1, le=3, description="Grids on the carrier: 1, or 2 and 3 of a rosette [-].")
-    source: str = expert("", description="Whose gauge it is, for the page.")
+    grids: int = expert(
+        default=1, ge=1, le=3, description="Number of grids on the carrier [-]: 1, or 2 or 3 for a rosette."
+    )
+    source: str = expert("", description="Manufacturer and model, for the results page.")
 
     @property
     def spacing(self) -> float:
-        """Between the centres of two gauges [m], one behind the other: the longer side of the carrier."""
+        """Smallest distance between the centres of two gauges [m]: the longer side of the carrier."""
         return max(self.carrier_length, self.carrier_width)
 
 
 def _uw(pattern: str, grid: tuple[float, float], carrier: tuple[float, float], resistance: float) -> GaugeType:
-    """A linear pattern of the CEA series; lengths in mm. Its range is 3 % below 1/8 inch and 5 % from there on."""
+    """A linear pattern of the CEA series; lengths in mm. Its range is 3 % below a grid length of 1/8 inch, otherwise 5 %."""
     return GaugeType(
         grid_length=1e-3 * grid[0],
         grid_width=1e-3 * grid[1],
@@ -94,13 +98,16 @@ CATALOGUE: Mapping[str, GaugeType] = {
     ),
     "3/350-rosette": _uw("125UR", (3.18, 1.52), (10.7, 15.7), 350.0).model_copy(update={"grids": 3}),
 }
-"""By length of the grid in mm, rounded, over resistance in Ω. Nominal sizes and typical values of the data sheets of these types:
-Micro-Measurements, Precision Strain Gages and Sensors (CEA series, 0°/45°/90° rosette UR), and Kyowa, Strain Gages (KFGS series).
-Neither states a bend radius for them: 2 mm is what HBK states of its Y series with solder tabs, 0.3 mm of the grid alone."""
+"""Gauge types by grid length in mm, rounded, over resistance in Ω.
+
+Nominal dimensions and typical values of the data sheets: Micro-Measurements, Precision Strain Gages and Sensors (CEA series,
+0°/45°/90° rosette UR), and Kyowa, Strain Gages (KFGS series). They specify no bend radius; HBK specifies 2 mm for its Y series
+with solder tabs, 0.3 mm for the grid alone.
+"""
 
 
 class Typed(Protocol):
-    """What says which type: the section `gauges`."""
+    """The section `gauges`, as far as it defines the type."""
 
     @property
     def type(self) -> str | None: ...
@@ -110,7 +117,7 @@ class Typed(Protocol):
 
 
 def gauge_type(gauges: Typed) -> GaugeType | None:
-    """The type that a config names, its own ones first; None where it names none."""
+    """Gauge type of a config; user-defined types first. None if the config has no type."""
     return None if gauges.type is None else {**CATALOGUE, **gauges.types}[gauges.type]
 
 
@@ -126,27 +133,29 @@ def type_gain(kind: GaugeType) -> float:
 
 
 def type_problems(gauges: Typed, rosette: int) -> Iterator[Problem]:
-    """A type that is not there, or has other grids than the gauges; rosette: how many theirs have, 1 where they are none."""
+    """Yield a problem if the type is unknown, or if its number of grids differs from that of the gauges; rosette: grids of a
+    gauge."""
     if gauges.type is None:
         return
     known = {**CATALOGUE, **gauges.types}
     if gauges.type not in known:
-        remedy = did_you_mean(gauges.type, known, f"known: {', '.join(known)}; or describe it under gauges.types")
-        yield Problem("gauges.type", f"no type of gauge is called '{gauges.type}'", remedy)
+        remedy = did_you_mean(gauges.type, known, f"known types: {', '.join(known)}; or define it under gauges.types")
+        yield Problem("gauges.type", f"unknown gauge type '{gauges.type}'", remedy)
     elif (grids := known[gauges.type].grids) != rosette:
-        what = f"{gauges.type} has {grids} grid{'s' * (grids > 1)}, and a gauge here has {rosette}"
+        what = (
+            f"gauge type {gauges.type} has {grids} grid{'s' * (grids > 1)}, but the gauges of the config have {rosette}"
+        )
         fitting = [name for name, kind in known.items() if kind.grids == rosette]
-        remedy = f"take {' or '.join(fitting)}" if fitting else "describe the rosette under gauges.types"
-        yield Problem("gauges.type", what, f"{remedy}; a rosette needs gauges.rosette: true")
+        remedy = f"take {' or '.join(fitting)}" if fitting else "define the rosette under gauges.types"
+        yield Problem("gauges.type", what, f"{remedy}; for a rosette set gauges.rosette: true")
 
 
 def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The raw data of a placement, with what follows from `gauges.type` where the config says nothing, null included:
+    """Raw data of a placement, completed with the defaults of `gauges.type` for keys that are not in the config.
 
-        gauges.grid_length, gauges.range, screen.minimum_spacing and place.minimum_spacing (the longer side of the carrier),
-        report.gauge_factor, report.resistance, and tolerances.gain (`type_gain`) where all sensors are strain gauges
-
-    The clearance and the bend radius are looked up where they are used. Data that are not valid stay as they are.
+    Completed keys: gauges.grid_length, gauges.range, screen.minimum_spacing and place.minimum_spacing (longer side of the
+    carrier), report.gauge_factor, report.resistance, and tolerances.gain (`type_gain`) if all sensors are strain gauges.
+    Clearance and bend radius are read where they are used. Invalid data remain unchanged.
     """
     gauges = data.get("gauges")
     if not isinstance(gauges, Mapping) or not isinstance(gauges.get("type"), str) or gauges.get("given") is not None:
@@ -164,9 +173,9 @@ def filled(data: Mapping[str, Any]) -> Mapping[str, Any]:
         wanted["tolerances"] = {"gain": type_gain(kind)}
     completed = dict(data)
     for section, values in wanted.items():
-        stated = data.get(section, {} if section in ("screen", "tolerances", "report") else None)
-        if isinstance(stated, Mapping):
-            completed[section] = {**values, **stated}
+        section_data = data.get(section, {} if section in ("screen", "tolerances", "report") else None)
+        if isinstance(section_data, Mapping):
+            completed[section] = {**values, **section_data}
     return completed
 
 
@@ -181,8 +190,8 @@ def _named(name: str, types: Any) -> GaugeType | None:
 
 
 def fitting_type(side: float) -> str | None:
-    """The type for a part whose largest face is a square of this side [m]: the first of 3/350 and 1.5/350 whose carrier is no
-    longer than a third of it; None where it is for both."""
+    """Gauge type for a part whose largest face is a square of this side [m]: the first of 3/350 and 1.5/350 with a carrier of at
+    most a third of it, or None."""
     return next((name for name in ("3/350", "1.5/350") if CATALOGUE[name].carrier_length <= side / 3), None)
 
 
@@ -190,29 +199,29 @@ Angles = Annotated[tuple[float, ...], Field(min_length=1), ANGLE]
 
 
 class Angled(Section):
-    """What measures along several angles."""
+    """Measuring directions at several angles."""
 
     angles: Angles = Field(
         (0.0,),
-        description="Angles from the direction, of an axis as it is projected on the facet, right-handed about the outward "
-        "normal [deg]; a candidate each, or the grids of a rosette.",
+        description="Angles from the direction, counter-clockwise about the outward normal [deg]; an axis is first projected "
+        "onto the facet. Each angle is a candidate, or a grid of a rosette.",
     )
 
     def problems(self) -> Iterator[Problem]:
         # A gauge turned by half a turn is the same gauge.
         if len({angle % 180 for angle in self.angles}) < len(self.angles):
-            yield Problem("angles", "two angles are the same direction", "remove one of them")
+            yield Problem("angles", "this angle repeats another direction", "remove one of the two")
 
 
 class AxisDirection(Angled):
-    """Gauges along an axis projected on the facet, and turned by angles."""
+    """Measuring directions along an axis that is projected onto the facet, and rotated by angles."""
 
     type: Literal["axis"] = Field(description="Kind of direction.")
-    axis: DirectionVector = Field(description="Axis in global coordinates [-]; its length does not matter.")
+    axis: DirectionVector = Field(description="Axis in global coordinates [-]; its length is not used.")
 
 
 class PrincipalDirection(Angled):
-    """Gauges along the direction that strains most in the training run, facet by facet, and turned by angles."""
+    """Measuring directions along the principal strain direction in the training run, for each facet, and rotated by angles."""
 
     type: Literal["principal"] = Field(description="Kind of direction.")
 
@@ -221,15 +230,15 @@ Direction = Annotated[AxisDirection | PrincipalDirection, Field(discriminator="t
 
 
 class RelativeNoise(Section):
-    """Noise as a share of the strongest candidate."""
+    """Noise relative to the strongest candidate."""
 
     relative_to_strongest: Annotated[Positive, Plausible(1e-9, 1.0)] = Field(
-        description="Noise standard deviation over the largest RMS reading [-]."
+        description="Noise standard deviation divided by the largest RMS reading [-]."
     )
 
 
 class AbsoluteNoise(Section):
-    """Noise in the unit of the reading."""
+    """Noise in the unit of the readings."""
 
     value: Annotated[Positive, NOISE] = Field(
         description="Noise standard deviation of one sample at train.time_step [strain, m/s² or m]."
@@ -243,70 +252,74 @@ NoiseStd = Annotated[
 
 
 class GaugeRows(Section):
-    """Candidates by their strain rows, where the solids of the mesh do not carry them (shells, beams)."""
+    """Candidates defined by rows of the strain operator, if the mesh has no solids to derive them from (shells, beams)."""
 
-    rows: Text = Field(description="Matrix file (.mtx, .npz, .op4): strain of each gauge per motion of each row.")
+    rows: Text = Field(
+        description="Matrix file (.mtx, .npz, .op4): strain of each gauge per unit motion of each degree of freedom."
+    )
     table: Text = Field(
-        description="CSV file, one line a gauge: gauge,x,y,z,dx,dy,dz (number, position in the mesh's unit, direction)."
+        description="CSV file with one line for each gauge: gauge,x,y,z,dx,dy,dz (number, position in the length unit of the "
+        "mesh, direction)."
     )
 
 
 class BondedGrid(Section):
-    """A grid that is already bonded."""
+    """A bonded measuring grid."""
 
-    position: Point = Field(description="Position of its centre [m]; it is moved to the nearest point of the surface.")
-    direction: DirectionVector = Field(description="Measuring direction [-]; it is laid on the surface there.")
+    position: Point = Field(
+        description="Position of the grid centre [m]; it is moved to the nearest point of the surface."
+    )
+    direction: DirectionVector = Field(description="Measuring direction [-]; it is projected onto the surface.")
     length: Annotated[NotNegative | None, GRID] = Field(
         None,
-        description="Length of its grid [m], over which it averages; null: gauges.grid_length, on a bench the strain at its "
-        "centre.",
+        description="Length of the grid [m]; null: gauges.grid_length; in a bench, the strain at the grid centre.",
     )
 
 
 class Named(Section):
-    """What may have a name of its own."""
+    """An entry with a name."""
 
-    name: Name | None = Field(None, description="What it is called wherever it is named; null: the next free number.")
+    name: Name | None = Field(None, description="Name of the gauge in tables and files; null: the next free number.")
 
 
 class BondedGauge(BondedGrid, Angled):
-    """A gauge that is already bonded, and so in every layout."""
+    """A bonded gauge, which is part of every layout."""
 
 
 class NamedGauge(BondedGauge, Named):
-    """A gauge with a name of its own."""
+    """A named gauge."""
 
 
 class BridgeArm(BondedGrid):
-    """One arm of a bridge: a gauge that is bonded."""
+    """One arm of a bridge: a bonded gauge."""
 
     sign: Literal[1, -1] = Field(
-        1, description="Of its strain in the reading: 1 for arms 1 and 3 of the bridge, -1 for 2 and 4."
+        1, description="Sign of its strain in the reading [-]: 1 for arms 1 and 3 of the bridge, −1 for arms 2 and 4."
     )
 
 
 def bridge_problem(signs: Sequence[float]) -> tuple[str, str] | None:
-    """What arms with these signs have that a Wheatstone bridge has not, and the remedy; None: they are one."""
+    """Fault of a bridge with these arm signs and its remedy, or None."""
     count = f"{len(signs)} arm{'s' * (len(signs) != 1)}"
     if len(signs) < 2:
-        return count, "give two to four arms; one alone is a gauge: position, direction"
+        return count, "use two to four arms; for a single gauge set position and direction"
     if not {*signs} <= {1, -1}:
-        return f"an arm of sign {next(s for s in signs if s not in (1, -1)):g}", "give 1 or -1"
+        return f"an arm has the sign {next(s for s in signs if s not in (1, -1)):g}", "use 1 or -1"
     for sign in (1, -1):
-        if (alike := list(signs).count(sign)) > 2:
+        if (equal := list(signs).count(sign)) > 2:
             return (
-                f"{alike} arms of sign {sign}",
-                "give at most two of either sign: arms 1 and 3 raise the output, 2 and 4 lower it",
+                f"{equal} arms have the sign {sign}",
+                "use at most two of each sign: arms 1 and 3 increase the output, arms 2 and 4 reduce it",
             )
     if 1 not in signs:
-        return f"{count}, none of sign 1", "turn all signs, and state sign: -1 of the channel in estimate"
+        return f"{count}, and none has the sign 1", "reverse all signs, and set sign: -1 for the channel under estimate"
     return None
 
 
 class BondedBridge(Named):
-    """A Wheatstone bridge that is already bonded: one reading, the signed sum of the strains of its arms."""
+    """A bonded Wheatstone bridge: its reading is the signed sum of the arm strains."""
 
-    arms: tuple[BridgeArm, ...] = Field(description="Two to four arms, at most two of either sign.")
+    arms: tuple[BridgeArm, ...] = Field(description="Two to four arms, with at most two of each sign.")
 
     def problems(self) -> Iterator[Problem]:
         if problem := bridge_problem([arm.sign for arm in self.arms]):
@@ -319,106 +332,114 @@ NamedGaugeOrBridge = Annotated[
 
 
 class Priced(Section):
-    """What costs something."""
+    """An entry with a price."""
 
     price: Annotated[NotNegative, PRICE] = expert(
-        1.0, description="Price of one, of a sensor of a bench of each component, in the unit of place.budget."
+        1.0, description="Price of one sensor (in a bench, of each component), in the unit of place.budget."
     )
 
 
 class Snapped(Section):
-    """What is moved to the surface of the mesh."""
+    """An entry that is moved to the surface of the mesh."""
 
     snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m", share=1.0)] = expert(
-        0.005, description="How far a bonded gauge may be from the surface of the mesh before it is refused [m]."
+        0.005, description="Largest accepted distance of a bonded gauge from the surface of the mesh [m]."
     )
 
 
 class Noisy(Section):
-    """What is read with noise."""
+    """A sensor with noise."""
 
     noise_std: NoiseStd = Field(description="Noise standard deviation of every channel.")
 
 
 class SensorSites(Priced):
-    """Where sensors may go, and what one costs."""
+    """Candidate locations of sensors, and their price."""
 
-    surface: Text = Field("all", description="'all' exterior facets, or the name of a face, an element or node set.")
-    include: tuple[Zone, ...] = expert((), description="Zones that they have to be in, one of them; none: everywhere.")
+    surface: Text = Field(
+        "all",
+        description="Candidate surface: 'all' exterior facets, or the name of a face, an element set or a node set.",
+    )
+    include: tuple[Zone, ...] = expert(
+        (), description="Zones that candidates have to be in (at least one of them); `none`: everywhere."
+    )
     exclude: tuple[Zone, ...] = Field(
         (),
-        description="Zones without them; a name is that of a face, an element or node set, to which strain gauges keep their "
-        "clearance, too.",
+        description="Zones without candidates. A name is that of a face, an element set or a node set; strain gauges also "
+        "keep their clearance to it.",
     )
 
 
 class GaugeSites(SensorSites, Snapped):
-    """Where strain gauges may go, and how near those that are there already are to the surface."""
+    """Candidate locations of strain gauges, and largest distance of bonded gauges from the surface."""
 
 
 class Gauges(GaugeSites, Noisy):
-    """Where strain gauges may go, along what, and how noisy they are."""
+    """Candidate locations, measuring directions and noise of strain gauges."""
 
     type: Text | None = Field(
         None,
-        description="Type of gauge that is to be bonded, as 3/350: 3 mm, 350 Ω (1.5/350, 3/350, 6/350, 1.5/120, 3/120, 6/120, "
-        "10/120, 3/350-rosette, or one of `types`). It gives what is not stated of grid_length, clearance, range, "
-        "screen.minimum_spacing, place.minimum_spacing and tolerances.gain, and takes no place that bends tighter than it may; "
-        "null: none.",
+        description="Gauge type, as 3/350 for 3 mm and 350 Ω: 1.5/350, 3/350, 6/350, 1.5/120, 3/120, 6/120, 10/120, "
+        "3/350-rosette, or one of `types`. It sets the defaults of grid_length, clearance, range, screen.minimum_spacing, "
+        "place.minimum_spacing and tolerances.gain, and excludes surfaces below its bend radius. Null: none.",
     )
-    types: dict[TypeName, GaugeType] = Field({}, description="Types of gauges of one's own, by name, for `type`.")
+    types: dict[TypeName, GaugeType] = Field({}, description="User-defined gauge types, by name, for `type`.")
     fixed: tuple[NamedGaugeOrBridge, ...] = Field(
         (),
-        description="Gauges and bridges ({arms: […]}) that are already bonded; they count in place.keep, a bridge as one.",
+        description="Gauges and bridges ({arms: […]}) that are already bonded; each counts as one in place.keep.",
     )
     fixed_file: Text | None = Field(
         None,
-        description="CSV file of more of them, with their names: a gauges.csv that `place` has written, or one like it with "
+        description="CSV file of further bonded gauges, with their names: gauges.csv of `place`, or a file with the columns "
         "gauge, position_x, …, direction_x, … in metres.",
     )
     direction: Direction | None = Field(
-        None, description="Measuring directions of the candidates; left out only with `given`."
+        None, description="Measuring directions of the candidates; required unless `given` is set."
     )
     rosette: bool = expert(
         False,
-        description="true: the angles of one place are a rosette, placed and removed as one; false: a gauge each.",
+        description="`true`: the angles at one location are the grids of a rosette, placed and removed together; `false`: each "
+        "angle is a gauge.",
     )
     bridge: Literal["half-bending", "full-bending", "half-axial", "full-torsion"] | None = Field(
         None,
-        description="Every candidate is a bridge with arms at a place and at the opposite one, through the body: it reads ε − ε′ "
-        "(half-bending), 2 (ε − ε′) (full-bending), ε + ε′ (half-axial) or ε₊₄₅ − ε₋₄₅ + ε′₊₄₅ − ε′₋₄₅ (full-torsion); null: a "
-        "gauge.",
+        description="Bridge of every candidate, with arms at a location and at the opposite side of the body. Readings: ε − "
+        "ε′ (half-bending), 2 (ε − ε′) (full-bending), ε + ε′ (half-axial), ε₊₄₅ − ε₋₄₅ + ε′₊₄₅ − ε′₋₄₅ (full-torsion). "
+        "Null: single gauges.",
     )
     grid_length: Annotated[NotNegative, GRID] = expert(
         0.0,
-        description="Length of a gauge's grid [m], over which it averages; 0: the strain at its centre. With `type`: that of its "
-        "grid.",
+        description="Length of the measuring grid [m]; the gauge measures the mean strain over it. 0: the strain at its "
+        "centre. Default with `type`: its grid length.",
     )
     clearance: Size | Literal["none"] | None = Field(
         None,
-        description="How far a gauge's centre stays from sharp edges, from nodes that are held or tied, from nodes that carry a "
-        "load and from faces that `exclude` names, in a straight line [m], or 'none'; null: half the diagonal of the carrier of "
-        "`type`, without one of the carrier that is assumed for its grid (3 mm where grid_length is 0: 4.6 mm), less where the "
-        "part leaves no choice of places.",
+        description="Smallest straight distance of a gauge centre from sharp edges, supported or tied nodes, loaded nodes "
+        "and the faces of `exclude` [m], or 'none'. Null: half the diagonal of the carrier of `type`, or of the carrier "
+        "assumed for the grid (4.6 mm for grid_length 0). The default is reduced if the part is too small for it.",
     )
-    given: GaugeRows | None = Field(None, description="Candidates by their strain rows, instead of a surface.")
+    given: GaugeRows | None = Field(
+        None, description="Candidates defined by rows of the strain operator, instead of a surface."
+    )
     range: Annotated[Positive | None, STRAIN_RANGE] = expert(
         None,
-        description="Largest strain that a gauge can measure, of a bridge an arm [strain]; candidates that see more in training "
-        "are dropped. With `type`: its range.",
+        description="Maximum strain of a gauge or of a bridge arm [strain]; candidates with a larger strain in training are "
+        "removed. Default with `type`: its range.",
     )
 
 
 class MotionSensors(SensorSites, Noisy):
-    """Accelerometers or displacement sensors that may be placed beside the strain gauges."""
+    """Candidate accelerometers or displacement sensors, in addition to the strain gauges."""
 
-    quantity: Literal["acceleration", "displacement"] = Field(description="What they measure: [m/s²] or [m].")
+    quantity: Literal["acceleration", "displacement"] = Field(
+        description="Measured quantity: acceleration [m/s²] or displacement [m]."
+    )
     axes: Annotated[tuple[DirectionVector | Literal["normal"], ...], Field(min_length=1, max_length=3)] = Field(
         ("normal",),
-        description="Measuring directions, 'normal' to the surface or in global coordinates [-]; several are one sensor, as "
-        "a triaxial one.",
+        description="Measuring directions: 'normal' to the surface, or vectors in global coordinates [-]. Several directions "
+        "form one sensor, such as a triaxial accelerometer.",
     )
-    every: Size | None = Field(None, description="Least distance between candidates [m]; null: one on every facet.")
+    every: Size | None = Field(None, description="Smallest distance between candidates [m]; null: one on every facet.")
     range: Annotated[Positive | None, Plausible(1e-9, 1e6, "m/s² or m")] = expert(
-        None, description="Largest reading [m/s² or m]; candidates that see more are dropped."
+        None, description="Largest reading [m/s² or m]; candidates with a larger reading in training are removed."
     )

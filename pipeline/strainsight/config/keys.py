@@ -1,4 +1,4 @@
-"""The models of a config along a path of keys, values from outside its file, and what pydantic found in words."""
+"""Config models along a path of keys, overrides from outside the file, and messages for pydantic errors."""
 
 from __future__ import annotations
 
@@ -22,9 +22,9 @@ from strainsight.errors import ConfigError, did_you_mean
 
 
 def path_in(model: type[BaseModel], data: Any, loc: Sequence[int | str]) -> tuple[str, ...]:
-    """The keys of `loc` without the names of union members that pydantic puts in between.
+    """The keys of `loc`, without the names of union members that pydantic inserts.
 
-    The name of a member may also be that of a key in it: {box: …} is the member box, with the key box.
+    A member may have the same name as a key in it: {box: …} is the member box, with the key box.
     """
     path: list[str] = []
     annotations: list[Any] = [model]
@@ -38,20 +38,27 @@ def path_in(model: type[BaseModel], data: Any, loc: Sequence[int | str]) -> tupl
             data = data[part]
         elif isinstance(data, list) and isinstance(part, int):
             data = data[part] if part < len(data) else None
-        elif i < len(loc) - 1 or not any(part in fields_of(own) for item in annotations for own in _members(item)):
+        elif i < len(loc) - 1 or not any(
+            part in fields_of(entry_type) for item in annotations for entry_type in _members(item)
+        ):
             continue  # neither there nor missing
-        annotations = [item for section in annotations for own in _members(section) for item in _below(own, str(part))]
+        annotations = [
+            item
+            for section in annotations
+            for entry_type in _members(section)
+            for item in _below(entry_type, str(part))
+        ]
         path.append(str(part))
     return tuple(path)
 
 
 def keys_at(model: Any, path: Sequence[str], data: Any) -> list[str]:
-    """Keys that the mapping at `path` may have; of a union's members, those of the one that the data names."""
+    """Keys permitted in the mapping at `path`; of a union, those of the member that the data selects."""
     return list(dict.fromkeys(key for section in sections_at(model, path, data) for key in fields_of(section)))
 
 
 def sections_at(model: type[BaseModel], path: Sequence[str], data: Any) -> list[Any]:
-    """Types that the value at `path` may have; of a union's members the one that the data names, if it does."""
+    """Types permitted at `path`; of a union, the member that the data selects, if any."""
     sections: list[Any] = [model]
     for part in path:
         below = [item for section in sections for item in _below(section, part)]
@@ -67,14 +74,14 @@ def sections_at(model: type[BaseModel], path: Sequence[str], data: Any) -> list[
 
 
 def place_in(part: str, count: int) -> int | None:
-    """The place, from 0, that a part of a dotted key names in a list of so many entries."""
+    """List index, from 0, in a part of a dotted key, or None."""
     # isdigit alone is true of "²", and int refuses numbers of 5000 digits
     place = int(part) if part.isascii() and part.isdigit() and len(part) < 10 else count
     return place if place < count else None
 
 
 def fields_of(annotation: Any) -> dict[str, Any]:
-    """Key → field of a section; nothing of any other type."""
+    """Key → field of a section; empty for other types."""
     if not (isinstance(annotation, type) and issubclass(annotation, BaseModel)):
         return {}
     return {field.alias or name: field for name, field in annotation.model_fields.items()}
@@ -90,13 +97,13 @@ def _below(annotation: Any, part: str) -> Iterator[Any]:
 
 
 def _whole(field: Any) -> Any:
-    """The annotation of a field, with the discriminator that pydantic keeps beside it."""
-    beside = [item for item in (field.discriminator, *field.metadata) if isinstance(item, str | Discriminator)]
-    return Annotated[field.annotation, beside[0]] if beside else field.annotation
+    """Annotation of a field, with its discriminator."""
+    discriminators = [item for item in (field.discriminator, *field.metadata) if isinstance(item, str | Discriminator)]
+    return Annotated[field.annotation, discriminators[0]] if discriminators else field.annotation
 
 
 def _tagged(annotation: Any) -> Iterator[tuple[str, Any]]:
-    """Name and type of the members that a discriminator distinguishes: their Tag, or what their `type` may be."""
+    """Name and type of the members that a discriminator distinguishes: their Tag, or the values of their `type`."""
     tagged = get_origin(annotation) is Annotated and any(
         isinstance(item, str | Discriminator) or getattr(item, "discriminator", None)
         for item in annotation.__metadata__
@@ -112,7 +119,7 @@ def _tagged(annotation: Any) -> Iterator[tuple[str, Any]]:
 
 
 def types_of(annotation: Any) -> tuple[str, ...]:
-    """What `type` of a section may be."""
+    """Permitted values of `type` in a section."""
     field = fields_of(annotation).get("type")
     return get_args(field.annotation) if field else ()
 
@@ -138,7 +145,7 @@ TYPES = {
     "dict_type": "a mapping",
 }
 YES, NO = {"yes", "y", "on"}, {"no", "n", "off"}
-"""What YAML 1.1 took for true and false."""
+"""Words that YAML 1.1 read as true and false."""
 UNKNOWN, MISSING = "unknown key", "missing"
 BOUNDS = {
     "greater_than": ("gt", "above"),
@@ -149,11 +156,11 @@ BOUNDS = {
 
 
 def problems_of(error: ValidationError, model: type[BaseModel], data: Any) -> list[Problem]:
-    """Every problem of a ValidationError, in the terms of the config file; one for each key."""
+    """All problems of a ValidationError in the terms of the config file, one for each key."""
     located = [
         (path_in(model, data, entry["loc"]), entry)
         for entry in error.errors(include_url=False)
-        # a list that only counts as too short because its entries were refused, each with a problem of its own
+        # a list that only counts as too short because its entries were refused, each with a separate problem
         if entry["type"] != "too_short" or len(entry["input"]) < entry["ctx"]["min_length"]
     ]
     # The members of a union complain one after the other about the same value.
@@ -176,34 +183,38 @@ def _problem(path: tuple[str, ...], entries: list[Any], model: type[BaseModel], 
         case "extra_forbidden" if path[-1].isdigit() and first["input"] is None and len(path) > 1:
             # {ratio: 0,01} is {ratio: 0, "01": null}
             return Problem(
-                ".".join(path[:-1]), f"',{path[-1]}' is no key", "write a number with a decimal point, as in 0.01"
+                ".".join(path[:-1]), f"',{path[-1]}' is not a key", "write a number with a decimal point, as in 0.01"
             )
         case "extra_forbidden":
             known = keys_at(model, path[:-1], data)
-            return Problem(key, UNKNOWN, did_you_mean(path[-1], known, f"known here: {', '.join(known)}"), True)
+            return Problem(key, UNKNOWN, did_you_mean(path[-1], known, f"known keys: {', '.join(known)}"), True)
         case "missing" if (path and path[-1].isdigit()) or isinstance(first["input"], list):
             above = ".".join(path[:-1]) if path and path[-1].isdigit() else key
             return Problem(
-                above, f"{len(first['input'])} entries are too few", _description(model, tuple(above.split(".")), data)
+                above,
+                f"{len(first['input'])} entries are not enough",
+                _description(model, tuple(above.split(".")), data),
             )
         case "missing":
             return Problem(key, MISSING, _description(model, path, data), True)
         case "string_pattern_mismatch" if first["loc"][-1] == "[key]" or path[-1] in ("name", "suffix"):
-            return Problem(key, f"{_shown(first['input'])} is not a name", "letters, digits, - and _ only", True)
+            return Problem(key, f"{_shown(first['input'])} is not a name", "use letters, digits, - and _ only", True)
         case "union_tag_not_found":
-            known = _tags(first["ctx"]) or [tag for own in sections_at(model, path, data) for tag in types_of(own)]
-            return Problem(key, "missing key 'type'", f"give type: {' or '.join(known)}" if known else "")
+            known = _tags(first["ctx"]) or [
+                tag for member in sections_at(model, path, data) for tag in types_of(member)
+            ]
+            return Problem(key, "missing key 'type'", f"set type: {' or '.join(known)}" if known else "")
         case "union_tag_invalid":
             known, tag = _tags(first["ctx"]), first["ctx"]["tag"]
             what = f"'{tag}' is not one of {', '.join(known)}"
-            return Problem(f"{key}.type", what, did_you_mean(str(tag), known, "choose one of them"))
+            return Problem(f"{key}.type", what, did_you_mean(str(tag), known, "use one of them"))
         case "one_key":
             value, known = first["input"], keys_at(model, path, data)
             alone = isinstance(value, dict) and len(value) == 1 and not {*value} <= {*known}
             meant = did_you_mean(str(*value), known) if alone else ""
             return Problem(key, first["msg"], meant or _description(model, path, data))
     if first["input"] is None and first["type"] != "missing":
-        return Problem(key, "left blank", _description(model, path, data), at_key=True)
+        return Problem(key, "no value", _description(model, path, data), at_key=True)
     problem = _wrong_value(key, entries)
     return problem if problem.remedy else replace(problem, remedy=_description(model, path, data))
 
@@ -238,7 +249,7 @@ def _wrong_value(key: str, entries: list[Any]) -> Problem:
             remedy = f"write it with a decimal point: {comma[1]}.{comma[2]}"
     if isinstance(value, str) and wanted == ["true or false"] and value.lower() in YES | NO:
         remedy = f"write {'true' if value.lower() in YES else 'false'}"
-    return Problem(key, f"{_shown(value)} has to be {' or '.join(dict.fromkeys(wanted))}", remedy)
+    return Problem(key, f"is {_shown(value)}, but has to be {' or '.join(dict.fromkeys(wanted))}", remedy)
 
 
 def _shown(value: Any) -> str:
@@ -256,12 +267,12 @@ def _number(value: float) -> str:
 
 
 def _tags(context: Mapping[str, Any]) -> list[str]:
-    """The members of a union that pydantic lists."""
+    """Members of a union that pydantic lists."""
     return [tag.strip(" '") for tag in context.get("expected_tags", "").split(", ") if tag]
 
 
 def _description(model: type[BaseModel], path: tuple[str, ...], data: Any) -> str:
-    """What the models say about a key: "noise_std: Noise standard deviation of every gauge."."""
+    """Description of a key from the models: "noise_std: Noise standard deviation of every gauge."."""
     while path:
         for section in sections_at(model, path[:-1], data) if not path[-1].isdigit() else ():
             field = fields_of(section).get(path[-1])
@@ -272,12 +283,12 @@ def _description(model: type[BaseModel], path: tuple[str, ...], data: Any) -> st
 
 
 SET_OF_A_SUITE = re.compile(r"(set|runs\.\d+\.set)\.(.+)")
-"""A key of a suite below which one dotted key follows as a whole: `--set set.place.keep=6`."""
+"""Keys of a suite that contain one whole dotted key: `--set set.place.keep=6`."""
 
 
 @dataclass(frozen=True)
 class Override:
-    """A value from outside the file: dotted key, value, and where it was given ("--set KEY", "file:line:column")."""
+    """An override: dotted key, value, and location ("--set KEY", "file:line:column")."""
 
     key: str
     value: Any
@@ -285,29 +296,29 @@ class Override:
 
 
 def parsed(override: str) -> Override:
-    """The override of a text KEY=VALUE. Raises ConfigError where it is none."""
+    """Parse an override KEY=VALUE. Raises ConfigError if it has another form."""
     key, equals, text = override.partition("=")
     key = key.strip()
     if not equals or not DOTTED.fullmatch(key):
-        raise ConfigError(f"'{override}' is not KEY=VALUE", where="--set", remedy="write --set place.keep=6")
+        raise ConfigError(f"'{override}' is not KEY=VALUE", where="--set", remedy="use the form --set place.keep=6")
     try:
         return Override(key, parse(text).data, f"--set {key}")
     except YamlProblem as problem:
         raise ConfigError(
-            problem.what, where=f"--set {key}", remedy=problem.remedy or "quote what the shell must not see"
+            problem.what, where=f"--set {key}", remedy=problem.remedy or "quote special characters of the shell"
         ) from None
 
 
 def put(data: dict[str, Any], override: Override) -> list[str]:
-    """Put the value at its key; a mapping on the way that is not there, or is a plain value so far, is made.
+    """Set the value at its key, and create missing mappings on the way.
 
-    Returns the dotted keys of the mappings that were made. Raises ConfigError for a list's entry that is not there.
+    Returns the dotted keys of the created mappings. Raises ConfigError for a list entry that does not exist.
     """
     *parents, last = override.key.split(".")
     if data.get("kind") == "suite" and (split := SET_OF_A_SUITE.fullmatch(override.key)):
         parents, last = split[1].split("."), split[2]
     spot: Any = data
-    made = []
+    created = []
     for i, part in enumerate(parents, start=1):
         if isinstance(spot, list):
             place: Any = _index(spot, part, override)
@@ -316,31 +327,31 @@ def put(data: dict[str, Any], override: Override) -> list[str]:
             place, below = part, spot.get(part)
         if not isinstance(below, dict | list):
             spot[place] = below = {}
-            made.append(".".join(parents[:i]))
+            created.append(".".join(parents[:i]))
         spot = below
     # a copy: a later override may change a part of it, and a suite gives the same one to every run
     spot[_index(spot, last, override) if isinstance(spot, list) else last] = deepcopy(override.value)
-    return made
+    return created
 
 
 def _index(entries: Sequence[Any], part: str, override: Override) -> int:
     if (place := place_in(part, len(entries))) is None:
         raise ConfigError(
-            f"a list of {len(entries)} entries has no entry '{part}'",
+            f"the list of {len(entries)} entries has no entry '{part}'",
             where=override.where,
-            remedy=f"count from 0, or set the whole list, {override.key.partition('.' + part)[0]}: [a, b]",
+            remedy=f"use an index from 0, or set the whole list, {override.key.partition('.' + part)[0]}: [a, b]",
         )
     return place
 
 
-def explained(problem: Problem, made: Sequence[str], model: type[BaseModel], data: Any) -> Problem:
-    """For a key that is missing in a section which only an override made: is the section misspelt, or new to the config?"""
-    section = next((key for key in made if problem.key.startswith(f"{key}.")), None)
+def explained(problem: Problem, created: Sequence[str], model: type[BaseModel], data: Any) -> Problem:
+    """Extend the remedy if a key is missing in a section that only an override created."""
+    section = next((key for key in created if problem.key.startswith(f"{key}.")), None)
     if section is None or not problem.what.startswith(MISSING):
         return problem
     *parents, name = section.split(".")
     if name in keys_at(model, parents, data):
-        return replace(problem, remedy=f"the config has no section `{section}` yet: add it; {problem.remedy}")
+        return replace(problem, remedy=f"add the section `{section}` to the config; {problem.remedy}")
     for part in parents:
         data = data[int(part) if isinstance(data, list) else part]
     known = [key for key in data if key != name]
@@ -348,11 +359,13 @@ def explained(problem: Problem, made: Sequence[str], model: type[BaseModel], dat
 
 
 def meant_for_runs(problem: Problem, overrides: Sequence[Override]) -> Problem:
-    """Say how a suite sets a key of its runs."""
+    """Extend the remedy for a suite, which sets keys of its runs under `set`."""
     if problem.what != UNKNOWN or problem.key not in PlacementConfig.model_fields | BenchConfig.model_fields:
         return problem
-    made = [o for o in overrides if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
-    if not made:
+    matches = [o for o in overrides if o.key == problem.key or o.key.startswith(f"{problem.key}.")]
+    if not matches:
         return replace(problem, remedy=f"write the keys below it as set: {{{problem.key}.KEY: …}}")
-    value = made[-1].value
-    return replace(problem, remedy=f"write set.{made[-1].key}={value if isinstance(value, str) else json.dumps(value)}")
+    value = matches[-1].value
+    return replace(
+        problem, remedy=f"write set.{matches[-1].key}={value if isinstance(value, str) else json.dumps(value)}"
+    )

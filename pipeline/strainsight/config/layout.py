@@ -1,4 +1,4 @@
-"""What a layout may be and what makes it good, and zones of the surface: shared by structure and bench."""
+"""Layout: size, limits, criterion and search; zones of the surface. Shared by structure and bench."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ from strainsight.config.base import (
 )
 
 NAMED = "name"
-"""Tag of a member of a union that is a plain text."""
+"""Tag of the union member that is plain text."""
 
 
 def key_of(*keys: str, text: bool = False) -> Any:
-    """Distinguish the members of a union by the one key each of them has; where there is one of `text`, that is `NAMED`."""
+    """Distinguish the members of a union by the one key that each of them has; `text` has the tag `NAMED`."""
 
     def which(value: Any) -> str | None:
         if text and isinstance(value, str):
@@ -47,78 +47,79 @@ def key_of(*keys: str, text: bool = False) -> Any:
     return Discriminator(
         which,
         custom_error_type="one_key",
-        custom_error_message="give exactly one of " + ", ".join(f"'{key}'" for key in keys),
+        custom_error_message="set exactly one of " + ", ".join(f"'{key}'" for key in keys),
     )
 
 
 class BoxZone(Section):
     """A box."""
 
-    box: tuple[Point, Point] = Field(description="[[x, y, z], [x, y, z]]: lower and upper corner [m].")
+    box: tuple[Point, Point] = Field(description="Lower and upper corner [[x, y, z], [x, y, z]] [m].")
 
     def problems(self) -> Iterator[Problem]:
         yield from box_problem("box", self.box)
 
 
 class CylinderZone(Section):
-    """A cylinder without ends."""
+    """A cylinder of infinite length."""
 
-    point: Point = expert(description="A point on its axis [m].")
-    axis: DirectionVector = expert(description="Direction of its axis [-].")
+    point: Point = expert(description="A point on the axis [m].")
+    axis: DirectionVector = expert(description="Direction of the axis [-].")
     radius: Annotated[Positive, Plausible(1e-6, 100.0, "m")] = expert(description="Radius [m].")
 
 
 class InCylinder(Section):
-    """The inside of a cylinder without ends."""
+    """The inside of a cylinder of infinite length."""
 
     cylinder: CylinderZone = expert(description="The cylinder.")
 
 
 class ConeZone(Section):
-    """Normals near an axis."""
+    """Facet normals close to an axis."""
 
-    axis: DirectionVector = Field(description="Axis in global coordinates [-]; its sign does not matter.")
-    angle: float = Field(gt=0, le=90, description="Largest angle between the facet's normal and the axis [deg].")
+    axis: DirectionVector = Field(description="Axis in global coordinates [-]; its sign is not used.")
+    angle: float = Field(gt=0, le=90, description="Largest angle between the normal of the facet and the axis [deg].")
 
 
 class FacingZone(Section):
-    """Facets that face along an axis."""
+    """Facets with a normal close to an axis."""
 
-    normal_cone: ConeZone = Field(description="The normals.")
+    normal_cone: ConeZone = Field(description="Axis and largest angle.")
 
 
 class SetZone(Section):
     """A set and a distance from it."""
 
     set: Text = Field(description="Name of a node or element set.")
-    distance: Size = Field(description="Nearer than this to one of its nodes [m].")
+    distance: Size = Field(description="Largest distance from the nearest node of the set [m].")
 
 
 class NearSetZone(Section):
-    """The surroundings of a set."""
+    """The neighbourhood of a set."""
 
-    near_set: SetZone = Field(description="The set.")
+    near_set: SetZone = Field(description="The set and the distance.")
 
 
 class NearEdgesZone(Section):
-    """The surroundings of edges."""
+    """The neighbourhood of edges."""
 
-    near_edges: Size = expert(description="Nearer than this to an edge of the body [m].")
+    near_edges: Size = expert(description="Largest distance from an edge of the body [m].")
 
 
 class ShellFaceZone(Section):
-    """One face of all shells."""
+    """One side of all shells."""
 
     shell_face: Literal["upper", "lower"] = Field(
-        description="upper: on the side of the normal that the order of the nodes gives by the right-hand rule; lower: the other."
+        description="Side of the shells. With `upper`: the side of the normal (right-hand rule on the node order); `lower`: the "
+        "opposite side."
     )
 
 
 class OnElementsZone(Section):
-    """The surface of elements of a kind."""
+    """The surface of elements of one kind."""
 
     on_elements: Literal["solids", "shells", "beams"] = Field(
-        description="The faces of solids or shells, or sides of beams."
+        description="Kind of element: the faces of solids or shells, or the sides of beams."
     )
 
 
@@ -137,68 +138,82 @@ Zone = Annotated[
 
 Keep = Annotated[
     Count,
-    Field(ge=1, description="Gauges to bond [-], those already bonded among them; with a budget at most so many."),
+    Field(
+        ge=1,
+        description="Number of gauges of the layout [-], including those already bonded; with a budget, the largest number.",
+    ),
 ]
 
 
 class ZoneLimit(Section):
-    """So many gauges in a zone, and no more."""
+    """Largest number of gauges in a zone."""
 
     zone: Zone = expert(description="The zone.")
-    count: Annotated[int, Plausible(0, 1000)] = expert(ge=0, description="Most gauges in it [-].")
+    count: Annotated[int, Plausible(0, 1000)] = expert(ge=0, description="Largest number of gauges in the zone [-].")
 
 
 class LayoutSettings(Section):
-    """The layout: its size, its limits, its criterion, and how it is searched."""
+    """Layout: size, limits, criterion and search."""
 
     keep: Keep
     criterion: Literal["trace", "log_determinant", "worst_eigenvalue"] = expert(
         "trace",
-        description="What the layout makes small, of the covariance of the unknowns: the sum of their variances; the volume of "
-        "what stays uncertain, which no unit changes; or the variance of the combination of them that is known worst.",
+        description="Criterion: function of the covariance of the unknowns to minimise. Either the sum of the variances, the "
+        "volume of the confidence ellipsoid (independent of units), or the variance of the least certain combination of "
+        "unknowns.",
     )
     metric_over: tuple[Name, ...] = expert(
         (),
-        description="Unknowns that the criterion covers; empty: all. The others are estimated beside them, however "
-        "badly.",
+        description="Unknowns of the criterion; empty: all. All other unknowns are estimated too, but their uncertainty does "
+        "not count.",
     )
     minimum_spacing: Annotated[NotNegative, SIZE] = Field(
         0.0,
-        description="Least distance between gauges of the layout [m]. With gauges.type of a structure: the longer side of its "
-        "carrier.",
+        description="Smallest distance between gauges of the layout [m]. Default with gauges.type of a structure: the longer "
+        "side of its carrier.",
     )
-    at_most: tuple[ZoneLimit, ...] = expert((), description="Most gauges in some zones.")
+    at_most: tuple[ZoneLimit, ...] = expert((), description="Limits on the number of gauges in zones.")
     budget: Annotated[Positive | None, PRICE] = expert(
-        None, description="What the gauges may cost together, by their `price`; null: no limit."
+        None, description="Largest total price of the gauges, from their `price`; null: no limit."
     )
     aggregate: Literal["mean", "worst"] = Field(
         "mean",
-        description="How instants, parameter samples and load cases of a structure, or poses of a bench, are put together.",
+        description="Aggregation over instants, parameter samples and load cases of a structure, or over poses of a bench.",
     )
-    certificate: bool = Field(True, description="Compute a lower bound on what any layout of that size can reach.")
-    exchange: bool = expert(True, description="Exchange gauges after the elimination until none helps.")
+    certificate: bool = Field(
+        True, description="`true`: compute a lower bound of the criterion over all layouts of that size."
+    )
+    exchange: bool = expert(
+        True, description="`true`: exchange gauges after the elimination until no exchange improves the criterion."
+    )
     optimise: Literal["metric", "worst_failure"] = expert(
-        "metric", description="metric: the criterion; worst_failure: the same after the worst failure of any one gauge."
+        "metric",
+        description="Objective. With `metric`: the criterion; `worst_failure`: the criterion after the most harmful failure "
+        "of one gauge.",
     )
     prove: Annotated[NotNegative, DURATION] = expert(
         0.0,
-        description="Time for a branch and bound that improves the layout or proves it best [s]; 0: none. What it reaches "
-        "without a proof depends on the machine.",
+        description="Time limit of a branch-and-bound search that improves the layout or proves it optimal [s]; 0: no "
+        "search. Without a proof, the result depends on the speed of the machine.",
     )
 
     def problems(self) -> Iterator[Problem]:
         if self.prove > 0 and self.optimise != "metric":
-            yield Problem("prove", "a proof is of the metric, not of the worst failure", "remove one of the two keys")
+            yield Problem(
+                "prove",
+                "optimality can be proved for the metric only, not for worst_failure",
+                "remove one of the two keys",
+            )
 
 
 def layout_problems(
     place: LayoutSettings, unknowns: Sequence[str], among: str, bonded: int, key: str
 ) -> Iterator[Problem]:
-    """Contradictions between the limits, the criterion and the search; unknowns: those that the key `among` names; bonded:
-    how many gauges are there already by the config's `key`."""
+    """Yield the inconsistencies between limits, criterion and search; among: key of the unknowns; bonded: number of gauges
+    already bonded, by `key`."""
     for i, name in enumerate(place.metric_over):
         yield from known(f"place.metric_over.{i}", name, unknowns, f"unknown of {among}")
     yield from named_twice("place.metric_over", place.metric_over)
     if place.keep < bonded:
-        what = f"{place.keep} gauges, and {bonded} are bonded already ({key})"
-        yield Problem("place.keep", what, f"keep at least {bonded}")
+        what = f"keep is {place.keep}, but {bonded} gauges are already bonded ({key})"
+        yield Problem("place.keep", what, f"set keep to at least {bonded}")

@@ -1,4 +1,4 @@
-"""A config file, checked whole: every problem is reported at once, each with its place."""
+"""Load and check a config file: all problems are reported at once, each with its location."""
 
 from __future__ import annotations
 
@@ -29,16 +29,16 @@ KINDS: dict[str, tuple[type[Config], Callable[[Any], Iterator[Problem]]]] = {
     "bearing": (BearingConfig, bearing_problems),
     "suite": (SuiteConfig, suite_problems),
 }
-"""Kind → its model, and what finds the contradictions between its fields."""
+"""Kind of config: its model, and the check for inconsistencies between fields."""
 
 
 @dataclass(frozen=True)
 class LoadedConfig:
-    """A valid config and where each of its keys is written.
+    """A valid config with the location of each key.
 
-    path       the file as given
+    path       path of the file, as passed
     model      the checked config
-    overrides  what was put over the file, in order
+    overrides  overrides of the file, in order
     """
 
     path: Path
@@ -48,26 +48,26 @@ class LoadedConfig:
 
     @property
     def data(self) -> dict[str, Any]:
-        """The config as JSON data, defaults filled in, paths as written."""
+        """The config as JSON data, with defaults, and paths as written."""
         return self.model.model_dump(mode="json", by_alias=True)
 
     def locate(self, key: str) -> str:
-        """ "file:line:column" of a key's value, or of the longest part of the key that is there; "--set KEY" if set."""
+        """Location "file:line:column" of a key or of its nearest existing parent; "--set KEY" for an override."""
         return _locate(self._places, key)
 
 
 def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> LoadedConfig:
-    """Read and check a config file with overrides on top; a text is "KEY=VALUE", as behind --set.
+    """Read and check a config file with overrides; a text override is "KEY=VALUE", as after --set.
 
-    Raises ConfigError that lists every problem with file:line:column, key and remedy.
+    Raises ConfigError with every problem: file:line:column, key and remedy.
     """
     path = Path(path)
     put_over = tuple(parsed(text) if isinstance(text, str) else text for text in overrides)
     data, places, key_places = _read(path)
-    made: list[str] = []
+    created: list[str] = []
     for override in put_over:
         sections, key = put(data, override), override.key
-        made += sections
+        created += sections
         for stale in [old for old in places if old == key or old.startswith(f"{key}.")]:
             del places[stale], key_places[stale]
         for new in (*sections, key):
@@ -77,13 +77,13 @@ def load_config(path: Path | str, overrides: Iterable[str | Override] = ()) -> L
         if data.get("kind") == "suite":
             wrong = [meant_for_runs(problem, put_over) for problem in wrong]
         elif isinstance(data.get("kind"), str) and data["kind"] in KINDS:
-            wrong = [explained(problem, made, KINDS[data["kind"]][0], data) for problem in wrong]
+            wrong = [explained(problem, created, KINDS[data["kind"]][0], data) for problem in wrong]
         raise _error([(_locate(key_places if p.at_key else places, p.key), p) for p in wrong])
     return LoadedConfig(path, model, put_over, places)
 
 
 def kind_of(path: Path | str) -> Any:
-    """What the file says under `kind`; the rest is not checked."""
+    """The value of `kind` in the file; the rest is not checked."""
     return _read(Path(path))[0].get("kind")
 
 
@@ -92,45 +92,57 @@ def _validated(data: dict[str, Any]) -> tuple[Config | None, list[Problem]]:
     if not isinstance(kind, str) or kind not in KINDS:
         known = ", ".join(KINDS)
         if kind is None:
-            return None, [Problem("kind", "missing", f"give kind: {known}", at_key=True)]
+            return None, [Problem("kind", "missing", f"set kind to one of {known}", at_key=True)]
         return None, [
-            Problem("kind", f"'{kind}' is not one of {known}", did_you_mean(str(kind), KINDS, f"give kind: {known}"))
+            Problem(
+                "kind", f"'{kind}' is not one of {known}", did_you_mean(str(kind), KINDS, f"set kind to one of {known}")
+            )
         ]
-    kind_model, contradictions = KINDS[kind]
+    kind_model, check = KINDS[kind]
     data = dict(filled(data)) if kind == "placement" else data
     try:
         # As JSON, where a list may become a tuple but text never a number.
         model = kind_model.model_validate_json(json.dumps(data))
     except ValidationError as error:
         return None, problems_of(error, kind_model, data)
-    wrong = list(contradictions(model))
+    wrong = list(check(model))
     return (None, wrong) if wrong else (model, [])
 
 
 def _read(path: Path) -> tuple[dict[str, Any], dict[str, str], dict[str, str]]:
-    """Data, and the place of every value and of every key."""
+    """Data, and the location of every value and of every key."""
     if path.exists() and not (path.is_file() or path.is_dir()):  # a pipe would be waited for
-        raise ConfigError("is not a plain file", where=str(path), remedy="write the config to a file")
+        raise ConfigError("the config is not a regular file", where=str(path), remedy="write the config to a file")
     try:
         with path.open("rb") as stream:
             raw = stream.read(LARGEST + 1)
         if len(raw) > LARGEST:
-            raise ConfigError(f"larger than {LARGEST // 1024} KiB", where=str(path), remedy="give a config, not a deck")
+            raise ConfigError(
+                f"the config is larger than {LARGEST // 1024} KiB",
+                where=str(path),
+                remedy="specify a config, not a deck",
+            )
         text = raw.decode("utf-8-sig")
     except FileNotFoundError:
-        raise ConfigError("no such config file", where=str(path), remedy="strainsight init DECK writes one") from None
+        raise ConfigError(
+            "config file not found", where=str(path), remedy="create one with `strainsight init DECK`"
+        ) from None
     except UnicodeDecodeError as error:
         line = raw[: error.start].count(b"\n") + 1
         raise ConfigError("not UTF-8 text", where=f"{path}:{line}", remedy="save the file as UTF-8") from None
     except OSError as error:
-        raise ConfigError(f"cannot be read: {error.strerror}", where=str(path), remedy="give a config file") from None
+        raise ConfigError(
+            f"the config cannot be read: {error.strerror}", where=str(path), remedy="specify a config file"
+        ) from None
     try:
         document = parse(text)
     except YamlProblem as problem:
         raise _error_at(f"{path}:{problem.line}:{problem.column}", problem) from None
     if not isinstance(document.data, dict):
         raise ConfigError(
-            "not a mapping of keys to values", where=f"{path}:1:1", remedy="strainsight init DECK writes one"
+            "the file is not a mapping of keys to values",
+            where=f"{path}:1:1",
+            remedy="create a config with `strainsight init DECK`",
         )
     return document.data, *_places(path, document)
 
@@ -140,7 +152,7 @@ def _places(path: Path, document: Document) -> tuple[dict[str, str], dict[str, s
         return f"{path}:{spot[0]}:{spot[1]}"
 
     marks = document.marks.items()
-    # A block below its key starts on a line of its own: there the key is what the eye looks for.
+    # A block below its key starts on a separate line, so the location is that of the key.
     values = {key: place(mark.value if mark.value[0] == mark.key[0] else mark.key) for key, mark in marks}
     return values, {key: place(mark.key) for key, mark in marks}
 
@@ -158,7 +170,7 @@ def _error_at(where: str, problem: Problem | YamlProblem) -> ConfigError:
 
 
 def _error(wrong: Sequence[tuple[str, Problem]]) -> ConfigError:
-    """The first problem, with the others behind it."""
+    """The first problem, with the others attached."""
     errors = [_error_at(where, problem) for where, problem in wrong]
     errors[0].others = tuple(errors[1:])
     return errors[0]

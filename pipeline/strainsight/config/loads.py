@@ -1,4 +1,4 @@
-"""Loads: where they act, what they look like in the training run, and how an unknown one is modelled."""
+"""Loads: location, signal in the training run, and model of an unknown load."""
 
 from __future__ import annotations
 
@@ -35,11 +35,11 @@ from strainsight.config.base import (
 
 
 class Oscillation(Section):
-    """What goes up and down about zero."""
+    """A signal that oscillates about zero."""
 
     amplitude: Amplitude = Field(
-        description="Amplitude a [N, of a moment N m, of a pressure Pa, of gravity m/s²]; of a multisine that of the one sine "
-        "that has the power of all of them together."
+        description="Amplitude a [N; moment N m, pressure Pa, gravity m/s²]. For a multisine: amplitude of a single sine of "
+        "the same total power."
     )
 
 
@@ -52,140 +52,149 @@ class SineSection(Oscillation):
 
 
 class SweepSection(Oscillation):
-    """A sine whose frequency runs linearly from one value to another, and then stays there."""
+    """A sine with a frequency that changes linearly from one value to another, and is constant afterwards."""
 
     type: Literal["sweep"] = Field(description="Kind of signal.")
     start_frequency: Annotated[NotNegative, FREQUENCY] = Field(description="Frequency at t = 0 [Hz].")
     end_frequency: Frequency = Field(description="Frequency at the end of the sweep [Hz].")
-    duration: Duration = Field(description="Length of the sweep [s].")
+    duration: Duration = Field(description="Duration of the sweep [s].")
 
 
 class MultiSineSection(Oscillation):
-    """Sines of equal amplitude, evenly spaced in frequency, with seeded phases."""
+    """Sines of equal amplitude, evenly spaced in frequency, with random phases."""
 
     type: Literal["multisine"] = Field(description="Kind of signal.")
     lowest: Frequency = Field(description="Lowest frequency [Hz].")
     highest: Frequency = Field(description="Highest frequency [Hz].")
     count: Count = Field(ge=1, description="Number of sines [-].")
-    seed: Seed = Field(0, description="Seed of the phases [-].")
+    seed: Seed = Field(0, description="Seed of the random phases [-].")
 
     def problems(self) -> Iterator[Problem]:
         if self.lowest > self.highest:
-            yield Problem("lowest", f"{self.lowest:g} Hz is above the highest, {self.highest:g} Hz", "swap them")
+            yield Problem(
+                "lowest",
+                f"{self.lowest:g} Hz is above the highest frequency, {self.highest:g} Hz",
+                "swap the two frequencies",
+            )
 
 
 class RecordedSection(Section):
-    """A measured history, with straight lines between its samples."""
+    """A measured time history, interpolated linearly."""
 
     type: Literal["csv"] = Field(description="Kind of signal.")
     file: Text = Field(
-        description="CSV file: a line of column names, then numbers; columns separated by commas, semicolons or tabs, decimals "
-        "by points or, where no commas separate the columns, by commas. The path starts from the config's folder."
+        description="CSV file with a header line of column names. Columns are separated by commas, semicolons or tabs. The "
+        "decimal mark is a point, or a comma if the separator is not a comma. The path is relative to the folder of the "
+        "config."
     )
-    time_column: Text = Field(
-        description="Name of the column with the time [s, or the unit behind the name: `t [ms]`]."
-    )
+    time_column: Text = Field(description="Name of the time column [s, or the unit after the name: `t [ms]`].")
     value_column: Text = Field(
-        description="Name of the column with the load [N, N m or Pa, or the unit behind the name: `F [kN]`]."
+        description="Name of the load column [N, N m or Pa, or the unit after the name: `F [kN]`]."
     )
 
 
 LoadSignal = Annotated[SineSection | SweepSection | MultiSineSection | RecordedSection, Field(discriminator="type")]
-"""What a load looks like in time."""
+"""Time history of a load."""
 
 Settle = Positive | Literal["auto", "none"]
-"""How a motion under loads begins: from rest so long before t = 0 [s], periodic where it can be, from rest."""
+"""Start of a motion: from rest this long before t = 0 [s]; `auto`, periodic if possible; `none`, from rest."""
 
 
 class TypicalMotion(Section):
-    """How fast and how large an unknown load typically is."""
+    """Typical frequency and amplitude of an unknown load."""
 
     frequency: Frequency | None = Field(
         None,
-        description="Typical frequency of the load [Hz], ω = 2π frequency, bandwidth of matern; null: that of its signal, in a "
-        "load case before that the one of its process_noise.",
+        description="Typical frequency of the load [Hz]: ω = 2π frequency, or the bandwidth of a Matérn model. Null: that of "
+        "its signal; in a load case first that of its process_noise.",
     )
     amplitude: Amplitude | None = expert(
         None,
-        description="Typical amplitude of the load [its unit], which its σ and initial_std count in; null: as for the frequency.",
+        description="Typical amplitude of the load [unit of the load], the reference of its relative σ and of initial_std. "
+        "Null: as for frequency.",
     )
 
 
 class InputNoise(TypicalMotion):
-    """How an unknown load is modelled in time, by placement and filter alike."""
+    """Model of an unknown load in time, for placement and filter."""
 
     model: Literal["random_walk", "integrated_random_walk", "matern", "oscillator"] = Field(
         "random_walk",
-        description="random_walk: any load, and noisy (the thesis); integrated_random_walk: a smooth one; matern: one with a "
-        "bandwidth; oscillator: one about a known frequency.",
+        description="Model of the load. With `random_walk`: arbitrary loads, noisy estimate (thesis). With "
+        "`integrated_random_walk`: smooth loads. With `matern`: loads with a bandwidth. With `oscillator`: loads close to a "
+        "known frequency.",
     )
     kappa: Annotated[Positive | None, Plausible(1e-6, 1e4)] = expert(
         None,
-        description="Factor κ of the intensity κω of both walks [-]; null: 1/(2π), by which the load, or its rate, moves by an "
-        "amplitude in a period.",
+        description="Factor κ of the intensity κω of both random walks [-]. Null: 1/(2π), for a change of the load (or its "
+        "rate) by one amplitude in a period.",
     )
-    smoothness: Literal["1/2", "3/2", "5/2"] = expert("3/2", description="ν of matern [-]: ν − ½ derivatives exist.")
+    smoothness: Literal["1/2", "3/2", "5/2"] = expert(
+        "3/2", description="ν of the Matérn model [-]: the load has ν − ½ derivatives."
+    )
     damping: Annotated[Positive, Plausible(1e-3, 1.0)] = expert(
-        0.05, description="ζ of oscillator [-]: its power lies within 2ζ of the frequency."
+        0.05, description="Damping ratio ζ of the oscillator [-]: its power is within 2ζ of the frequency."
     )
 
 
 class Rotation(Section):
-    """A steady rotation of the structure; stiffening by the forces that it causes is left out."""
+    """A steady rotation of the structure; the centrifugal stiffening is neglected."""
 
-    axis: DirectionVector = Field(description="Axis [-]; neither its length nor its sign matters.")
-    point: Point = Field((0.0, 0.0, 0.0), description="A point on it [m].")
+    axis: DirectionVector = Field(description="Axis of rotation [-]; its length and sign are not used.")
+    point: Point = Field((0.0, 0.0, 0.0), description="A point on the axis [m].")
 
 
 class LoadSection(Section):
-    """A force at a node or spread over a set or face, a moment, what presses on a face, or what pulls at all mass."""
+    """A force at a node or distributed over a set or face, a moment, a pressure on a face, or an acceleration of all mass."""
 
     node: Id | None = Field(
-        None, ge=1, description="Id of the node in the deck [-]; an RBE2/RBE3 reference node will do."
+        None, ge=1, description="Id of the node in the deck [-], or of an RBE2/RBE3 reference node."
     )
-    set: Text | None = Field(None, description="Name of a node set or a face instead of a node.")
+    set: Text | None = Field(None, description="Name of a node set or face, instead of a node.")
     deck_load: Text | None = Field(
         None,
-        description="Name of a load of the deck instead of a node and direction: FORCE-7 of a set 7 of FORCE cards alone, LOAD-7 "
-        "of any other, CLOAD-1, DLOAD-1, DSLOAD-1 in Abaqus. Its shape is that of the deck, its resultant the signal [N].",
+        description="Name of a load of the deck, instead of a node and a direction. Nastran: FORCE-7 for a set 7 of FORCE "
+        "cards only, LOAD-7 for any other set. Abaqus: CLOAD-1, DLOAD-1, DSLOAD-1. The deck defines the distribution, the "
+        "signal is the resultant [N].",
     )
     factor: Literal[True] | None = Field(
         None,
-        description="true: the signal is how often the load of the deck acts [1], and not its resultant: for one that balances, "
-        "for moments, or to keep the numbers of the deck.",
+        description="`true`: the signal is a factor on the load of the deck [1] instead of its resultant. Use it for "
+        "self-balanced loads, for moments, or to keep the values of the deck.",
     )
     direction: DirectionVector | None = Field(
         None,
-        description="Direction in global coordinates [-]; its length does not matter. On a face the force is spread evenly "
-        "over its area. Left out with deck_load, moment, bearing, pressure, gravity or rotation.",
+        description="Direction in global coordinates [-]; its length is not used. On a face, the force is distributed evenly "
+        "over the area. Omit it with deck_load, moment, bearing, pressure, gravity or rotation.",
     )
     moment: DirectionVector | None = Field(
         None,
-        description="Axis of a moment [-] instead of a direction: the load is in N m then. It acts on the rotations of an "
-        "RBE2/RBE3 reference node, else as a couple of forces on the nodes of the set, or on those around the node.",
+        description="Axis of a moment [-], instead of a direction; the unit of the load is N m. The moment acts on the "
+        "rotations of an RBE2/RBE3 reference node, otherwise as force couples on the nodes of the set or around the node.",
     )
     bearing: DirectionVector | None = Field(
         None,
-        description="Vector [-] along which a pin presses on the bore that `set` names, a face of `mesh.faces`, from the pin "
-        "into the material, instead of a direction: the pressure goes with the cosine to it, on the half turned against it.",
+        description="Vector [-] of the force of a pin on a bore, from the pin into the material, instead of a direction. "
+        "`set` has to name a bore of `mesh.faces`. The pressure is proportional to the cosine of the angle to the vector, "
+        "on the loaded half.",
     )
     pressure: Literal[True] | None = Field(
         None,
-        description="true: a pressure on the face that `set` names instead of a direction; the load is in Pa then.",
+        description="`true`: a pressure on the face `set`, instead of a direction; the unit of the load is Pa.",
     )
     gravity: DirectionVector | None = Field(
         None,
-        description="Vector [-] along which all mass is pulled, instead of a place and a direction; the load is the acceleration "
-        "[m/s²], as of weight, or of a shaken foundation against its motion. No density may be a parameter beside it.",
+        description="Direction of an acceleration of all mass [-], instead of a location and a direction: gravity, or base "
+        "excitation with opposite sign. The unit of the load is m/s². It cannot be combined with a density as parameter.",
     )
     rotation: Rotation | None = Field(
         None,
-        description="The centrifugal forces of a rotation on all mass, instead of a place and a direction; the load is Ω² "
-        "[rad²/s²]. No density may be a parameter beside it.",
+        description="Centrifugal forces of a rotation on all mass, instead of a location and a direction. The load is Ω² "
+        "[rad²/s²]. It cannot be combined with a density as parameter.",
     )
-    known: bool = Field(description="true: measured by other means; false: to be estimated.")
-    signal: LoadSignal = Field(description="What the load looks like in training and validation.")
-    process_noise: InputNoise = with_defaults(InputNoise, "How an unknown load is modelled in the filter.")
+    known: bool = Field(description="`true`: the load is measured by a load cell; `false`: it is estimated.")
+    signal: LoadSignal = Field(description="Time history of the load in training and validation.")
+    process_noise: InputNoise = with_defaults(InputNoise, "Model of an unknown load in the filter.")
 
     def problems(self) -> Iterator[Problem]:
         places = {"node": self.node, "set": self.set, "deck_load": self.deck_load}
@@ -198,52 +207,60 @@ class LoadSection(Section):
             yield from _untypical("process_noise.frequency", self.signal, self.process_noise.frequency)
 
     def _on_all_mass(self, places: Iterable[str]) -> Iterator[Problem]:
-        """Gravity or a rotation, which acts everywhere."""
+        """Check a gravity load or a rotation."""
         kind, *others = [name for name in ("gravity", "rotation") if getattr(self, name) is not None]
         rest = (*places, "direction", "moment", "bearing", "pressure", "factor")
         for name in (*others, *(name for name in rest if getattr(self, name) is not None)):
-            yield Problem(name, f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
+            yield Problem(name, f"cannot be combined with '{kind}'", "remove one of the two keys", at_key=True)
 
     def _in_one_place(self) -> Iterator[Problem]:
-        """A direction, or what stands instead of one."""
+        """Check the direction of a force, or the key that replaces it."""
         if self.factor and self.deck_load is None:
-            yield Problem("factor", "is of a load of the deck", "remove the key, or name a deck_load", at_key=True)
+            yield Problem(
+                "factor", "applies to a load of the deck only", "remove the key, or set deck_load", at_key=True
+            )
         kind, *others = [name for name in ("moment", "bearing", "pressure") if getattr(self, name) is not None] or [""]
         if others:
-            yield Problem(others[0], f"a load with '{kind}', too", "remove one of the two keys", at_key=True)
+            yield Problem(others[0], f"cannot be combined with '{kind}'", "remove one of the two keys", at_key=True)
         if not kind and self.direction is None and self.deck_load is None:
-            yield Problem("direction", "missing", "give a vector such as [0, 0, 1]", at_key=True)
+            yield Problem("direction", "missing", "use a vector such as [0, 0, 1]", at_key=True)
         elif not kind and self.direction is not None and self.deck_load is not None:
-            yield Problem("direction", "a load of the deck has its own direction", "remove the key", at_key=True)
+            yield Problem("direction", "a load of the deck already has a direction", "remove the key", at_key=True)
         elif kind and self.deck_load is not None:
-            what = "a load of the deck is no moment" if kind == "moment" else "a load of the deck has its own forces"
+            what = (
+                "a load of the deck cannot be a moment"
+                if kind == "moment"
+                else "a load of the deck already has its forces"
+            )
             yield Problem(kind, what, "remove the key", at_key=True)
         elif kind and self.direction is not None:
-            subjects = {"moment": "a moment has an axis", "bearing": "a bearing load has a vector of its own"}
-            what = f"{subjects.get(kind, 'a pressure acts inward')} and no direction"
+            subjects = {"moment": "a moment has an axis", "bearing": "a bearing load has a vector"}
+            what = f"{subjects.get(kind, 'a pressure acts inward')}, and no direction"
             yield Problem("direction", what, "remove one of the two keys", at_key=True)
         if kind in ("bearing", "pressure") and self.set is None:
-            yield Problem(kind, "acts on a face", "give `set` the name of one of mesh.faces", at_key=True)
+            yield Problem(
+                kind, "acts on a face, and `set` is missing", "set `set` to the name of one of mesh.faces", at_key=True
+            )
 
     @property
     def unit(self) -> str:
-        """Of its signal and of all that is estimated of it."""
+        """Unit of the signal and of the estimate."""
         return unit_of({key: getattr(self, key) for key in UNITS})
 
 
 UNITS = {"moment": "N m", "pressure": "Pa", "factor": "1", "gravity": "m/s²", "rotation": "rad²/s²"}
-"""Of a load that has the key; of any other N."""
+"""Unit of a load with this key; otherwise N."""
 
 
 def unit_of(load: Mapping[str, object]) -> str:
-    """Of a load by its keys."""
+    """Unit of a load, from its keys."""
     return next((unit for key, unit in UNITS.items() if load[key] is not None), "N")
 
 
 class CaseLoad(TypicalMotion):
-    """What a load looks like in one load case."""
+    """Signal of a load in one load case."""
 
-    signal: LoadSignal = Field(description="What it looks like in that case.")
+    signal: LoadSignal = Field(description="Time history of the load in this case.")
 
 
 CaseEntry = Annotated[
@@ -253,35 +270,35 @@ CaseEntry = Annotated[
 
 
 class TrainingCase(Section):
-    """One of the trainings that a layout has to serve. What it does not state is as in `loads` and `train`."""
+    """One load case for which the layout is placed. Omitted keys are as in `loads` and `train`."""
 
     weight: Annotated[Positive, Plausible(1e-6, 1e6)] = Field(
         1.0,
-        description="What the case counts [-], beside the weights of the others: its share of the mean, or its factor in the "
-        "worst; of variances, so that 4 stands for half the σ.",
+        description="Weight of the variances of this case [-]: its share of the mean, or its factor in the worst case. A "
+        "weight of 4 corresponds to half the σ.",
     )
     loads: dict[Name, CaseEntry] = Field(
         {},
-        description="Loads that are other than stated, by name, or none: silent. Others act as stated. A silent load stays an "
-        "unknown of the filter, with the process noise that it has as stated, and is left out of the criterion in that case.",
+        description="Loads that differ from `loads`, by name; `none` for a silent load. All others are as in `loads`. A "
+        "silent load remains an unknown of the filter with its process noise, but the criterion excludes it in this case.",
     )
-    duration: Duration | None = Field(None, description="Length of this training [s]; null: train.duration.")
+    duration: Duration | None = Field(None, description="Duration of this training run [s]; null: train.duration.")
     time_step: TimeStep | None = expert(
         None,
-        description="Its time step [s]; null: train.time_step, at which noise_std is that of a sample in every case.",
+        description="Time step of this case [s]; null: train.time_step. noise_std applies to one sample in every case.",
     )
-    settle: Annotated[Settle | None, DURATION] = expert(None, description="How its motion begins; null: train.settle.")
+    settle: Annotated[Settle | None, DURATION] = expert(None, description="Start of the motion; null: train.settle.")
 
 
 def silent_in(case: TrainingCase) -> frozenset[str]:
-    """The loads that do not act in a case."""
+    """Loads that do not act in a case."""
     return frozenset(name for name, entry in case.loads.items() if not isinstance(entry, CaseLoad))
 
 
 def load_case_problems(
     cases: Mapping[str, TrainingCase], loads: Mapping[str, LoadSection], estimate: Sequence[str], over: Sequence[str]
 ) -> Iterator[Problem]:
-    """Contradictions between load cases and loads; estimate: the unknowns, over: those that the criterion covers."""
+    """Yield the inconsistencies between load cases and loads; `estimate`: the unknowns; over: unknowns of the criterion."""
     for name, case in cases.items():
         key, silent = f"place.load_cases.{name}", silent_in(case)
         for load, entry in case.loads.items():
@@ -290,25 +307,26 @@ def load_case_problems(
                 frequency = entry.frequency or loads[load].process_noise.frequency
                 yield from _untypical(f"{key}.loads.{load}.frequency", entry.signal, frequency)
         if silent >= set(loads):
-            yield Problem(f"{key}.loads", "no load acts in this case", "let one act, or remove the case")
+            yield Problem(f"{key}.loads", "no load acts in this case", "add a signal to one load, or remove the case")
         elif silent >= set(over):
             listed = ", ".join(over)
             yield Problem(
                 f"{key}.loads",
-                f"{listed} {'is' if len(over) == 1 else 'are'} silent, and the criterion covers nothing else in this case",
-                "let one of them act, or remove the case",
+                f"{listed} {'is' if len(over) == 1 else 'are'} silent, and the criterion has no other unknown in "
+                "this case",
+                "add a signal to one of them, or remove the case",
             )
     for unknown in estimate:
         if unknown in loads and all(unknown in silent_in(case) for case in cases.values()):
             yield Problem(
                 "place.load_cases",
                 f"the unknown load '{unknown}' is silent in every case",
-                f"let {unknown} act in one of them",
+                f"add a signal of {unknown} to one case",
             )
 
 
 def _untypical(key: str, signal: LoadSignal, frequency: float | None) -> Iterator[Problem]:
-    """A problem where nothing says how fast an unknown load typically is."""
+    """Yield a problem if an unknown load has no typical frequency."""
     if isinstance(signal, RecordedSection) and frequency is None:
-        what = "an unknown load from a recorded signal needs a typical frequency"
-        yield Problem(key, what, f"give {key} [Hz]", at_key=True)
+        what = "an unknown load with a recorded signal needs a typical frequency"
+        yield Problem(key, what, f"set {key} [Hz]", at_key=True)

@@ -1,4 +1,4 @@
-"""The config of `kind: suite`: a list of ordinary configs and one page about all of them."""
+"""Config of `kind: suite`: a list of configs with one common page."""
 
 from __future__ import annotations
 
@@ -15,80 +15,86 @@ Texts = Annotated[tuple[Text, ...], Field(min_length=1)]
 
 
 class Measure(Section):
-    """Numbers of runs, and the bounds that all of them have to be within."""
+    """A result of one or several runs, with limits."""
 
     run: Text | Texts = Field(
-        description="Name of the run, before the suite's suffix, or a list: it has to hold in each."
+        description="Name of the run without the suffix of the suite, or a list of names; the limits apply to each."
     )
-    number: Text | Texts = Field(description="Number of the stage's summary, as in slope.Fz, or a list.")
+    number: Text | Texts = Field(
+        description="Name of the result in the summary of the stage, as in slope.Fz, or a list of names."
+    )
     stage: Text | None = Field(
-        None, description="Stage that the number comes from; null: `estimate` of a bench, `validate` of a placement."
+        None, description="Stage with the result; null: `estimate` for a bench, `validate` for a placement."
     )
-    times: Annotated[float, COMPARED] = Field(1.0, description="The number is multiplied by it first [-].")
-    against: Text | None = Field(None, description="Name of another run: the number is divided by that one's.")
-    against_number: Text | None = Field(None, description="Number to divide by; null: the same as number.")
-    above: Annotated[float | None, COMPARED] = Field(None, description="It has to be larger than this.")
-    below: Annotated[float | None, COMPARED] = Field(None, description="It has to be smaller than this.")
-    equals: bool | None = Field(None, description="For a number that is true or false: which of them it has to be.")
-    unit: str = Field("", description="What stands behind the number on the page, as in N or of the weight.")
+    times: Annotated[float, COMPARED] = Field(1.0, description="Factor on the result [-].")
+    against: Text | None = Field(
+        None, description="Name of a reference run; the result is divided by that of the reference run."
+    )
+    against_number: Text | None = Field(
+        None, description="Name of the result of the reference run; null: the same as number."
+    )
+    above: Annotated[float | None, COMPARED] = Field(None, description="Lower limit.")
+    below: Annotated[float | None, COMPARED] = Field(None, description="Upper limit.")
+    equals: bool | None = Field(None, description="Required value of a true/false result.")
+    unit: str = Field("", description="Unit or text after the number on the page, as in N or of the weight.")
 
     def problems(self) -> Iterator[Problem]:
         bounds = [value for value in (self.above, self.below) if value is not None]
         if self.equals is None and not bounds:
-            yield Problem("", "has no bound", "give above, below or both, or equals: true or false", at_key=True)
+            yield Problem("", "no limit is set", "set above, below or both, or equals: true or false", at_key=True)
         elif self.equals is not None and (bounds or self.against is not None or self.times != 1):
-            yield Problem("equals", "goes with no other bound and no ratio", "leave one of them out")
+            yield Problem("equals", "cannot be combined with other limits or a ratio", "remove one of them")
         elif len(bounds) == 2 and not bounds[0] < bounds[1]:
-            yield Problem("above", f"{bounds[0]:g} is not smaller than below, {bounds[1]:g}", "swap them")
+            yield Problem("above", f"{bounds[0]:g} is not smaller than below, {bounds[1]:g}", "swap the two limits")
         if self.against_number is not None and self.against is None:
-            what = "there is no run to compare with"
-            yield Problem("against_number", what, "give against: RUN, or leave it out", at_key=True)
+            what = "the reference run is missing"
+            yield Problem("against_number", what, "set against: RUN, or remove the key", at_key=True)
 
 
 class WithReason(Section):
-    """What may need a reason."""
+    """An entry with an explanation."""
 
     why: str = Field(
         "",
-        description="Why it holds or does not, or why nothing is measured, in words that the page shows below the verdict; "
-        "where it does not hold, the page marks that none is given.",
+        description="Explanation of the result, or of why nothing is measured, as printed on the page. The page marks a "
+        "claim without explanation that is not confirmed.",
     )
 
 
 class Noted(Section):
-    """What may have a note."""
+    """An entry with a note."""
 
-    note: str = Field("", description="A sentence that the page shows with it.")
+    note: str = Field("", description="Note to print on the page.")
 
 
 class ClaimSection(Measure, WithReason):
-    """A statement about numbers of runs: confirmed where all of them are within the bounds, contradicted otherwise."""
+    """A claim on results of runs: confirmed if all of them are within the limits."""
 
-    text: Text = Field(description="The statement.")
+    text: Text = Field(description="Text of the claim.")
 
 
 class ComparisonSection(WithReason):
-    """What a source says, what comes out under its settings, and what under ours."""
+    """A comparison of a published result with runs under the settings of the source and under other settings."""
 
-    source: Text = Field(description="Where it stands, as in figure 2.4.")
-    says: Text = Field(description="What it says there.")
-    printed: str = Field("", description="Its number, in words.")
-    as_printed: Measure | None = Field(None, description="Numbers of runs under the settings of the source.")
-    ours: Measure | None = Field(None, description="Numbers of runs under settings of our own.")
+    source: Text = Field(description="Location in the source, as in figure 2.4.")
+    says: Text = Field(description="Statement of the source.")
+    printed: str = Field("", description="Published number, as text.")
+    as_printed: Measure | None = Field(None, description="Results of runs with the settings of the source.")
+    ours: Measure | None = Field(None, description="Results of runs with other settings.")
 
     def problems(self) -> Iterator[Problem]:
         if self.as_printed is None and self.ours is None and not self.why:
-            remedy = "give as_printed or ours, or why there is nothing to measure"
-            yield Problem("", "nothing is measured, and nothing says why", remedy, at_key=True)
+            remedy = "set as_printed or ours, or explain in why that there is nothing to measure"
+            yield Problem("", "no result and no explanation is set", remedy, at_key=True)
 
 
 def as_texts(value: str | Sequence[str]) -> tuple[str, ...]:
-    """One text or a list as a tuple."""
+    """One text or a list, as a tuple."""
     return (value,) if isinstance(value, str) else tuple(value)
 
 
 def measures_of(claims: Sequence[ClaimSection], comparisons: Sequence[ComparisonSection]) -> dict[str, Measure]:
-    """Dotted key → every measure of a suite: its claims, then both sides of its comparisons."""
+    """Every measure of a suite by dotted key: its claims, then both columns of its comparisons."""
     measures: dict[str, Measure] = {f"claims.{i}": claim for i, claim in enumerate(claims)}
     for i, row in enumerate(comparisons):
         sides = {"as_printed": row.as_printed, "ours": row.ours}
@@ -97,84 +103,89 @@ def measures_of(claims: Sequence[ClaimSection], comparisons: Sequence[Comparison
 
 
 class StudySection(Noted):
-    """A question that several runs answer together; what is not listed here is a study by its name in runs[].study alone."""
+    """A question that several runs answer together. Studies that are not listed here are defined by runs[].study."""
 
-    name: Text = Field(description="Name of the study, as in runs[].study; the heading on the page.")
+    name: Text = Field(description="Name of the study, as in runs[].study; a heading of the page.")
     over: Text | None = Field(
         None,
-        description="Dotted key of the runs' configs whose number they vary, as in estimate.time_step: figures over it, a line a "
-        "group.",
+        description="Dotted key that the runs vary, as in estimate.time_step; the horizontal axis of the figures, with one "
+        "line for each group.",
     )
     numbers: tuple[Text, ...] = expert(
         (),
-        description="Numbers of `estimate`, of a placement `validate`, that are drawn over it, as in slope.Fz; without any: the "
-        "error of every unknown beside its claimed standard deviation.",
+        description="Results of `estimate` (of a placement `validate`) to plot, as in slope.Fz. Default: the error of every "
+        "unknown, and its standard deviation.",
     )
 
 
 def study_problems(studies: Sequence[StudySection], named: Sequence[str]) -> Iterator[Problem]:
-    """What is wrong with the studies; named: those of the runs."""
+    """Yield the problems of the studies; named: studies of the runs."""
     for i, study in enumerate(studies):
         if study.name in [other.name for other in studies[:i]]:
-            yield Problem(f"studies.{i}.name", f"'{study.name}' is listed twice", "list every study once")
+            yield Problem(f"studies.{i}.name", f"'{study.name}' appears twice", "list every study once")
         elif study.name not in named:
-            yield Problem(f"studies.{i}.name", f"no run is of the study '{study.name}'", "name it in runs[].study")
+            yield Problem(
+                f"studies.{i}.name",
+                f"no run belongs to the study '{study.name}'",
+                "assign a run to it with runs[].study",
+            )
         if study.numbers and study.over is None:
-            yield Problem(f"studies.{i}.numbers", "there is nothing to draw them over", "give over: KEY", at_key=True)
+            yield Problem(f"studies.{i}.numbers", "the figures have no horizontal axis", "set over: KEY", at_key=True)
 
 
 DOTTED = re.compile(r"[\w-]+(\.[\w-]+)*")
 """A dotted key, as in --set place.keep=6."""
-OWN = {"name": "give name: NAME beside config:", "kind": "the kind of a config is its own"}
+OWN = {"name": "set name: NAME next to config:", "kind": "remove it: the config itself defines its kind"}
 
 
 class Overriding(Section):
-    """What is put over a config."""
+    """Overrides of a config."""
 
     overrides: dict[str, JsonValue] = Field(
-        {}, alias="set", description="Dotted key → value, put over the config of the run, or of every run, as by --set."
+        {},
+        alias="set",
+        description="Overrides of the config of the run, or of every run: dotted key → value, as with --set.",
     )
 
 
 class SuiteRun(Overriding, Noted):
     """One run of a suite."""
 
-    config: Text = Field(description="Config of the run, from the folder of the suite's file.")
-    label: Text = Field(description="What the page calls the run.")
-    name: RunName | None = Field(None, description="Name of the run in place of its config's own.")
+    config: Text = Field(description="Config of the run, relative to the folder of the suite.")
+    label: Text = Field(description="Label of the run on the page.")
+    name: RunName | None = Field(None, description="Name of the run; null: the name in its config.")
     until: Text = Field("report", description="Last stage to run.")
-    study: Text | None = Field(None, description="Name of the study; its runs share a heading and their figures.")
-    group: str = Field("", description="Runs of one group are one line in figures over a varied key.")
+    study: Text | None = Field(None, description="Name of the study; runs of one study share a heading and figures.")
+    group: str = Field("", description="Group of the run; runs of one group form one line in the figures.")
 
 
 class SuiteConfig(Overriding):
-    """Runs that belong together: each is brought up to date, then one page shows them side by side."""
+    """A suite of runs: it updates each run, then compares them on one page."""
 
     kind: Literal["suite"] = Field(description="Which pipeline.")
-    name: RunName = Field(description="Name of the suite; its page and numbers go to results/NAME.")
+    name: RunName = Field(description="Name of the suite; its page and results are written to results/NAME.")
     title: Text = Field(description="Title of the page.")
     suffix: Annotated[str, Field(pattern=r"^[A-Za-z0-9_-]*$", max_length=50)] = expert(
-        "", description="Put behind the name of every run: letters, digits, - and _."
+        "", description="Suffix of the name of every run: letters, digits, - and _."
     )
     jobs: int = Field(
-        1, ge=1, le=64, description="Runs at a time [-]: two halve the time where the memory is enough for both."
+        1, ge=1, le=64, description="Number of simultaneous runs [-]; 2 halves the time if the memory is sufficient."
     )
     runs: Annotated[tuple[SuiteRun, ...], Field(min_length=1)] = Field(
         description="The runs, in order: placements and benches."
     )
-    studies: tuple[StudySection, ...] = Field(
-        (), description="What more there is to say of studies named in runs[].study."
-    )
+    studies: tuple[StudySection, ...] = Field((), description="Axes and results of the studies named in runs[].study.")
     claims: tuple[ClaimSection, ...] = Field(
-        (), description="Statements that the page calls confirmed or contradicted."
+        (), description="Claims that the page reports as confirmed or not confirmed."
     )
     comparisons: tuple[ComparisonSection, ...] = Field(
-        (), description="What a source says, row by row, beside what comes out under its settings and under ours."
+        (),
+        description="Comparisons of published results with runs under the settings of the source and under other settings.",
     )
 
 
 def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
-    """What is wrong with a suite by itself, before any config of its runs is read."""
+    """Yield the problems of a suite, before the configs of its runs are read."""
     yield from _lines({"title": config.title})
     yield from _overrides("set", config.overrides)
     for i, run in enumerate(config.runs):
@@ -195,11 +206,11 @@ def suite_problems(config: SuiteConfig) -> Iterator[Problem]:
 
 
 def _lines(texts: Mapping[str, str]) -> Iterator[Problem]:
-    """What is printed has to be one line without anything that a terminal acts upon."""
+    """Yield a problem for printed text with line breaks or control characters."""
     for key, text in texts.items():
         if bad := next((c for c in text if unicodedata.category(c) in ("Cc", "Zl", "Zp")), None):
             what = "a line break" if bad in "\n\r\u2028\u2029" else f"the control character U+{ord(bad):04X}"
-            yield Problem(key, f"holds {what}", "write plain text on one line; a folded block begins with >-")
+            yield Problem(key, f"holds {what}", "write plain text on one line; use >- for a folded block")
 
 
 def _overrides(section: str, overrides: dict[str, JsonValue]) -> Iterator[Problem]:

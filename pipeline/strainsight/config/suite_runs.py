@@ -1,4 +1,4 @@
-"""The runs of a suite, each as the checked config that it stands for."""
+"""The runs of a suite, each as a checked config."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ Made = TypeVar("Made")
 
 @dataclass(frozen=True)
 class PlannedRun:
-    """A run of a suite: its entry and its place in the list, from 0; its config under its final name."""
+    """A run of a suite: its entry, its index in the list, and its config under the final name."""
 
     entry: SuiteRun
     place: int
@@ -28,10 +28,10 @@ class PlannedRun:
 
 
 def runs_of(suite: LoadedConfig) -> tuple[PlannedRun, ...]:
-    """The configs of a suite's runs, in order: its `set` put over each, then the run's own, then name and suffix.
+    """Configs of the runs of a suite, in order. The `set` of the suite applies first, then that of the run, then name and suffix.
 
-    What is taken `from` a run of the suite follows that run's suffix. Raises ConfigError with every problem of every run;
-    what `set` made wrong is placed in the suite's file.
+    A `from` that names another run of the suite gets its suffix. Raises ConfigError with every problem of every run; problems
+    caused by `set` are located in the file of the suite.
     """
     model = suite.model
     assert isinstance(model, SuiteConfig)
@@ -48,12 +48,12 @@ def _raise(error: ConfigError) -> None:
 
 
 def all_of(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
-    """What is made of every item; raises the problems of all of them at once, each once."""
-    made: list[Made] = []
+    """Apply `make` to every item; raise the problems of all items at once, without duplicates."""
+    results: list[Made] = []
     problems: dict[str, ConfigError] = {}
     for item in items:
         try:
-            made.append(make(item))
+            results.append(make(item))
         except ConfigError as error:
             listed = [problem for problem in (error, *error.others) if isinstance(problem, ConfigError)]
             error.others = ()
@@ -63,16 +63,16 @@ def all_of(items: Iterable[Of], make: Callable[[Of], Made]) -> list[Made]:
         first, *others = problems.values()
         first.others = tuple(others)
         raise first
-    return made
+    return results
 
 
 def study_of(model: SuiteConfig, run: PlannedRun) -> StudySection | None:
-    """What the suite says more of the study of a run."""
+    """Entry of the study of a run, or None."""
     return next((study for study in model.studies if study.name == run.entry.study), None)
 
 
 def value_over(config: Mapping[str, Any], key: str) -> float | None:
-    """The number at a dotted key, places of lists counted from 0; None where there is none."""
+    """Number at a dotted key (list indices from 0), or None."""
     value: Any = config
     for part in key.split("."):
         if isinstance(value, Mapping):
@@ -85,18 +85,20 @@ def value_over(config: Mapping[str, Any], key: str) -> float | None:
 
 
 def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
-    """The config of the i-th run, before the suffix."""
+    """Config of the i-th run, without the suffix."""
     entry = model.runs[i]
     path = suite.path.parent / entry.config
     key, where = f"runs[{i}].config", suite.locate(f"runs.{i}.config")
     if not _is_file(path):
-        raise ConfigError(f"no such file: {path}", key=key, where=where, remedy="paths start from the suite's folder")
+        raise ConfigError(
+            f"file not found: {path}", key=key, where=where, remedy="paths are relative to the folder of the suite"
+        )
     kind = kind_of(path)
     if kind == "suite":
-        raise ConfigError(f"{path} is a suite itself", key=key, where=where, remedy="list its runs one by one")
+        raise ConfigError(f"{path} is a suite", key=key, where=where, remedy="list its runs instead")
     if kind == "bearing":
-        what = f"{path} is a bearing alone: the page of a suite is about placements or benches"
-        raise ConfigError(what, key=key, where=where, remedy=f"run it by itself: strainsight run {path}")
+        what = f"{path} is a bearing config; a suite can contain placements and benches only"
+        raise ConfigError(what, key=key, where=where, remedy=f"run it separately: strainsight run {path}")
     overrides = [
         Override(key, value, suite.locate(f"{section}.{key}"))
         for section, values in (("set", model.overrides), (f"runs.{i}.set", entry.overrides))
@@ -113,7 +115,7 @@ def _plain(suite: LoadedConfig, model: SuiteConfig, i: int) -> LoadedConfig:
 
 
 def _is_file(path: Path) -> bool:
-    """Whether it is one; a name that no file can have is none."""
+    """Whether the path is an existing file; invalid names are not."""
     try:
         return path.is_file()
     except (OSError, ValueError):
@@ -121,7 +123,7 @@ def _is_file(path: Path) -> bool:
 
 
 def _explain_replaced(problem: StrainsightError, overrides: Sequence[Override]) -> None:
-    """Where a key is missing because a whole section was put over the config's own, say how to put only its keys."""
+    """Add a hint if a key is missing because an override replaced its whole section."""
     for override in overrides:
         if (
             problem.what == MISSING
@@ -129,12 +131,12 @@ def _explain_replaced(problem: StrainsightError, overrides: Sequence[Override]) 
             and str(problem.key).startswith(f"{override.key}.")
         ):
             keys = ", ".join(f"{key}: {json.dumps(value)}" for key, value in leaves(override.key, override.value))
-            problem.remedy = f"`set` replaced all of {override.key}: write {keys or 'its keys one by one'}"
+            problem.remedy = f"`set` replaced the whole section {override.key}; write {keys or 'its keys one by one'}"
 
 
 def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequence[str]) -> PlannedRun:
-    """The run with its suffix; names: of all runs before that."""
-    more = list(_taken(run, names, model.suffix))
+    """The run with its suffix; names: names of all runs without suffix."""
+    more = list(_renamed_sources(run, names, model.suffix))
     if model.suffix:
         more.append(Override("name", names[run.place] + model.suffix, suite.locate("suffix")))
     if not more:
@@ -142,8 +144,8 @@ def _final(suite: LoadedConfig, model: SuiteConfig, run: PlannedRun, names: Sequ
     return PlannedRun(run.entry, run.place, load_config(run.config.path, (*run.config.overrides, *more)))
 
 
-def _taken(run: PlannedRun, names: Sequence[str], suffix: str) -> Iterator[Override]:
-    """What comes from runs of the suite, under the names that these have here."""
+def _renamed_sources(run: PlannedRun, names: Sequence[str], suffix: str) -> Iterator[Override]:
+    """Overrides of `from` keys that refer to runs of this suite."""
     for key, source in leaves("", run.config.data):
         if not key.endswith(".from") or not isinstance(source, str):
             continue
@@ -154,38 +156,37 @@ def _taken(run: PlannedRun, names: Sequence[str], suffix: str) -> Iterator[Overr
         elif source in names:
             what = "the guess" if ".guess." in key else "it"
             raise ConfigError(
-                f"{what} comes from '{source}', which the suite runs later",
+                f"{what} comes from '{source}', which runs later in this suite",
                 key=key,
                 where=where,
-                remedy="list that run before this one",
+                remedy="move that run before this one",
             )
 
 
 def _refuse_taken(suite: LoadedConfig, model: SuiteConfig, before: Sequence[PlannedRun], run: PlannedRun) -> None:
     name = run.config.model.name
-    taken = {model.name: "the suite itself"} | {other.config.model.name: f"runs[{other.place}]" for other in before}
-    if name in taken:
+    owners = {model.name: "the suite itself"} | {other.config.model.name: f"runs[{other.place}]" for other in before}
+    if name in owners:
         raise ConfigError(
-            f"the run is named '{name}', as is {taken[name]}",
+            f"the run name '{name}' is already the name of {owners[name]}",
             key=f"runs[{run.place}].name",
             where=suite.locate(f"runs.{run.place}.name"),
-            remedy="give it another name beside its config: name: NAME",
+            remedy="set another name next to config: name: NAME",
         )
 
 
 def _refused(
     suite: LoadedConfig, model: SuiteConfig, runs: Sequence[PlannedRun], names: Sequence[str]
 ) -> Iterator[ConfigError]:
-    """What is wrong with studies and with measures, each with its place; names: before the suffix,
-    as measures say them."""
+    """Yield the errors of studies and measures; names: run names without suffix, as in measures."""
     for run in runs:
         study = study_of(model, run)
         if study is not None and study.over is not None and value_over(run.config.data, study.over) is None:
             yield wrong(
                 suite,
                 f"studies.{model.studies.index(study)}.over",
-                f"{study.over} is no number in runs[{run.place}], '{run.config.data['name']}'",
-                "name a key that is a number in every run of the study, or set it there",
+                f"{study.over} is not a number in runs[{run.place}], '{run.config.data['name']}'",
+                "use a key that is a number in every run of the study, or set it there",
             )
     for place, measure in measures_of(model.claims, model.comparisons).items():
         named = [("run", name) for name in as_texts(measure.run)]
@@ -193,9 +194,11 @@ def _refused(
         for key, name in named:
             if name not in names:
                 known = f"its runs are {', '.join(names)}"
-                yield wrong(suite, f"{place}.{key}", f"no run '{name}' in this suite", did_you_mean(name, names, known))
+                yield wrong(
+                    suite, f"{place}.{key}", f"unknown run '{name}' in this suite", did_you_mean(name, names, known)
+                )
 
 
 def wrong(suite: LoadedConfig, key: str, what: str, remedy: str) -> ConfigError:
-    """An error at a dotted key of the suite."""
+    """Error at a dotted key of the suite."""
     return ConfigError(what, key=shown_key(key), where=suite.locate(key), remedy=remedy)

@@ -1,6 +1,4 @@
-"""The commented config that `strainsight init` writes for the user's own deck: what the deck says is filled in, what nobody has
-said is left blank.
-"""
+"""The commented config of `strainsight init`: data of the deck and answers of the user are filled in, the rest is blank."""
 
 from __future__ import annotations
 
@@ -18,66 +16,66 @@ from strainsight.config.suite import SuiteConfig
 from strainsight.errors import printable
 
 WORDS = ("null", "true", "false", "yes", "no", "on", "off", "y", "n")
-"""Which YAML does not read as text."""
+"""Words that YAML does not read as text."""
 POOL = {"modulus": 100, "load": 300}
-"""Candidates that enter the elimination: a load is not known best where the strain is largest."""
+"""Candidates for the elimination: for a load, the location of the largest strain is not the best."""
 
 TEMPLATE = """\
 # Where to bond strain gauges on {deck}.
-# Lines marked ← are yours: what is blank has to be filled in, the rest to be checked. `strainsight import` names what is
-# still blank, `strainsight schema` describes every key. Values are SI unless a comment says otherwise.
+# Fill in the blank lines marked ←, and check the other marked lines. `strainsight import` lists the lines that are still
+# blank, `strainsight schema` describes every key. SI units unless a comment states another unit.
 kind: placement
 name: {name}    # results go to results/{name}
-seed: 1                 # of everything that is drawn at random
+seed: 1                 # of the random number generator
 
 mesh:
-  file: {file}    # from the folder of this file
-  length_unit: {length_unit:<8} # ← unit of the deck: m, mm, cm, in, ft
-  mass_unit: {mass_unit:<8}   # ← unit of the deck: kg, t, g, lb, slug, lbf*s2/in (a deck in mm and N has t)
+  file: {file}    # relative to the folder of this file
+  length_unit: {length_unit:<8} # ← length unit of the deck: m, mm, cm, in, ft
+  mass_unit: {mass_unit:<8}   # ← mass unit of the deck: kg, t, g, lb, slug, lbf*s2/in (t with mm and N)
 {mesh}
-# Material properties that are not known exactly. None: parameters: {{}}
+# Uncertain material properties. Without any: parameters: {{}}
 {parameters}
-# Forces, moments, pressures. What is `known: false` has to stand under place.estimate.
+# Forces, moments, pressures. List loads with `known: false` under place.estimate.
 loads:
   force:
 {load}
-damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}; or sought: damping_factor
+damping: {{type: modal, ratio: 0.01}}         # ← or {{type: rayleigh, alpha: 0.0, beta: 1.0e-5}}; to estimate it: damping_factor
 
 rom:
-  modes: 10                       # well above the highest frequency of the loads
+  modes: 10                       # natural frequencies up to well above the load frequencies
   parameter_samples: 5
   tolerance: 1.0e-4
 
 train:
-  duration: 1.0                   # ← [s] a few periods of the slowest load
-  time_step: 5.0e-4               # ← [s] 40 steps a period of the fastest load
-  # model: static                 # loads far below the first mode: without inertia
+  duration: 1.0                   # ← [s] a few periods of the lowest load frequency
+  time_step: 5.0e-4               # ← [s] 40 steps per period of the highest load frequency
+  # model: static                 # quasi-static, for loads far below the first natural frequency
 
 gauges:
-  surface: all                    # ← all exterior facets, or the name of a face, an element or node set
+  surface: all                    # ← all exterior facets, or the name of a face, element set or node set
 {direction}
-  noise_std: {{relative_to_strongest: 0.01}}                # ← 1 % of the strongest; or {{value: 1.0e-7}} [strain]
-{type}  # clearance: 0.005              # [m] from edges, supports and loads, or none; default: half the diagonal of the carrier
+  noise_std: {{relative_to_strongest: 0.01}}                # ← 1 % of the largest reading; or {{value: 1.0e-7}} [strain]
+{type}  # clearance: 0.005              # [m] to edges, supports and loads, or none; default: half the carrier diagonal
 {exclude}
 screen:
-  keep: {pool}                       # candidates that enter the elimination, the strongest first, or all
+  keep: {pool}                       # number of candidates for the elimination, or all
 {spacing}
 place:
-  estimate: [{unknown}]{pad}             # ← names from above
-  keep: {keep}                         # ← gauges you will bond
+  estimate: [{unknown}]{pad}             # ← parameters and loads from above
+  keep: {keep}                         # ← number of gauges to bond
   instants: 20                    # instants of the training run to place for
-  aggregate: mean                 # over them, or worst
-  certificate: true               # say how far from the best layout this one can be
+  aggregate: mean                 # mean or worst over the instants
+  certificate: true               # compute a bound on the best possible layout
 
 validate:
   truth:
-    model: rich                   # reality is simulated with more modes, other damping and misplaced gauges
+    model: rich                   # simulated test with model error: more modes, other damping, misplaced gauges
 {truth}  time_step: 5.0e-4               # [s]
   duration: 1.0                   # [s]
-  initial_std: {{{unknown}: {initial}}}{pad}        # how wrong the guess may be, as a share of it, of a load of its amplitude
-  random_sets: 10                 # random gauge sets to compare with
-  noise_factors: [0.1, 5.0]       # other noise levels to try
-  repeats: 20                     # seeds and starting values
+  initial_std: {{{unknown}: {initial}}}{pad}        # initial σ, relative to the guess or to the load amplitude
+  random_sets: 10                 # number of random layouts for comparison
+  noise_factors: [0.1, 5.0]       # other noise levels, relative to noise_std
+  repeats: 20                     # runs with other seeds and initial values
 
 report: {{format: html}}
 """
@@ -85,48 +83,50 @@ report: {{format: html}}
 PARAMETERS = """\
 parameters:
   E:
-    property: youngs_modulus      # or density, stiffness_factor of the whole region, thickness of its shells [m]
-    region: {region:<8}              # ← its id or name, or a list of them
-    guess: {guess}              # ← [Pa]; or {{from: NAME}} to take what another run has estimated
-    range: {range}   # ← [Pa] the true value lies in here
-    process_noise_scale: 0.05     # how fast it may drift in the filter that ranks layouts [1/√s]
+    property: youngs_modulus      # or density, stiffness_factor of the region, thickness of its shells [m]
+    region: {region:<8}              # ← id or name, or a list
+    guess: {guess}              # ← [Pa]; or {{from: NAME}} for the estimate of another run
+    range: {range}   # ← [Pa] range with the true value
+    process_noise_scale: 0.05     # drift rate in the filter for placement [1/√s]
 """
 FACTOR = """\
 parameters:
   stiffness:
     property: stiffness_factor    # of the whole laminate; or density, thickness [m], or e1, e2, g12 of its plies [Pa]
-    region: {region:<8}              # ← its id or name, or a list of them
-    guess: 1.0                    # the stiffness that the deck has
-    range: [0.8, 1.2]             # ← the true factor lies in here
-    process_noise_scale: 0.05     # how fast it may drift in the filter that ranks layouts [1/√s]
+    region: {region:<8}              # ← id or name, or a list
+    guess: 1.0                    # the stiffness of the deck
+    range: [0.8, 1.2]             # ← range with the true factor
+    process_noise_scale: 0.05     # drift rate in the filter for placement [1/√s]
 """
 MATERIAL = """\
     {name}: {{regions: {regions}, youngs_modulus: {E}, poisson_ratio: {nu}, density: {rho}}}
 """
 CONE = """\
   exclude:                        # zones without gauges; others: box, cylinder, near_edges, near_set [m]
-    - normal_cone: {{axis: {axis}, angle: 10}}           # an axis says nothing on facets that face along it
+    - normal_cone: {{axis: {axis}, angle: 10}}           # the projected axis is undefined on facets normal to it
 """
-TRUTH = "    parameters: {{{name}: {truth}}}      # ← {unit}an assumed true value to be found again\n"
-TYPE = "  type: {name:<25} # ← grid [mm] / resistance [Ω]: gives grid, clearance, spacing, range; or one of your own, in types\n"
-NO_TYPE = "  # type: 3/350                 # no carrier of the catalogue fits the faces of this part; your own: types\n"
-OPEN_TYPE = "  # type: 3/350                 # ← grid [mm] / resistance [Ω]: gives grid, clearance, spacing, range\n"
-SPACING = "  # minimum_spacing: 0.011        # [m] between them; default: the longer side of the carrier\n"
-OWN_SPACING = "  minimum_spacing: {spacing:<14} # ← [m] between them: the length of the carrier\n"
+TRUTH = "    parameters: {{{name}: {truth}}}      # ← {unit}assumed true value, which the filter has to estimate\n"
+TYPE = (
+    "  type: {name:<25} # ← grid [mm] / resistance [Ω]; sets grid, clearance, spacing, range. Other types: see types\n"
+)
+NO_TYPE = "  # type: 3/350                 # no carrier of the catalogue fits the faces of this part; other types: see types\n"
+OPEN_TYPE = "  # type: 3/350                 # ← grid [mm] / resistance [Ω]; sets grid, clearance, spacing, range\n"
+SPACING = "  # minimum_spacing: 0.011        # [m] between gauges; default: the longer side of the carrier\n"
+OWN_SPACING = "  minimum_spacing: {spacing:<14} # ← [m] between gauges: the length of the carrier\n"
 EXCLUDE = """\
   # exclude:                      # zones without gauges; others: box, cylinder, near_edges, normal_cone [m]
-  #   - NAME                       # a face of mesh.faces, or a set, that something lies on, with the clearance around it
+  #   - NAME                       # a contact face of mesh.faces, or a set; the clearance is added
 """
 ON_SEATS = """\
   exclude: [                      # zones without gauges; others: box, cylinder, near_edges, normal_cone [m]
 {lines}  ]
 """
 LISTED, FACES = 12, 24
-"""Places for a load, and faces, that a config lists."""
+"""Largest numbers of load locations and of faces that a config lists."""
 
 
 def template(deck: str, suggestion: Suggestion | None = None, answers: Answers = NONE) -> str:
-    """A config for the deck at `deck` (path from the config's folder); it validates once nothing is blank."""
+    """Config for the deck at `deck` (path relative to the folder of the config); valid when no key is blank."""
     suggestion = suggestion or Suggestion()
     name = run_name(deck)
     E = suggestion.youngs_modulus or (answers.material[0] if answers.material else None)
@@ -158,7 +158,7 @@ def template(deck: str, suggestion: Suggestion | None = None, answers: Answers =
 
 
 def _named(suggestion: Suggestion, answers: Answers) -> dict[str, str]:
-    """The faces that the user has named, name → point."""
+    """Faces named by the user: name → point."""
     return {
         suggestion.free(role): place.name
         for role, place in (("held", answers.held), ("loaded", answers.load))
@@ -167,7 +167,7 @@ def _named(suggestion: Suggestion, answers: Answers) -> dict[str, str]:
 
 
 def _seats(suggestion: Suggestion, answers: Answers) -> dict[str, DeckPlace]:
-    """The faces that probably lie on something, by the user's name where there is one."""
+    """Probable contact faces, by the name of the user if there is one."""
     names_of_user = {suggestion.face_at(point): name for name, point in _named(suggestion, answers).items()}
     seats = [place for place in suggestion.places if place.lies_on]
     names = [suggestion.free("seat" if len(seats) == 1 else f"seat-{i + 1}") for i in range(len(seats))]
@@ -175,29 +175,29 @@ def _seats(suggestion: Suggestion, answers: Answers) -> dict[str, DeckPlace]:
 
 
 def _exclude(suggestion: Suggestion, answers: Answers) -> str:
-    """Zones without gauges, written so that each line may be taken out by itself."""
+    """Zones without gauges; each line can be removed separately."""
     cone = CONE.format(axis=answers.axis) if answers.axis else ""
     lines = ""
     for name, place in _seats(suggestion, answers).items():
         entry = f"- {name}" if cone else f"{name},"
         if place.instead_of:
-            lines += f"    # {entry:<27} # the other side of the same bores: put it in if something lies there\n"
+            lines += f"    # {entry:<27} # other side of the same bores: uncomment it if this is the contact face\n"
         else:
-            lines += f"    {entry:<29} # ← {place.lies_on}: something lies on it; take the line out if nothing does\n"
+            lines += f"    {entry:<29} # ← {place.lies_on}: probable contact face; remove the line if it is not\n"
     if not lines:
         return cone or EXCLUDE
     return f"{cone}{lines}" if cone else ON_SEATS.format(lines=lines)
 
 
 def _type(suggestion: Suggestion) -> str:
-    """The type of gauge that fits; of a deck in no usual unit, or without a surface, none is known to fit or not to."""
+    """Suitable gauge type; undecided for a deck without surface or with implausible units."""
     if suggestion.gauge_type:
         return TYPE.format(name=suggestion.gauge_type)
     return NO_TYPE if suggestion.solids and suggestion.length_unit and not suggestion.thin else OPEN_TYPE
 
 
 def run_name(deck: str) -> str:
-    """The run's name, of the deck's."""
+    """Name of the run, from that of the deck."""
     stem = re.split(r"[/\\\\]", deck)[-1].removesuffix(".gz").rsplit(".", 1)[0]
     name = re.sub(r"[^A-Za-z0-9]+", "-", stem).strip("-").lower()[:90]
     if not name[:1].isalpha() or name in WORDS:
@@ -206,39 +206,37 @@ def run_name(deck: str) -> str:
 
 
 def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
-    """Faces, materials and supports that the file lacks, and the faces there are, as comments."""
+    """Faces, materials and supports that the file lacks, and its faces as comments."""
     named = _named(suggestion, answers)
     seats = {name: place for name, place in _seats(suggestion, answers).items() if name not in named}
     blank = not suggestion.supports and answers.held is None and not suggestion.thin
-    lines = [f"  # {suggestion.odd}: state mesh.materials too, or correct the deck"] if suggestion.odd else []
+    lines = [f"  # {suggestion.odd}: add mesh.materials, or correct the deck"] if suggestion.odd else []
     if suggestion.unsupported:
-        lines.append(
-            "  # What is not supported, though the model is not the same without; what does not matter goes into `ignore`:"
-        )
+        lines.append("  # Unsupported entities that affect the model. Add those that can be neglected to `ignore`:")
         lines += [f"  #   {printable(f'{n:<32} # {k}, the first at {at}')}" for n, k, at in suggestion.unsupported]
-        lines.append("  ignore: []            # ← names from above, or add to the model what they do")
+        lines.append("  ignore: []            # ← entities from above; or model them in another way")
     if suggestion.contact:
         pairs = f"{', '.join(suggestion.pairs[:3])}{', …' * (len(suggestion.pairs) > 3)}"
-        lines.append(
-            f"  # Contact of {printable(pairs)}. open: nothing connects it, as in a *FREQUENCY step of CalculiX;"
+        lines.append(f"  # Contact of {printable(pairs)}. open: not connected, as in a *FREQUENCY step of CalculiX;")
+        lines.append("  # bonded: nodes on the other surface follow it, the upper bound of stiffness. Compare both.")
+        why = (
+            "with open, a part is unsupported"
+            if suggestion.contact == "bonded"
+            else "all parts are supported with open"
         )
-        lines.append(
-            "  # bonded: nodes that lie on the other surface follow it, the stiffest it can be. Compare the two."
-        )
-        why = "open, it moves freely" if suggestion.contact == "bonded" else "open holds too"
         lines.append(f"  contact: {suggestion.contact:<12} # ← bonded or open: {why}")
     if suggestion.support_sets:
         sets = ", ".join(map(str, suggestion.support_sets))
         chosen = f"{suggestion.support_key}: {'' if answers.spc is None else answers.spc:<16}"
-        what = (
-            "set of supports that hold" if suggestion.support_key == "spc" else "step whose supports and elements count"
-        )
+        what = "active support set" if suggestion.support_key == "spc" else "step with the active supports and elements"
         lines.append(f"  {chosen} # ← {what}: {sets}")
     if faces := [place for place in suggestion.places if place.kind == "face"]:
-        lines.append("  # Faces of its surface, the largest first; a name in `faces` is as good as a set of the deck:")
+        lines.append(
+            "  # Faces of the surface, the largest first. A name in `faces` can be used like a set of the deck:"
+        )
         for place in faces[:FACES]:
-            held = f", {place.lies_on}: does something lie on it?" if place.lies_on else ", held" * place.held
-            lines.append(f"  #   near: {place.name:<32} # {place.what}{held}")
+            support = f", {place.lies_on}: contact face?" if place.lies_on else ", supported" * place.held
+            lines.append(f"  #   near: {place.name:<32} # {place.what}{support}")
         if len(faces) > FACES:
             lines.append(f"  #   {len(faces) - FACES} more: `strainsight import` lists them")
     if named or seats or blank:
@@ -247,39 +245,35 @@ def _mesh(deck: str, suggestion: Suggestion, answers: Answers) -> str:
         lines += [f"    {name}: {{{entry.picked}}}    # {entry.lies_on}" for name, entry in seats.items()]
         if blank:
             lines.append(
-                f"    {suggestion.free('held')}: {{near: }}        # ← [x, y, z] of a point of the face that is held"
+                f"    {suggestion.free('remark')}: {{near: }}        # ← [x, y, z] of a point on the supported face"
             )
     if suggestion.thin:
-        lines.append(
-            f"  sections:             # of its triangles and quadrangles: {printable(', '.join(suggestion.thin))} ← [m]"
-        )
+        lines.append(f"  sections:             # shells of the regions {printable(', '.join(suggestion.thin))} ← [m]")
         lines.append("    shells: {regions: all, thickness: }")
     if suggestion.matrices:
         dof, sti, mas = (_quoted(f"{deck.rpartition('.')[0]}{ending}") for ending in (".dof", ".sti", ".mas"))
         at = f", parameter: E, at: {_exact(suggestion.youngs_modulus)}" if suggestion.youngs_modulus else ""
         lines += [
-            "  # Matrices of CalculiX beside the deck, in place of its elements; `region` of the parameter then goes:",
+            "  # CalculiX matrices of the deck, instead of its elements; then remove `region` of the parameter:",
             f"  # matrices: {{numbering: {dof}, stiffness: [{{file: {sti}{at}}}], mass: [{{file: {mas}}}]}}",
         ]
     if suggestion.lacking:
-        lines.append("  materials:            # that the file lacks, in whole or in part ← [Pa], [-], [kg/m³]")
+        lines.append("  materials:            # missing or incomplete in the file ← [Pa], [-], [kg/m³]")
     for i, entry in enumerate(suggestion.lacking):
         E, nu, rho = answers.material or (None, None, None)
         E, nu = (E, nu) if entry.youngs_modulus is None else (entry.youngs_modulus, entry.poisson_ratio)
-        name, regions = f"own-{i + 1}" if i else "own", list(entry.regions)
+        name, regions = f"material-{i + 1}" if i else "material", list(entry.regions)
         lines.append(
             MATERIAL.format(name=name, regions=regions, E=_exact(E), nu=_plain(nu, 12), rho=_plain(rho)).rstrip()
         )
     if not suggestion.supports:
         on_face = blank or (answers.held is not None and answers.held.kind == "face")
-        held = suggestion.free("held") if on_face else _value(answers.held) if answers.held else ""
+        support = suggestion.free("held") if on_face else _value(answers.held) if answers.held else ""
         node = answers.held is not None and answers.held.kind == "node"
-        lines.append(
-            "  supports:             # the file states none; or, where nothing holds it, `free: true` in their place"
-        )
+        lines.append("  supports:             # missing in the file; for a free structure, use `free: true` instead")
         components = "[1, 2, 3, 4, 5, 6]" if suggestion.thin else "[1, 2, 3]"
         means = "1-3 translations, 4-6 rotations" if suggestion.thin else "1-3 translations"
-        lines.append(f"    - {{{'node' if node else 'set'}: {held}, components: {components}}}   # ← {means}")
+        lines.append(f"    - {{{'node' if node else 'set'}: {support}, components: {components}}}   # ← {means}")
     return "".join(f"{line}\n" for line in lines)
 
 
@@ -292,29 +286,29 @@ def _parameters(suggestion: Suggestion, E: float | None) -> str:
 
 
 def _load(suggestion: Suggestion, answers: Answers) -> str:
-    """Where it acts, along what, whether it is known, and its history."""
+    """Location, direction and time history of a load, and whether it is known."""
     place = answers.load
     lines = []
     if place is None:
-        lines.append("    # ← where it acts, one of")
+        lines.append("    # ← location of the load, one of")
         likely = [spot for spot in suggestion.places if spot.kind != "face" and not (spot.held or spot.of_mass)]
         lines += [f"    #   {spot.kind}: {_value(spot):<20} # {spot.what}" for spot in likely[:LISTED]]
-        lines.append("    #   set: NAME                 # a name of mesh.faces: the force is spread over the face")
+        lines.append("    #   set: NAME                 # a name of mesh.faces: the force is distributed over the face")
         for spot in [spot for spot in suggestion.places if spot.of_mass]:
-            lines.append(f"    #   deck_load: {_value(spot):<14} # {spot.what}; with `factor: true`, and no direction")
+            lines.append(f"    #   deck_load: {_value(spot):<14} # {spot.what}; with `factor: true`, without direction")
         lines.append("    set:")
     elif place.kind == "face":
-        lines.append(f"    set: {suggestion.free('loaded'):<24} # the face above; the force is spread over it")
+        lines.append(f"    set: {suggestion.free('loaded'):<24} # the face above; the force is distributed over it")
     else:
         lines.append(f"    {place.kind}: {_value(place):<20}       # {place.what}")
         if place.of_mass:
-            lines.append("    factor: true                 # the signal is how often it acts, 1.0 as in the deck")
+            lines.append("    factor: true                 # the signal is a factor on the load of the deck")
     if place is None or place.kind != "deck_load":
         lines.append(
-            f"    direction: {answers.direction or '':<18} # ← [x, y, z]; or `moment`, on a face `bearing`, `pressure: true`"
+            f"    direction: {answers.direction or '':<18} # ← [x, y, z]; or `moment`; on a face `bearing`, `pressure: true`"
         )
     amplitude = answers.amplitude if answers.amplitude is not None or place is None else place.force
-    known = "true: measured by a load cell; false: to be estimated"
+    known = "true: measured by a load cell; false: estimated"
     lines.append(f"    known: {str(answers.find == 'modulus').lower():<22} # ← {known}")
     signal = f"{{type: sine, frequency: {_plain(answers.frequency)}, amplitude: {_plain(amplitude)}}}"
     lines.append(f"    signal: {signal}     # ← [Hz], [N]; other types: sweep, multisine, csv")
@@ -323,8 +317,8 @@ def _load(suggestion: Suggestion, answers: Answers) -> str:
 
 def _direction(axis: str | None) -> str:
     if axis:
-        return f"  direction: {{type: axis, axis: {axis}, angles: [0]}}   # ← projected on the facet; angles [deg]"
-    return "  direction: {type: principal, angles: [0]}   # ← what strains most; or {type: axis, axis: [1, 0, 0], angles: [0]}"
+        return f"  direction: {{type: axis, axis: {axis}, angles: [0]}}   # ← projected onto the facet; angles [deg]"
+    return "  direction: {type: principal, angles: [0]}   # ← principal strain; or {type: axis, axis: [1, 0, 0], angles: [0]}"
 
 
 def _value(place: DeckPlace) -> str:
@@ -332,25 +326,24 @@ def _value(place: DeckPlace) -> str:
 
 
 def _escaped(text: str) -> str:
-    """Between quotes, or in a comment: no sign that ends a line there, as U+2028 does."""
+    """Text for quotes or a comment, with line breaks such as U+2028 as escapes."""
     escaped = json.dumps(text, ensure_ascii=False)[1:-1]
     return "".join(sign if sign.isprintable() else f"\\U{ord(sign):08x}" for sign in escaped)
 
 
 def _quoted(text: str) -> str:
-    """Text as YAML: a JSON string is a YAML string, whatever is in it; without quotes what starts with a letter and is no word of
-    YAML's, or is a path."""
+    """Text as YAML: without quotes if it is a plain word or a path, otherwise as a JSON string, which is valid YAML."""
     plain = re.fullmatch(r"(\.{0,2}/)?[A-Za-z][A-Za-z0-9_./-]*|(\.\./)+[A-Za-z0-9_./-]+", text)
     return text if plain and text.lower() not in WORDS else f'"{_escaped(text)}"'
 
 
 def _plain(value: float | None, digits: int = 4) -> str:
-    """To four digits, as YAML reads a number: 1250.0, 1e-05; blank where there is none."""
+    """A number with four digits in YAML form: 1250.0, 1e-05; empty for None."""
     return "" if value is None else repr(float(f"{value:.{digits}g}"))
 
 
 def _exact(value: float | None) -> str:
-    """In as few digits, four or more, as give the number that the deck has."""
+    """A number with the smallest number of digits, at least four, that represents it exactly; empty for None."""
     if value is None:
         return ""
     texts = (f"{value:.{digits}e}".replace("e+", "e") for digits in range(3, 17))
@@ -365,10 +358,10 @@ AnyConfig = Annotated[PlacementConfig | BenchConfig | BearingConfig | SuiteConfi
 
 
 def config_schema() -> dict[str, Any]:
-    """JSON Schema (draft 2020-12) of a config of any kind."""
+    """JSON Schema (draft 2020-12) of all kinds of config."""
     adapter: TypeAdapter[Any] = TypeAdapter(AnyConfig)
     schema = adapter.json_schema(by_alias=True)
-    del schema["discriminator"]  # OpenAPI's, which the draft does not know; `kind` is a constant in each
+    del schema["discriminator"]  # part of OpenAPI, not of the draft; `kind` is a constant in each model
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "strainsight config",
@@ -378,5 +371,5 @@ def config_schema() -> dict[str, Any]:
 
 
 def schema_text() -> str:
-    """The schema as the text that docs/config.schema.json holds."""
+    """The schema as the text of docs/config.schema.json."""
     return json.dumps(config_schema(), indent=2, ensure_ascii=False) + "\n"

@@ -1,4 +1,4 @@
-"""YAML as JSON data with the place of every key: no tags, no anchors, no second key of the same name."""
+"""Parse YAML as JSON data with the location of every key: no tags, no anchors, no duplicate keys."""
 
 from __future__ import annotations
 
@@ -12,30 +12,30 @@ from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
 LARGEST = 1 << 17
-"""Bytes of the longest file that is read: some 280 runs of a suite. Of nothing but brackets it takes seven seconds."""
+"""Size limit of a config file [B], about 280 runs of a suite; the slowest such file takes seven seconds."""
 
 PREFIX = "tag:yaml.org,2002:"
 INTEGER = re.compile(r"[-+]?[0-9]+$")
 REMEDIES = (
-    (r"'\\t' that cannot start", "indent and separate with spaces, not with tabs"),
-    ("that cannot start any token|undefined alias", "put the value in quotes"),
-    ("expected <block end>, but found '(<block|\\?|-)", "indent it exactly as its neighbours above"),
+    (r"'\\t' that cannot start", "use spaces, not tabs, for indentation and separation"),
+    ("that cannot start any token|undefined alias", "quote the value"),
+    ("expected <block end>, but found '(<block|\\?|-)", "use the same indentation as the neighbouring lines above"),
     (
         "mapping values are not allowed",
-        "indent it exactly as its neighbours above; put a value that holds ': ' in quotes",
+        "use the same indentation as the neighbouring lines above; quote a value that contains ': '",
     ),
-    ("could not find expected ':'", "write KEY: VALUE in the line above, with a space behind the colon"),
-    (r"expected ',' or '[\]}]'", "close the bracket that was opened above, or put a comma between its entries"),
+    ("could not find expected ':'", "write KEY: VALUE in the line above, with a space after the colon"),
+    (r"expected ',' or '[\]}]'", "close the bracket that was opened above, or separate its entries with commas"),
     ("unexpected end of stream", "close the quotes that were opened above"),
-    ("escape character", "write the text in single quotes, where a backslash is only itself"),
+    ("escape character", "use single quotes, in which a backslash has no special meaning"),
 )
-"""What the parser says (a pattern) → what to do about it; the first that fits."""
+"""Parser message (a pattern) → remedy; the first match applies."""
 BOOLEANS = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False}
 
 
 @dataclass(frozen=True)
 class Mark:
-    """Line and column from 1: of a key (or list entry), and of its value."""
+    """Line and column, from 1, of a key (or list entry) and of its value."""
 
     key: tuple[int, int]
     value: tuple[int, int]
@@ -43,14 +43,14 @@ class Mark:
 
 @dataclass(frozen=True)
 class Document:
-    """JSON data and the mark of every dotted path in it ("" is the whole)."""
+    """JSON data, and the mark of every dotted path in it ("" is the whole file)."""
 
     data: Any
     marks: Mapping[str, Mark]
 
 
 class YamlProblem(Exception):
-    """What is wrong with the text, where (line and column from 1), and under which key."""
+    """Fault of the text, its location (line and column from 1), and its key."""
 
     def __init__(self, what: str, line: int, column: int, key: str = "", remedy: str = ""):
         super().__init__(what)
@@ -58,9 +58,9 @@ class YamlProblem(Exception):
 
 
 def parse(text: str) -> Document:
-    """The document as mappings, lists, strings, numbers, booleans and null, as in JSON.
+    """Parse the document into mappings, lists, strings, numbers, booleans and null, as in JSON.
 
-    Numbers are YAML 1.2's ("1e11" is one, "yes" is text). Raises YamlProblem for anything that JSON cannot say.
+    Numbers follow YAML 1.2 ("1e11" is a number, "yes" is text). Raises YamlProblem for anything JSON cannot represent.
     """
     try:
         root = YAML(typ="safe", pure=True).compose(text)
@@ -73,7 +73,7 @@ def parse(text: str) -> Document:
     except YAMLError as error:
         raise YamlProblem(f"not valid YAML: {' '.join(str(error).split())}", 1, 1) from error
     except RecursionError as error:
-        raise YamlProblem("nested too deeply", 1, 1) from error
+        raise YamlProblem("the nesting is too deep", 1, 1) from error
     if root is None:
         return Document(None, {"": Mark((1, 1), (1, 1))})
     marks: dict[str, Mark] = {"": Mark(_at(root), _at(root))}
@@ -87,7 +87,7 @@ def _at(node: Any) -> tuple[int, int]:
 def _json(node: Any, path: str, marks: dict[str, Mark]) -> Any:
     if getattr(node, "anchor", None):
         raise YamlProblem(
-            "anchors (&) and aliases (*) are not taken", *_at(node), path, "write the value where it is used"
+            "anchors (&) and aliases (*) are not supported", *_at(node), path, "write the value at each place of use"
         )
     kind = str(node.tag).removeprefix(PREFIX)
     match node:
@@ -103,7 +103,7 @@ def _json(node: Any, path: str, marks: dict[str, Mark]) -> Any:
         case ScalarNode():
             return _scalar(node, kind, path)
     raise YamlProblem(
-        f"the tag {node.tag} is not taken", *_at(node), path, "write plain text, numbers, lists or mappings"
+        f"the tag {node.tag} is not supported", *_at(node), path, "use plain text, numbers, lists or mappings"
     )
 
 
@@ -116,19 +116,21 @@ def _mapping(node: Any, path: str, marks: dict[str, Mark]) -> dict[str, Any]:
         below = f"{path}.{key}" if path else key
         if key in mapping:
             first = ":".join(map(str, marks[below].key))
-            raise YamlProblem("given twice", *_at(key_node), below, f"the first one is at {first}: remove one of them")
+            raise YamlProblem(
+                "the key appears twice", *_at(key_node), below, f"remove one of the two; the first one is at {first}"
+            )
         marks[below] = Mark(_at(key_node), _at(value_node))
         mapping[key] = _json(value_node, below, marks)
     return mapping
 
 
 def _text(node: Any, path: str) -> str:
-    """The text of a scalar. JSON writes a sign beyond U+FFFF as two halves, of which the parser does not make one."""
+    """Text of a scalar. JSON escapes characters beyond U+FFFF as two surrogates, which the parser does not combine."""
     try:
         return str(node.value).encode("utf-16", "surrogatepass").decode("utf-16")
     except UnicodeDecodeError:
         raise YamlProblem(
-            "half of a sign (a surrogate) is no text", *_at(node), path, "write the sign itself"
+            "the text contains half of a surrogate pair", *_at(node), path, "write the character itself"
         ) from None
 
 
@@ -146,7 +148,7 @@ def _scalar(node: Any, kind: str, path: str) -> Any:
         case "str" | "timestamp":
             return text
     raise YamlProblem(
-        f"the tag {node.tag} is not taken", *_at(node), path, "write plain text, numbers, lists or mappings"
+        f"the tag {node.tag} is not supported", *_at(node), path, "use plain text, numbers, lists or mappings"
     )
 
 
@@ -156,5 +158,5 @@ def _float(text: str, node: Any, path: str) -> float:
     except ValueError:
         value = float("nan")
     if value - value != 0:
-        raise YamlProblem(f"{text} is not a decimal number", *_at(node), path, "write it as 1890 or 1.89e3")
+        raise YamlProblem(f"{text} is not a decimal number", *_at(node), path, "use the form 1890 or 1.89e3")
     return value

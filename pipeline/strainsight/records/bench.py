@@ -1,4 +1,4 @@
-"""Artefacts of a bench (thesis 1.5-1.7, 2-4): bodies, rest, modes, bearings, motion, surface (pictures are /VTKHDF), estimate and
+"""Artefacts of a bench (thesis 1.5-1.7, 2-4): bodies, equilibrium, modes, bearings, motion, surface fields (/VTKHDF), estimate,
 layout."""
 
 from __future__ import annotations
@@ -17,19 +17,21 @@ from strainsight.rom.inertia import InertiaInvariants
 
 @record
 class WorstInstant:
-    """The balls at the instant of the highest contact pressure."""
+    """Ball loads at the instant of the highest contact pressure."""
 
     time: float = dataset("s", "", "instant of the highest pressure")
-    force: np.ndarray = dataset("N", "ball × 4", "contact force then (ball × contact)")
-    contact_angle: np.ndarray = dataset("rad", "ball × 4", "contact angle then (ball × contact)")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure then (ball × contact)")
+    force: np.ndarray = dataset("N", "ball × 4", "contact force (ball × contact)")
+    contact_angle: np.ndarray = dataset("rad", "ball × 4", "contact angle (ball × contact)")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure (ball × contact)")
 
 
 @record
 class RingMotion:
-    """What a bearing does."""
+    """Motion and load of a bearing."""
 
-    displacement: np.ndarray = dataset("m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring")
+    displacement: np.ndarray = dataset(
+        "m or rad", "/time × 5", "x, y, z displacement and tilts about y, z of the inner ring"
+    )
     load: np.ndarray = dataset("N or N m", "/time × 5", "load on the inner ring")
     pressure: np.ndarray = dataset("Pa", "/time", "highest contact pressure at every instant")
     worst: WorstInstant = group()
@@ -37,37 +39,37 @@ class RingMotion:
 
 @record
 class DriveMotion:
-    """What a driven joint does."""
+    """Motion and force of a driven joint."""
 
-    position: np.ndarray = dataset("m or rad", "/time", "where it is")
-    rate: np.ndarray = dataset("m/s or rad/s", "/time", "how fast it moves")
+    position: np.ndarray = dataset("m or rad", "/time", "position")
+    rate: np.ndarray = dataset("m/s or rad/s", "/time", "rate")
     force: np.ndarray = dataset(
-        "N or N m", "/time", "force or torque along it, by which it does the work force × rate on the bench"
+        "N or N m", "/time", "force or torque of the drive; force × rate is its power on the bench"
     )
 
 
 @record
 class Violation:
     position: np.ndarray = dataset("SI", "/time", "largest constraint violation at every instant")
-    velocity: np.ndarray = dataset("SI", "/time", "largest rate of one")
+    velocity: np.ndarray = dataset("SI", "/time", "largest constraint violation rate at every instant")
 
 
 @record
 class Simulated:
     """simulate.h5."""
 
-    time: np.ndarray = dataset("s", "/time", "time, the start first")
+    time: np.ndarray = dataset("s", "/time", "time, from the start")
     q: np.ndarray = dataset("SI", "/time × coordinate", "coordinates")
-    v: np.ndarray = dataset("SI", "/time × coordinate", "their rates")
+    v: np.ndarray = dataset("SI", "/time × coordinate", "rates of the coordinates")
     violation: Violation = group()
-    frequency: np.ndarray = dataset("Hz", "mode", "undamped frequencies of the coupled bench at the start")
-    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name> and the one after its last")
+    frequency: np.ndarray = dataset("Hz", "mode", "undamped natural frequencies of the bench at the start")
+    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name>, and the last one plus 1")
     inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time", "load <name>")
     sensors: dict[str, np.ndarray] = dataset(
         "unit of sensor <name>",
         "/time × component of <name>",
-        "readings of <name>: strain of every gauge; x, y, z and tilts about y, z of a relative motion; x, y, z of a "
-        "frame; force and moment of a joint",
+        "readings of <name>: strain of every gauge; x, y, z and tilts of a relative motion; x, y, z of a frame; "
+        "force and moment of a joint",
     )
     bearings: dict[str, RingMotion] = group()
     drives: dict[str, DriveMotion] = group()
@@ -75,12 +77,12 @@ class Simulated:
 
 @record
 class SurfaceInTime:
-    """field.h5 beside its grid."""
+    """Data of field.h5 in addition to its grid."""
 
-    time: np.ndarray = dataset("s", "/time", "instants of the pictures")
-    von_mises: np.ndarray = dataset("Pa", "/time", "largest von Mises stress of every picture")
+    time: np.ndarray = dataset("s", "/time", "instants of the frames")
+    von_mises: np.ndarray = dataset("Pa", "/time", "largest von Mises stress of every frame")
     moduli: dict[str, np.ndarray] = dataset(
-        "Pa", "/time", "Young's modulus <name> that the stress is of; as estimated, where it was"
+        "Pa", "/time", "Young's modulus <name> for the stress; the estimate, if it was estimated"
     )
 
 
@@ -89,20 +91,20 @@ SQUARE = "coordinate × coordinate"
 
 @record
 class ReducedBody:
-    """One body; interface: id of the node, as text → its six motions."""
+    """One body; interface: node id as text → its six motions."""
 
-    clamped: bool = dataset("1", "", "whether supports hold the body on the ground")
-    frequency: np.ndarray = dataset("Hz", "mode", "modes with the interfaces held")
-    cut: float = dataset("Hz", "", "first of these modes that was left out")
-    reach: dict[str, np.ndarray] = dataset(
-        "Pa", "2", "lowest and highest value of modulus <name> at which statics are right to 1 %"
-    )
+    clamped: bool = dataset("1", "", "1 if the body has supports on the ground")
+    frequency: np.ndarray = dataset("Hz", "mode", "fixed-interface natural frequencies")
+    cut: float = dataset("Hz", "", "natural frequency of the first truncated mode")
+    reach: dict[str, np.ndarray] = dataset("Pa", "2", "range of modulus <name> for static errors below 1 %")
     mass: np.ndarray = dataset("kg per unit^2", SQUARE, "reduced mass")
     stiffness: AffineOperator = group(AffineTerms, "N/m per unit^2", "reduced stiffness")
     damping: AffineOperator = group(AffineTerms, "N s/m per unit^2", "reduced damping")
-    basis: np.ndarray = dataset("m per unit", "3 nodes × coordinate", "displacement of the nodes (3 node + component)")
+    basis: np.ndarray = dataset(
+        "m per unit", "3 nodes × coordinate", "displacement of the nodes per coordinate (row 3 node + component)"
+    )
     interface: dict[str, np.ndarray] = dataset(
-        "m or rad per unit", "6 × coordinate", "three translations and three rotations of node <name>"
+        "m or rad per unit", "6 × coordinate", "translations and rotations of node <name> per coordinate"
     )
     inertia: InertiaInvariants = group()
 
@@ -116,35 +118,35 @@ class ReducedBodies:
 
 @record
 class FrameAtRest:
-    """Where a frame stands."""
+    """Pose of a frame."""
 
-    position: np.ndarray = dataset("m", "3", "its origin in global axes")
-    axes: np.ndarray = dataset("1", "3 × 3", "its axes in global ones, a column each")
+    position: np.ndarray = dataset("m", "3", "origin in global axes")
+    axes: np.ndarray = dataset("1", "3 × 3", "axes in global axes, as columns")
 
 
 @record
 class RingAtRest:
-    """What a bearing carries."""
+    """State of a bearing."""
 
-    displacement: np.ndarray = dataset("m or rad", "5", "x, y, z, tilts about y, z of the inner ring")
+    displacement: np.ndarray = dataset("m or rad", "5", "x, y, z displacement and tilts about y, z of the inner ring")
     load: np.ndarray = dataset("N or N m", "5", "load on the inner ring")
     pressure: float = dataset("Pa", "", "highest contact pressure")
 
 
 @record
 class AtRest:
-    """statics.h5: the equilibrium under the loads at t = 0."""
+    """statics.h5: equilibrium under the loads at t = 0."""
 
     q: np.ndarray = dataset("SI", "coordinate", "coordinates")
-    growth: float = dataset("1/s", "", "rate of the motion by which it is left; 0: stable")
-    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name> and the one after its last")
+    growth: float = dataset("1/s", "", "growth rate of an unstable equilibrium; 0: stable")
+    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name>, and the last one plus 1")
     inputs: dict[str, float] = dataset("unit of input <name>", "", "load <name>")
     frames: dict[str, FrameAtRest] = group()
     sensors: dict[str, np.ndarray] = dataset("unit of sensor <name>", "component of <name>", "readings of <name>")
     reactions: dict[str, np.ndarray] = dataset(
         "N or N m",
         "6",
-        "force and moment of joint <name> on its second frame, in the axes of the first, about the second's origin",
+        "force and moment of joint <name> on its second frame about its origin, in the axes of the first frame",
     )
     drives: dict[str, float] = dataset("N or N m", "", "force or torque of the drive <name>")
     bearings: dict[str, RingAtRest] = group()
@@ -152,37 +154,37 @@ class AtRest:
 
 @record
 class FrameInModes:
-    """How a frame moves in the modes."""
+    """Motion of a frame in the modes."""
 
-    displacement: np.ndarray = dataset("m per unit", "mode × 3", "of its origin in global axes")
-    rotation: np.ndarray = dataset("rad per unit", "mode × 3", "its turn about global axes")
+    displacement: np.ndarray = dataset("m per unit", "mode × 3", "displacement of the origin in global axes")
+    rotation: np.ndarray = dataset("rad per unit", "mode × 3", "rotation about the global axes")
 
 
 @record
 class StateSpace:
-    """ẋ = A x + B Δu, Δy = C x + D Δu about the state at rest, x the modal coordinates and their rates."""
+    """Linearised model ẋ = A x + B Δu, Δy = C x + D Δu about the equilibrium; x: modal coordinates and their rates."""
 
     A: np.ndarray = dataset("1/s", "state × state", "ẋ by x")
-    B: np.ndarray = dataset("SI per unit of the load", "state × input", "ẋ by the loads")
-    C: np.ndarray = dataset("SI per unit of x", "output × state", "readings by x")
-    D: np.ndarray = dataset("SI per unit of the load", "output × input", "readings by the loads")
+    B: np.ndarray = dataset("SI per unit of the load", "state × input", "input matrix of ẋ")
+    C: np.ndarray = dataset("SI per unit of x", "output × state", "output matrix: readings per x")
+    D: np.ndarray = dataset("SI per unit of the load", "output × input", "feedthrough matrix: readings per load")
     inputs: tuple[str, ...] = dataset("1", "input", "names of the loads")
-    outputs: tuple[str, ...] = dataset("1", "output", "sensors that see the state, with the number of the component")
+    outputs: tuple[str, ...] = dataset("1", "output", "sensors that depend on the state, with the component number")
 
 
 @record
 class Coupled:
-    """modes.h5 of a bench: small motions about its start, M = 1."""
+    """modes.h5 of a bench: small motions about the initial state, with M = 1."""
 
-    frequency: np.ndarray = dataset("Hz", "mode", "undamped natural frequencies, 0 where nothing holds")
+    frequency: np.ndarray = dataset("Hz", "mode", "undamped natural frequencies; 0 for free motions")
     damping: np.ndarray = dataset("1", "mode", "damping ratios")
-    stiffness: np.ndarray = dataset("1/s^2", "mode", "ω², negative where the bench topples")
-    shape: np.ndarray = dataset("SI per unit", "mode × coordinate", "shapes in the coordinates")
-    q: np.ndarray = dataset("SI", "coordinate", "where it rests")
-    growth: float = dataset("1/s", "", "rate of the motion by which that is left; 0: stable")
-    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name> and the one after its last")
+    stiffness: np.ndarray = dataset("1/s^2", "mode", "ω²; negative for an unstable equilibrium")
+    shape: np.ndarray = dataset("SI per unit", "mode × coordinate", "mode shapes in the coordinates")
+    q: np.ndarray = dataset("SI", "coordinate", "coordinates in equilibrium")
+    growth: float = dataset("1/s", "", "growth rate of an unstable equilibrium; 0: stable")
+    coordinates: dict[str, np.ndarray] = dataset("1", "2", "first coordinate of <name>, and the last one plus 1")
     frames: dict[str, FrameInModes] = group()
-    eigenvalue: np.ndarray = dataset("1/s", "state × 2", "eigenvalues of A, real and imaginary")
+    eigenvalue: np.ndarray = dataset("1/s", "state × 2", "eigenvalues of A, real and imaginary part")
     system: StateSpace = group()
 
 
@@ -196,7 +198,7 @@ class BearingCase:
     load: np.ndarray = dataset("N or N m", "5", f"load on the inner ring {FIVE}")
     displacement: np.ndarray = dataset("m or rad", "5", f"displacement of the inner ring {FIVE}")
     stiffness: np.ndarray = dataset("N/m to N m/rad", "5 × 5", "∂load/∂displacement")
-    station: np.ndarray = dataset("rad", "/station", "station of every ball, from the y axis towards z")
+    station: np.ndarray = dataset("rad", "/station", "angular position of every ball, from the y axis towards z")
     force: np.ndarray = dataset("N", "/station × 4", "contact force (ball × contact)")
     contact_angle: np.ndarray = dataset("rad", "/station × 4", "contact angle (ball × contact)")
     pressure: np.ndarray = dataset("Pa", "/station × 4", "peak contact pressure (ball × contact)")
@@ -204,15 +206,15 @@ class BearingCase:
 
 @record
 class BearingCurve:
-    """Load over one displacement."""
+    """Load as a function of one displacement."""
 
-    displacement: np.ndarray = dataset("<unit>", "/displacement", "one displacement of the inner ring, the others zero")
-    load: np.ndarray = dataset("N or N m", "/displacement × 5", f"load that holds it there {FIVE}")
+    displacement: np.ndarray = dataset("<unit>", "/displacement", "displacement of the inner ring; the others are zero")
+    load: np.ndarray = dataset("N or N m", "/displacement × 5", f"load for this displacement {FIVE}")
 
 
 @dataclass(frozen=True)
 class BearingDisplaced:
-    """A bearing along one displacement, number `along` of the five."""
+    """A bearing along one displacement, component `along` of five."""
 
     bearing: str
     along: int
@@ -228,7 +230,7 @@ class BearingCases:
 
 @record
 class BearingCurves:
-    """Curves of one bearing, by their number among all."""
+    """Curves of one bearing, by curve number."""
 
     curves: dict[str, BearingCurve] = group(path="/<name>", unit="unit of <name>")
 
@@ -243,105 +245,111 @@ class BearingsAlone:
 
 @record
 class BenchTruths:
-    """Every history begins in the state of the config at the start, with its loads."""
+    """Every history starts in the configured initial state, with its loads."""
 
-    time: np.ndarray = dataset("s", "/time", "time, the start first")
-    begin: np.ndarray = dataset("s", "history", "instant of the load histories at which each begins")
+    time: np.ndarray = dataset("s", "/time", "time, from the start")
+    begin: np.ndarray = dataset("s", "history", "start of each history in the load histories")
     q: np.ndarray = dataset("SI", "/time × history × coordinate", "coordinates")
-    v: np.ndarray = dataset("SI", "/time × history × coordinate", "their rates")
+    v: np.ndarray = dataset("SI", "/time × history × coordinate", "rates of the coordinates")
     inputs: dict[str, np.ndarray] = dataset("unit of input <name>", "/time × history", "load <name>")
 
 
 @record
 class LoadHistory:
-    """An unknown load; true: without `estimate.measured`, there: on the bench that was measured, with it; smoothed: by an
-    extended filter whose first run did not diverge, smoothed_std: where it is known to hold."""
+    """An unknown load. true: simulated value; there: value on the measured bench; smoothed: smoother of an extended filter that
+    did not diverge; smoothed_std: only if the smoother is consistent."""
 
     estimate: np.ndarray = dataset("<unit>", "/time", "estimate of <what>")
-    std: np.ndarray = dataset("<unit>", "/time", "its claimed σ")
-    smoothed: np.ndarray | None = dataset("<unit>", "/time", "<what> by all samples, also the later ones", default=None)
-    smoothed_std: np.ndarray | None = dataset("<unit>", "/time", "its claimed σ", default=None)
-    true: np.ndarray | None = dataset("<unit>", "/time", "the true load", default=None)
-    there: np.ndarray | None = dataset("<unit>", "/time", "the load on the bench that was measured", default=None)
+    std: np.ndarray = dataset("<unit>", "/time", "standard deviation of the estimate")
+    smoothed: np.ndarray | None = dataset(
+        "<unit>", "/time", "<what> from all samples, including later ones", default=None
+    )
+    smoothed_std: np.ndarray | None = dataset(
+        "<unit>", "/time", "standard deviation of the smoothed value", default=None
+    )
+    true: np.ndarray | None = dataset("<unit>", "/time", "true load", default=None)
+    there: np.ndarray | None = dataset("<unit>", "/time", "load on the measured bench", default=None)
 
 
 @record
 class ParameterHistory:
     estimate: np.ndarray = dataset("<unit>", "/time", "estimate of <what>")
-    std: np.ndarray = dataset("<unit>", "/time", "its claimed σ")
-    true: float | None = dataset("<unit>", "", "its true value", default=None)
+    std: np.ndarray = dataset("<unit>", "/time", "standard deviation of the estimate")
+    true: float | None = dataset("<unit>", "", "true value", default=None)
 
 
 @record
 class SensorMatch:
-    """A sensor by the estimate; one that the filter was not given has the true reading as its measured one."""
+    """A sensor and its estimate; for a sensor that the filter does not use, measured is the true reading."""
 
-    used: bool = dataset("1", "", "whether the filter was given <what>")
-    expected: np.ndarray = dataset("<unit>", "instant × component", "what the estimate says that it reads")
+    used: bool = dataset("1", "", "1 if the filter uses <what>")
+    expected: np.ndarray = dataset("<unit>", "instant × component", "estimated reading")
     measured: np.ndarray | None = dataset(
-        "<unit>", "instant × component", "what it reads, with its noise where the filter was given it", default=None
+        "<unit>", "instant × component", "measured reading; with noise if the filter uses the sensor", default=None
     )
     predicted: np.ndarray | None = dataset(
-        "<unit>", "instant × component", "readings by the other channels, NaN: it is in", default=None
+        "<unit>", "instant × component", "readings predicted from the other channels; NaN: not left out", default=None
     )
     predicted_std: np.ndarray | None = dataset(
-        "<unit>", "instant × component", "σ of measured − predicted", default=None
+        "<unit>", "instant × component", "standard deviation of measured − predicted", default=None
     )
     left_in: tuple[str, ...] | None = dataset(
-        "1", "component", "why it was not left out, empty where it was", default=None
+        "1", "component", "reason why it was not left out; empty if it was", default=None
     )
     bias: np.ndarray | None = dataset(
-        "<unit>", "component", "estimated offset at the end, 0 of a component that has none", default=None
+        "<unit>", "component", "estimated offset at the end; 0 for a component without offset", default=None
     )
-    bias_std: np.ndarray | None = dataset("<unit>", "component", "its claimed σ", default=None)
+    bias_std: np.ndarray | None = dataset("<unit>", "component", "standard deviation of the offset", default=None)
 
 
 @record
 class BallsThen:
-    """The balls at the instant of the highest estimated contact pressure."""
+    """Ball loads at the instant of the highest estimated contact pressure."""
 
     time: float = dataset("s", "", "instant of the highest pressure")
-    station: np.ndarray = dataset("rad", "ball", "station of every ball")
-    force: np.ndarray = dataset("N", "ball × 4", "contact force then (ball × contact)")
-    force_std: np.ndarray = dataset("N", "ball × 4", "its claimed σ")
-    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure then (ball × contact)")
-    pressure_std: np.ndarray = dataset("Pa", "ball × 4", "its claimed σ")
+    station: np.ndarray = dataset("rad", "ball", "angular position of every ball")
+    force: np.ndarray = dataset("N", "ball × 4", "contact force (ball × contact)")
+    force_std: np.ndarray = dataset("N", "ball × 4", "standard deviation of the contact force")
+    pressure: np.ndarray = dataset("Pa", "ball × 4", "contact pressure (ball × contact)")
+    pressure_std: np.ndarray = dataset("Pa", "ball × 4", "standard deviation of the contact pressure")
 
 
 @record
 class RingEstimate:
-    """What a bearing does by the estimate of the first run; not there where a bank filters."""
+    """Estimated bearing motion and loads of the first run; missing with the grid filter."""
 
-    displacement: np.ndarray = dataset("m or rad", "/time × 5", "x, y, z, tilts about y, z of the inner ring")
-    std: np.ndarray = dataset("m or rad", "/time × 5", "their claimed σ")
-    instants: np.ndarray = dataset("s", "picture", "instants at which the balls were looked at")
+    displacement: np.ndarray = dataset(
+        "m or rad", "/time × 5", "x, y, z displacement and tilts about y, z of the inner ring"
+    )
+    std: np.ndarray = dataset("m or rad", "/time × 5", "standard deviation of the displacements")
+    instants: np.ndarray = dataset("s", "picture", "instants at which the ball loads were evaluated")
     pressure: np.ndarray = dataset("Pa", "picture", "highest contact pressure of all balls")
-    pressure_std: np.ndarray = dataset("Pa", "picture", "claimed σ of the pressure there")
+    pressure_std: np.ndarray = dataset("Pa", "picture", "standard deviation of the highest pressure")
     worst: BallsThen = group()
 
 
 @record
 class LoadRuns:
-    error: np.ndarray = dataset("<unit>", "run", "rms error of <what> over the second half")
+    error: np.ndarray = dataset("<unit>", "run", "RMS error of <what> over the second half")
 
 
 @record
 class ParameterRuns:
-    start: np.ndarray = dataset("<unit>", "run", "first guess of <what>")
-    estimate: np.ndarray = dataset("<unit>", "run", "estimate at the end")
-    std: np.ndarray = dataset("<unit>", "run", "claimed σ at the end")
-    error: np.ndarray | None = dataset("<unit>", "run", "estimate less true value at the end", default=None)
+    start: np.ndarray = dataset("<unit>", "run", "initial value of <what>")
+    estimate: np.ndarray = dataset("<unit>", "run", "final estimate")
+    std: np.ndarray = dataset("<unit>", "run", "final standard deviation")
+    error: np.ndarray | None = dataset("<unit>", "run", "final estimate minus true value", default=None)
 
 
 @record
 class BenchEstimated:
     """estimate.h5 of a bench."""
 
-    time: np.ndarray = dataset("s", "/time", "time, the start first")
+    time: np.ndarray = dataset("s", "/time", "time, from the start")
     q: np.ndarray = dataset("SI", "/time × coordinate", "estimated coordinates of all bodies")
-    violation: np.ndarray = dataset("1", "/time", "largest constraint violation of the estimate, relative")
-    nis: np.ndarray = dataset("1", "instant", "normalised innovation squared over the number of channels")
-    lost: np.ndarray = dataset("1", "run", "step in which each run diverged, -1: none")
+    violation: np.ndarray = dataset("1", "/time", "largest relative constraint violation of the estimate")
+    nis: np.ndarray = dataset("1", "instant", "normalised innovation squared (NIS), divided by the number of channels")
+    lost: np.ndarray = dataset("1", "run", "step in which each run diverged; −1: none")
     inputs: dict[str, LoadHistory] = group(unit="unit of input <name>", what="<name>")
     parameters: dict[str, ParameterHistory] = group(unit="unit of parameter <name>", what="<name>")
     sensors: dict[str, SensorMatch] = group(unit="unit of sensor <name>", what="<name>")
@@ -350,14 +358,14 @@ class BenchEstimated:
         path="/runs/parameters/<name>", unit="unit of parameter <name>", what="<name>"
     )
     seeds: dict[str, np.ndarray] = dataset(
-        "SI", "seed", "number <name> of the summary, once a seed; not of a single one", path="/runs/numbers/<name>"
+        "SI", "seed", "summary value <name> of every seed; missing for a single seed", path="/runs/numbers/<name>"
     )
     bearings: dict[str, RingEstimate] = group()
     compared: Compared | None = group(default=None)
 
 
 PLACED = "place"
-"""Name of the layout that was placed; others are drawn at random, random-1, random-2 …"""
+"""Name of the placed layout; random layouts are random-1, random-2 …"""
 
 
 @record
@@ -365,61 +373,59 @@ class BenchCandidates:
     position: np.ndarray = dataset("m", "candidate × 3", "position")
     direction: np.ndarray = dataset("1", "candidate × 3", "measuring direction")
     element: np.ndarray = dataset("1", "candidate", "element id in the deck")
-    facet: np.ndarray = dataset("1", "candidate", "facet number within the element, from 1")
+    facet: np.ndarray = dataset("1", "candidate", "facet number in the element, from 1")
     response: np.ndarray = dataset(
-        "(strain or m or m/s^2)/SI", "candidate × /inputs", "reading per unit of every unknown at rest"
+        "(strain or m or m/s^2)/SI", "candidate × /inputs", "reading at rest per unit of every unknown"
     )
 
 
 @record
 class BenchLayout:
-    """One layout, its gauges in its order."""
+    """One layout with its gauges in order."""
 
-    candidate: np.ndarray = dataset("1", "gauge", "number of every gauge among the candidates")
+    candidate: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
     sensor: tuple[str, ...] = dataset(
-        "1", "gauge", "SENSOR.AXIS where it is a component of a sensor of the bench, empty where it is a gauge"
+        "1", "gauge", "SENSOR.AXIS for a sensor component of the bench; empty for a gauge"
     )
     position: np.ndarray = dataset("m", "gauge × 3", "position")
     direction: np.ndarray = dataset("1", "gauge × 3", "measuring direction")
-    length: np.ndarray = dataset("m", "gauge", "length of its grid, 0: the strain at its centre")
-    metric: float = dataset(
-        "1", "", "<what>; inf where an unknown is lost, NaN where the equation is not solved to accuracy"
-    )
+    length: np.ndarray = dataset("m", "gauge", "grid length; 0: strain at the centre")
+    metric: float = dataset("1", "", "<what>; inf if an unknown is unobservable, NaN if not solved accurately")
     std: np.ndarray = dataset(
         "SI",
         "/inputs",
-        "σ of every unknown that the filter comes to claim, of a parameter at the end of the run; inf where a load "
-        "is lost, NaN where that is not solved",
+        "steady-state σ of every load, and σ of every parameter at the end of the run; inf for an unobservable "
+        "load, NaN if not solved",
     )
-    without: np.ndarray = dataset("SI", "gauge × /inputs", "that σ without each gauge")
+    without: np.ndarray = dataset("SI", "gauge × /inputs", "σ without each gauge")
 
     @property
     def bonded(self) -> np.ndarray:
-        """Which are gauges on the body (gauges,)."""
+        """Whether an entry is a gauge on the body (gauges,)."""
         return np.array([not name for name in self.sensor], dtype=bool)
 
 
 @record
 class BenchPlaced(PlacedLayout):
-    """place.h5 of a bench: the state is (η, η̇, u, ξ) about the static equilibrium, motions that the constraints leave in their
-    modes, their rates, the unknown inputs, the parameters in their coordinates."""
+    """place.h5 of a bench. The state is (η, η̇, u, ξ) about the static equilibrium: modal coordinates of the constrained motion,
+    their rates, unknown inputs, scaled parameters."""
 
-    inputs: tuple[str, ...] = dataset("1", "/inputs", "name of every unknown, inputs before parameters")
-    units: tuple[str, ...] = dataset("1", "/inputs", "unit of every one of them")
+    inputs: tuple[str, ...] = dataset("1", "/inputs", "names of the unknowns, inputs before parameters")
+    units: tuple[str, ...] = dataset("1", "/inputs", "units of the unknowns")
     candidates: BenchCandidates = group()
     layouts: dict[str, BenchLayout] = group(what="<what>")
 
     @property
     def placed(self) -> BenchLayout:
-        """The layout that was placed."""
+        """The placed layout."""
         return self.layouts[PLACED]
 
     @property
     def random_std(self) -> np.ndarray:
-        """`std` of every layout that was drawn (r, inputs)."""
-        drawn = [layout.std for name, layout in self.layouts.items() if name != PLACED]
-        return np.array(drawn).reshape(-1, len(self.inputs))
+        """`std` of every random layout (r, inputs)."""
+        stds = [layout.std for name, layout in self.layouts.items() if name != PLACED]
+        return np.array(stds).reshape(-1, len(self.inputs))
 
     def layout(self, which: str) -> BenchLayout:
-        """For a sensor with `layout: which`. "random": the first of those drawn, which is no worse a draw than another."""
+        """Layout for a sensor with `layout: which`; "random" is the first random layout."""
         return self.placed if which == PLACED else self.layouts["random-1"]

@@ -1,4 +1,4 @@
-"""estimate.h5: the filter on the measurements of a test, and fatigue damage with its interval."""
+"""estimate.h5: the filter on the measurements of a test, and fatigue damage with its uncertainty interval."""
 
 from __future__ import annotations
 
@@ -12,182 +12,191 @@ from strainsight.records.record import dataset, group, read, record
 
 @record
 class DamageAt:
-    """Of some places."""
+    """Fatigue damage at some points."""
 
     position: np.ndarray = dataset("m", "place × 3", "where")
-    element: np.ndarray = dataset("1", "place", "element of the file whose surface it is")
-    of_mean: np.ndarray = dataset("1", "place", "damage of the smoothed history, without what σ leaves open")
-    damage: np.ndarray = dataset("1", "place", "median of the draws' damage, NaN where none were drawn")
-    low: np.ndarray = dataset("1", "place", "2.5 % of the draws' damage are smaller")
-    high: np.ndarray = dataset("1", "place", "2.5 % are larger")
+    element: np.ndarray = dataset("1", "place", "element with this surface")
+    of_mean: np.ndarray = dataset("1", "place", "damage of the smoothed history, without its uncertainty")
+    damage: np.ndarray = dataset("1", "place", "median damage of the sampled histories; NaN if not sampled")
+    low: np.ndarray = dataset("1", "place", "2.5 % quantile of the damage")
+    high: np.ndarray = dataset("1", "place", "97.5 % quantile of the damage")
     range_of_mean: np.ndarray = dataset("Pa", "place", "equivalent range of the smoothed history")
-    range: np.ndarray = dataset("Pa", "place", "median of the draws' equivalent range")
-    range_low: np.ndarray = dataset("Pa", "place", "2.5 % of them are smaller")
-    range_high: np.ndarray = dataset("Pa", "place", "2.5 % are larger")
+    range: np.ndarray = dataset("Pa", "place", "median equivalent range of the sampled histories")
+    range_low: np.ndarray = dataset("Pa", "place", "2.5 % quantile of the equivalent range")
+    range_high: np.ndarray = dataset("Pa", "place", "97.5 % quantile of the equivalent range")
 
 
 @record
 class Damaged:
-    """Damage in a test."""
+    """Fatigue damage in a test."""
 
     surface: DamageAt | None = group(default=None)
     virtual: DamageAt | None = group(default=None)
     hot_spot: np.ndarray | None = dataset(
-        "1", "hot spot", "places of /surface, the most damaged first, none near another", default=None
+        "1",
+        "hot spot",
+        "points of /surface with the largest damage, in descending order, with a minimum distance",
+        default=None,
     )
-    hours: float = dataset("h", "", "duration of the record, all repetitions")
+    hours: float = dataset("h", "", "duration of the record, with all repetitions")
 
 
 @record
 class TestChannels:
-    """The channels of the file."""
+    """Channels of the file."""
 
-    time: np.ndarray = dataset("s", "/time", "sampling times of the channels, the first one starts the filter")
+    time: np.ndarray = dataset("s", "/time", "sampling times of the channels; the first is the start of the filter")
     label: tuple[str, ...] = dataset("1", "/label", "gauge and grid of every channel")
-    channel: np.ndarray = dataset("1", "/label", "row of train.h5 of every channel")
+    channel: np.ndarray = dataset("1", "/label", "row of every channel in train.h5")
     measured: np.ndarray = dataset(
-        "unit of the channel", "/time × /label", "calibrated samples, NaN where one is missing"
+        "unit of the channel", "/time × /label", "calibrated samples; NaN for a missing sample"
     )
-    estimated: np.ndarray = dataset("unit of the channel", "/time × /label", "their estimate")
-    std: np.ndarray = dataset("unit of the channel", "/time × /label", "its claimed σ")
+    estimated: np.ndarray = dataset("unit of the channel", "/time × /label", "estimated reading")
+    std: np.ndarray = dataset("unit of the channel", "/time × /label", "standard deviation of the estimated reading")
     noise_std: np.ndarray = dataset(
-        "unit of the channel", "/label", "σ of the noise of a sample, as the filter took it"
+        "unit of the channel", "/label", "noise standard deviation of one sample, as used by the filter"
     )
 
 
 @record
 class HoldOut:
-    """Every gauge left out in turn, and what the others say that it reads."""
+    """Cross-validation: each gauge is left out in turn and predicted from the others."""
 
     predicted: np.ndarray = dataset(
-        "unit of the channel", "/gauge/time × /gauge/label", "readings by the other gauges, NaN: it is in"
+        "unit of the channel",
+        "/gauge/time × /gauge/label",
+        "readings predicted from the other gauges; NaN: not left out",
     )
-    std: np.ndarray = dataset("unit of the channel", "/gauge/time × /gauge/label", "σ of measured − predicted")
-    left_in: tuple[str, ...] = dataset("1", "/gauge/label", "why a gauge was not left out, empty where it was")
+    std: np.ndarray = dataset(
+        "unit of the channel", "/gauge/time × /gauge/label", "standard deviation of measured − predicted"
+    )
+    left_in: tuple[str, ...] = dataset("1", "/gauge/label", "reason why a gauge was not left out; empty if it was")
 
 
 @record
 class ChannelsChecked:
-    """What every channel says against the others."""
+    """Comparison of every channel with its prediction from the others."""
 
-    by_others: bool = dataset(
-        "1", "", "whether a channel is predicted by all others alone, where faults were looked for"
-    )
-    begin: float = dataset("s", "", "time of the first sample that the numbers of channels hold for")
-    end: float = dataset("s", "", "time of the last one")
+    by_others: bool = dataset("1", "", "1 if a channel is predicted from all others (fault search)")
+    begin: float = dataset("s", "", "time of the first sample of the statistics")
+    end: float = dataset("s", "", "time of the last sample of the statistics")
     measured: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of every channel")
     predicted: np.ndarray = dataset("unit of the channel", "/gauge/label", "RMS of its prediction")
-    residual: np.ndarray = dataset("1", "/gauge/label", "RMS of their difference over its claimed σ")
+    residual: np.ndarray = dataset("1", "/gauge/label", "RMS of the difference divided by its σ")
     correlation: np.ndarray = dataset("1", "/gauge/label", "correlation of the channel with its prediction")
     fault: tuple[str, ...] = dataset(
-        "1", "/gauge/label", "the fault of the channel that explains the record best; empty: none is better than none"
+        "1", "/gauge/label", "fault of the channel that best explains the record; empty: none improves it"
     )
-    gain: np.ndarray = dataset("1", "/gauge/label", "ln of how much more likely the record is with it, 0 without one")
+    gain: np.ndarray = dataset("1", "/gauge/label", "logarithm of the likelihood ratio of this fault; 0 without fault")
     candidate: tuple[str, ...] = dataset(
-        "1", "candidate", "faults that make the record believable, best first; one is named, of several none"
+        "1",
+        "candidate",
+        "faults that restore consistency, best first; a fault is identified only if it is the only one",
     )
 
 
 @record
 class ChannelOffsets:
-    """Channels whose offset is unknown."""
+    """Channels with an unknown offset."""
 
     channel: np.ndarray = dataset("1", "channel", "channels with an unknown offset")
-    mean: np.ndarray = dataset("unit of the biased channel", "channel", "their offsets")
-    std: np.ndarray = dataset("unit of the biased channel", "channel", "claimed σ of these")
+    mean: np.ndarray = dataset("unit of the biased channel", "channel", "estimated offsets")
+    std: np.ndarray = dataset("unit of the biased channel", "channel", "standard deviation of the offsets")
 
 
 @record
 class Resultant:
-    """The vector sum of the unknown loads at one place."""
+    """Vector sum of the unknown loads at one location."""
 
-    place: str = dataset("1", "", "node or set that they act on")
-    force: np.ndarray = dataset("N", "/time × 3", "sum of the loads there")
-    magnitude: np.ndarray = dataset("N", "/time", "its size")
-    std: np.ndarray = dataset("N", "/time", "claimed σ of its size")
+    place: str = dataset("1", "", "node or set of the loads")
+    force: np.ndarray = dataset("N", "/time × 3", "vector sum of the loads")
+    magnitude: np.ndarray = dataset("N", "/time", "magnitude of the sum")
+    std: np.ndarray = dataset("N", "/time", "standard deviation of the magnitude")
 
 
 @record
 class VirtualStrain:
-    """Strain where no gauge is."""
+    """Virtual gauges: estimated strain at locations without a gauge."""
 
-    strain: np.ndarray = dataset("strain", "/time × grid", "smoothed strain where no gauge is")
-    std: np.ndarray = dataset("strain", "/time × grid", "its claimed σ")
+    strain: np.ndarray = dataset("strain", "/time × grid", "smoothed strain at the virtual gauge")
+    std: np.ndarray = dataset("strain", "/time × grid", "standard deviation of the strain")
     position: np.ndarray = dataset("m", "grid × 3", "where")
-    direction: np.ndarray = dataset("1", "grid × 3", "along what")
+    direction: np.ndarray = dataset("1", "grid × 3", "measuring direction")
 
 
 BANK, SIGMA_POINT, EXTENDED = "bank", "sigma-point", "extended"
-"""Filters that are compared."""
+"""Names of the compared filters."""
 
 
 @record
 class Compared:
-    """The filters of a structure or a bench on the same samples, tolerances left out."""
+    """Results of the filters of a structure or a bench on the same samples, without tolerances."""
 
-    filter: tuple[str, ...] = dataset("1", "/filter", "bank, sigma-point (of a structure) and extended filter")
-    estimate: dict[str, np.ndarray] = dataset(
-        "unit of <name>", "/filter", "estimate of <name> at the end by every filter, NaN of one that diverged"
+    filter: tuple[str, ...] = dataset(
+        "1", "/filter", "name of the filter: bank (grid filter), sigma-point (structures only), extended"
     )
-    std: dict[str, np.ndarray] = dataset("unit of <name>", "/filter", "its claimed standard deviation")
+    estimate: dict[str, np.ndarray] = dataset(
+        "unit of <name>", "/filter", "final estimate of <name> by every filter; NaN for a diverged filter"
+    )
+    std: dict[str, np.ndarray] = dataset("unit of <name>", "/filter", "standard deviation of this estimate")
     ratio: dict[str, np.ndarray] = dataset(
-        "1", "/filter", "RMS error that the bank's posterior expects of the estimate, over that"
+        "1", "/filter", "RMS error of the estimate expected by the posterior of the grid filter, divided by that σ"
     )
 
 
 @record
 class SurfaceMoment:
-    """The surface at the moment of the largest reading; facets as `exterior_facets` of the mesh of import.h5 has them."""
+    """Surface at the instant of the largest reading; facets as in `exterior_facets` of the mesh of import.h5."""
 
-    time: float = dataset("s", "", "instant of the largest reading, on the clock of the file")
-    label: str = dataset("1", "", "channel that has it")
-    displacement: np.ndarray = dataset("m", "node × 3", "smoothed displacement then, nodes of import.h5")
-    strain: np.ndarray = dataset(
-        "strain", "exterior facet × 6", "smoothed strain then, γ for shear, at the middle of the facet"
-    )
+    time: float = dataset("s", "", "instant of the largest reading, in the time of the file")
+    label: str = dataset("1", "", "channel with the largest reading")
+    displacement: np.ndarray = dataset("m", "node × 3", "smoothed displacement at the nodes of import.h5")
+    strain: np.ndarray = dataset("strain", "exterior facet × 6", "smoothed strain at the facet centre, γ for shear")
     principal_strain: np.ndarray = dataset(
-        "strain", "exterior facet", "the principal strain of largest size then, with its sign"
+        "strain", "exterior facet", "principal strain of largest magnitude, with sign"
     )
-    von_mises: np.ndarray = dataset("Pa", "exterior facet", "von Mises stress then")
+    von_mises: np.ndarray = dataset("Pa", "exterior facet", "von Mises stress")
     von_mises_std: np.ndarray | None = dataset(
-        "Pa", "exterior facet", "its claimed σ, where σ is not withheld", default=None
+        "Pa", "exterior facet", "standard deviation, unless σ is omitted", default=None
     )
 
 
 @record
 class TestSource:
-    """The file of the test, and what was done to every channel of it that was used."""
+    """The file of the test, and the corrections of its channels."""
 
     file: str = dataset("1", "", "name of the file")
-    sha256: str = dataset("1", "", "digest of its bytes")
-    bytes: int = dataset("1", "", "its size in bytes")
-    format: str = dataset("1", "", "format of its file: csv, hdf5, uff58, mdf, tdms or mat")
-    date: str = dataset("1", "", "when it was measured, as the config states it; empty where it does not")
+    sha256: str = dataset("1", "", "SHA-256 checksum of the file")
+    bytes: int = dataset("1", "", "size of the file")
+    format: str = dataset("1", "", "file format: csv, hdf5, uff58, mdf, tdms or mat")
+    date: str = dataset("1", "", "date of the test in the config; empty if not set")
     channel: tuple[str, ...] = dataset("1", "/channel", "name of every channel in the file")
-    measures: tuple[str, ...] = dataset("1", "/channel", "the gauge and grid, or the known load, it is")
-    unit: tuple[str, ...] = dataset("1", "/channel", "unit of its readings as stated")
-    bridge: tuple[str, ...] = dataset("1", "/channel", "arrangement of its bridge, empty without one")
-    gauge_factor: np.ndarray = dataset("1", "/channel", "gauge factor, NaN without a bridge")
-    poisson_ratio: np.ndarray = dataset("1", "/channel", "that the bridge goes by, else NaN")
-    sign: np.ndarray = dataset("1", "/channel", "-1: wired the other way round")
+    measures: tuple[str, ...] = dataset("1", "/channel", "gauge and grid, or known load, of the channel")
+    unit: tuple[str, ...] = dataset("1", "/channel", "unit of the readings")
+    bridge: tuple[str, ...] = dataset("1", "/channel", "bridge arrangement; empty without bridge")
+    gauge_factor: np.ndarray = dataset("1", "/channel", "gauge factor; NaN without bridge")
+    poisson_ratio: np.ndarray = dataset("1", "/channel", "Poisson's ratio for the bridge equation; NaN if not needed")
+    sign: np.ndarray = dataset("1", "/channel", "polarity; −1: reversed wiring")
     scale: np.ndarray = dataset("1", "/channel", "factor on the calibrated signal")
-    offset: np.ndarray = dataset("see /source/unit", "/channel", "subtracted from the readings")
+    offset: np.ndarray = dataset("see /source/unit", "/channel", "offset, subtracted from the readings")
     drift: np.ndarray = dataset(
-        "see /source/unit, per second", "/channel", "subtracted, times the time since the start"
+        "see /source/unit, per second",
+        "/channel",
+        "drift rate; subtracted from the readings, times the time since the start",
     )
-    zero: np.ndarray = dataset("s", "/channel × 2", "from, to: the mean there is subtracted; NaN where none is")
-    delay: np.ndarray = dataset("s", "/channel", "that it was late by in the file; negative: early")
+    zero: np.ndarray = dataset("s", "/channel × 2", "zero interval [from, to]; its mean is subtracted. NaN: none")
+    delay: np.ndarray = dataset("s", "/channel", "corrected delay of the channel; negative: advance")
 
 
 @record
 class UnknownHistories:
-    """Every unknown in time."""
+    """Every unknown over time."""
 
     estimate: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "filtered estimate of <name>")
-    std: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "claimed standard deviation of the filtered <name>")
+    std: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "standard deviation of the filtered <name>")
     smoothed: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "smoothed estimate of <name>")
     smoothed_std: dict[str, np.ndarray] = dataset(
-        "unit of <name>", "/time", "claimed standard deviation of the smoothed <name>"
+        "unit of <name>", "/time", "standard deviation of the smoothed <name>"
     )
     posterior: dict[str, Posterior] = group(unit="unit of <name>", what="<name>")
     compared: Compared | None = group(default=None)
@@ -198,57 +207,54 @@ class UnknownHistories:
 class Estimated(UnknownHistories):
     """estimate.h5 of a placement."""
 
-    time: np.ndarray = dataset("s", "/time", "time of the estimates, on the clock of the file")
+    time: np.ndarray = dataset("s", "/time", "time of the estimates, in the time of the file")
     gauge: TestChannels = group()
     whitened: np.ndarray = dataset(
         "1",
         "/gauge/time × /gauge/label",
-        "innovations over their σ, white if the model is true",
+        "innovations divided by their σ; white noise for a consistent model",
         path="/consistency/whitened",
     )
     hold_out: HoldOut | None = group(default=None)
-    trusted: bool = dataset("1", "", "whether the record agrees with the model; where not, no σ is to be trusted")
+    trusted: bool = dataset("1", "", "1 if the measurements are consistent with the model; otherwise σ is not reliable")
     check: ChannelsChecked = group(path="/channel_check")
     bias: ChannelOffsets | None = group(default=None)
     resultant: dict[str, Resultant] = group()
     virtual: VirtualStrain | None = group(default=None)
-    known: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "known load <name> as measured")
+    known: dict[str, np.ndarray] = dataset("unit of <name>", "/time", "measured known load <name>")
     moment: SurfaceMoment | None = group(default=None)
     source: TestSource = group()
     damage: Damaged | None = group(default=None)
-    notes: tuple[str, ...] = dataset("1", "sentence", "what was done to the measurements, and doubts")
+    notes: tuple[str, ...] = dataset("1", "sentence", "corrections of the measurements, and warnings")
 
 
 @record
 class CampaignRecord:
-    """What estimate.h5 has of several records beside each of them, which stands below /record/NAME."""
+    """Results common to several records; those of each record are in /record/NAME."""
 
-    name: tuple[str, ...] = dataset(
-        "1", "/records", "names of the records, in the order of the config", path="/records"
-    )
-    alone: dict[str, np.ndarray] = dataset("unit of <name>", "/records", "most likely <name> by each record alone")
+    name: tuple[str, ...] = dataset("1", "/records", "record names, in the order of the config", path="/records")
+    alone: dict[str, np.ndarray] = dataset("unit of <name>", "/records", "most likely <name> from each record alone")
     gain: float = dataset(
         "1",
         "",
-        "ln of how much more likely the records are with one set of parameters and bonded gauges than each with its "
-        "own",
+        "logarithm of the likelihood ratio of common parameters and gauge errors to separate ones for each record",
     )
     posterior: dict[str, Posterior] = group(unit="unit of <name>", what="<name>")
     damage: Damaged | None = group(default=None)
 
 
 def record_group(name: str) -> str:
-    """Where a record of a campaign stands."""
+    """Group of a record of a campaign."""
     return f"/record/{name}"
 
 
 def campaign_in(source: File) -> CampaignRecord | None:
-    """What several records of estimate.h5 share; None of a test that is one record."""
+    """Common results of several records in estimate.h5; None for a single record."""
     return read(CampaignRecord, source) if "/records" in source else None
 
 
 def estimated_in(source: File) -> dict[str, Estimated]:
-    """The records of estimate.h5 by their names, in their order; of an empty name where the test is one record."""
+    """Records of estimate.h5 by name, in order; a single record has an empty name."""
     campaign = campaign_in(source)
     if campaign is None:
         return {"": read(Estimated, source)}

@@ -1,4 +1,4 @@
-"""import.h5: a `Mesh` by columns, its faces, and grids that ParaView opens."""
+"""import.h5: a `Mesh` by columns, its faces, and grids for ParaView."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ from strainsight.sensors.faces import Faces
 
 @dataclass(frozen=True)
 class Members:
-    members: Annotated[IntArray, Column("1", "member", "ids of the deck")]
+    members: Annotated[IntArray, Column("1", "member", "ids in the deck")]
 
 
 @dataclass(frozen=True)
@@ -46,39 +46,37 @@ class NamedFacets:
 
 @dataclass(frozen=True)
 class Axes:
-    direction: Annotated[FloatArray, Column("1", "3 × 3", "their axes, one in a column (node × xyz × axis)")]
+    direction: Annotated[FloatArray, Column("1", "3 × 3", "axes as columns (node × xyz × axis)")]
 
 
 @dataclass(frozen=True)
 class Ignored:
-    count: Annotated[int, Column("1", "", "how often")]
+    count: Annotated[int, Column("1", "", "number of occurrences")]
     effect: Annotated[
         str,
-        Column(
-            "1", "", "structure: it may add stiffness, mass or a tie; none: it changes none of them; empty: unknown"
-        ),
+        Column("1", "", "structure: it may affect stiffness, mass or ties; none: it does not; empty: unknown"),
     ]
 
 
 SECTION, SET = Key("region", int, "region id of every section"), Key("name", str, "name of every set of <what>")
 LAMINATE = Key("region", int, "region id of every laminate")
-BEAM_END = Key("region", int, "region id; two rows: end A, then end B", several=True)
-REGION, NAMED_FACE = Key("region", int, "region id"), Key("name", str, "name; its nodes are a node set of that name")
-LOAD, CARD = Key("name", str, "name of every load of the deck"), Key("card", str, "card that is not supported")
-TURNED = Key("node", int, "node indices with a displacement system of their own")
+BEAM_END = Key("region", int, "region id; two rows, for end A and end B", several=True)
+REGION, NAMED_FACE = Key("region", int, "region id"), Key("name", str, "name, also that of a node set")
+LOAD, CARD = Key("name", str, "name of every load of the deck"), Key("card", str, "unsupported card")
+TURNED = Key("node", int, "index of nodes with a local displacement system")
 
 
 @record
 class MeshColumns:
-    """`Mesh`, its fields by their names; lengths in m."""
+    """`Mesh`, with the same field names; lengths in m."""
 
-    node_ids: np.ndarray = dataset("1", "/nodes/id", "id of every node in the deck", path="/nodes/id")
-    position: np.ndarray = dataset("m", "/nodes/id × 3", "position of every node", path="/nodes/position")
+    node_ids: np.ndarray = dataset("1", "/nodes/id", "node ids of the deck", path="/nodes/id")
+    position: np.ndarray = dataset("m", "/nodes/id × 3", "node positions", path="/nodes/position")
     blocks: tuple[CellBlock, ...] = group(path="/cells/<name>", by="kind")
     shells: tuple[ShellBlock, ...] = group(by="kind")
     beams: tuple[BeamBlock, ...] = group(by="kind")
     arms: np.ndarray = dataset(
-        "1", "arm × 2", "node on a face of a shell or a side of a beam, and the node that it follows as a rigid arm"
+        "1", "arm × 2", "node on a face of a shell or a side of a beam, and the node with its rigid arm"
     )
     regions: Mapping[int, Region] = group(table(Region, "region", "id"))
     shell_sections: Mapping[int, ShellSection] | None = group(
@@ -98,14 +96,14 @@ class MeshColumns:
             CompositeSolid,
             "composite",
             REGION,
-            kind="of the system of its axes, see /orientations",
-            turn="axes 1, 2, 3 along the directions of the system, one in a column",
+            kind="kind of the axis system, see /orientations",
+            turn="axes 1, 2, 3 in the directions of the system, as columns",
         )
     )
     fixed: np.ndarray = dataset(
         "1",
         "held component × 2",
-        "components held at zero: [node index, component], 0-2 motions, 3-5 rotations",
+        "fixed components: [node index, component], 0-2 translations, 3-5 rotations",
         path="/constraints/fixed",
     )
     rigid: tuple[RigidElement, ...] = group(table(RigidElement, "rigid element"), path="/constraints/rigid")
@@ -125,14 +123,12 @@ class MeshColumns:
     )
     faces: Mapping[str, IntArray] = group(table(NamedFacets, "name", NAMED_FACE, bare=True), path="/faces/named")
     cards: Mapping[str, Ignored] = group(table(Ignored, "card", CARD), path="/ignored")
-    notes: tuple[str, ...] = dataset("1", "note", "how something of the deck was read")
-    doubts: tuple[str, ...] = dataset("1", "doubt", "what the deck says that is more likely a mistake than meant")
+    notes: tuple[str, ...] = dataset("1", "note", "assumptions in reading the deck")
+    doubts: tuple[str, ...] = dataset("1", "doubt", "probable mistakes in the deck")
     contacts: tuple[str, ...] | None = dataset(
-        "1", "pair", "what became of each pair of surfaces in contact; missing without contact", default=None
+        "1", "pair", "treatment of each contact pair; missing without contact", default=None
     )
-    lumped: int | None = dataset(
-        "1", "", "1 where the mass of solids is lumped; missing where it is consistent", default=None
-    )
+    lumped: int | None = dataset("1", "", "1 for lumped mass of solids; missing for consistent mass", default=None)
 
     @classmethod
     def of(cls, mesh: Mesh) -> MeshColumns:
@@ -150,7 +146,7 @@ class MeshColumns:
         }
         return cls(**columns | {name: columns[name] or None for name in WHERE_THERE})
 
-    def made(self) -> Mesh:
+    def restore(self) -> Mesh:
         columns = {name: getattr(self, name) for name in _shared()}
         beams: dict[int, BeamSection] = {}
         for region, end in reversed(self.beam_ends or ()):  # end B first
@@ -174,11 +170,11 @@ WHERE_THERE = (
     "shell_sections", "general_shells", "beam_ends", "laminates", "laminae", "anisotropic", "orientations", "composites",
     "contacts", "lumped",
 )  # fmt: skip
-"""Columns that a file lacks where there are none."""
+"""Columns that a file omits if they are empty."""
 
 
 def _shared() -> set[str]:
-    """Fields that the columns have by the same name."""
+    """Fields with columns of the same name."""
     return {field.name for field in fields(Mesh)} & {field.name for field in fields(MeshColumns)}
 
 
@@ -198,8 +194,8 @@ class Meshes:
 
 
 def mesh_from(source: Source, below: str = "") -> Mesh:
-    """The mesh of an import, or of a body of a bench below its group."""
-    return read(MeshColumns, source, below).made()
+    """The mesh of an import, or of a body in a bench."""
+    return read(MeshColumns, source, below).restore()
 
 
 @record
@@ -223,13 +219,13 @@ UNITS = {
     "equivalent_range": "Pa",
     "equivalent_range_of_mean": "Pa",
 }
-"""Of data on points or cells, by their name in every grid; of other names there is none."""
+"""Units of point and cell data in grids, by name."""
 
 
 def vtkhdf_datasets(
     grid: VtkHdf, units: Mapping[str, str] = UNITS
 ) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
-    """Datasets and attributes of a grid, under the paths that the file format prescribes; units: name of data → its unit."""
+    """Datasets and attributes of a grid, with the paths of the VTKHDF format; units: data name → unit."""
     datasets = {f"/VTKHDF/{path}": Dataset(array, "", "") for path, array in grid.datasets.items()}
     attributes = {f"/VTKHDF/{path}".rstrip("/"): dict(values) for path, values in grid.attributes.items()}
     for path in grid.datasets:
@@ -242,7 +238,7 @@ def vtkhdf_datasets(
 def gauge_grid(
     position: np.ndarray, data: Mapping[str, np.ndarray], units: Mapping[str, str] = UNITS
 ) -> tuple[dict[str, Dataset], dict[str, dict[str, Any]]]:
-    """Gauges as a cloud of points (m, 3) [m] with data (m, ...) on each; units as in `vtkhdf_datasets`."""
+    """Gauges as a point cloud (m, 3) [m] with data (m, ...); units as in `vtkhdf_datasets`."""
     index = np.arange(len(position))
     return vtkhdf_datasets(
         unstructured_grid(position, (CellBlock("vertex", index, index[:, None], index),), point_data=data), units

@@ -1,7 +1,6 @@
-"""observe.h5 and place.h5: what could be known, the scenarios as solved, the layout, how far it is from the best, and layouts by
-other rules.
+"""observe.h5 and place.h5: observability, scenarios, layout, optimality bound, and layouts by other criteria.
 
-`<what>` in the words of a dataset stands for the metric: tr(W P), or that of another criterion.
+`<what>` is the criterion: tr(W P), or another one.
 """
 
 from __future__ import annotations
@@ -16,51 +15,51 @@ from strainsight.records.record import dataset, group, record
 
 @record
 class Augmented:
-    """Every scenario exactly as it was solved, so that anyone can solve it again."""
+    """Every scenario as solved, for an independent solution."""
 
     state: tuple[str, ...] = dataset(
-        "1", "/state", "what each of x* is: coordinates q, their rates, then the unknowns with what their models add"
+        "1", "/state", "entries of x*: coordinates q, their rates, unknowns, states of load models"
     )
     F: np.ndarray = dataset("1/s", "scenario × /state × /state", "augmented state matrix F*")
-    H: np.ndarray = dataset("unit of the channel", "scenario × channel × /state", "rows H* of every channel")
+    H: np.ndarray = dataset("unit of the channel", "scenario × channel × /state", "strain operator H* of every channel")
     Q: np.ndarray = dataset("1/s", "scenario × /state × /state", "process intensity")
-    R: np.ndarray = dataset("unit of the intensity", "scenario × channel", "intensity of every channel")
-    weight: np.ndarray = dataset("1", "scenario × /state", "diagonal of W")
+    R: np.ndarray = dataset("unit of the intensity", "scenario × channel", "noise intensity of every channel")
+    weight: np.ndarray = dataset("1", "scenario × /state", "diagonal of the weight matrix W")
     scale: np.ndarray = dataset(
-        "x*", "scenario × /state", "x* = scale · the coordinates above, in which diag P = 1 with the whole pool"
+        "x*", "scenario × /state", "scale factors of x*: x* = scale · scaled state, with diag P = 1 for the whole pool"
     )
 
 
 @record
 class PoolTable:
-    """What is bonded and removed as one: a gauge, or a mirrored pair."""
+    """A unit of the elimination: a gauge, or a mirrored pair."""
 
-    candidate: np.ndarray = dataset("1", "pool row", "candidate of every pool row, of its first channel")
-    channel: np.ndarray = dataset("1", "channel", "candidate of every row of /augmented/H")
-    row: np.ndarray = dataset("1", "channel", "pool row that every row of /augmented/H belongs to")
+    candidate: np.ndarray = dataset("1", "pool row", "candidate number of every pool row (its first channel)")
+    channel: np.ndarray = dataset("1", "channel", "candidate number of every row of /augmented/H")
+    row: np.ndarray = dataset("1", "channel", "pool row of every row of /augmented/H")
     gauges: np.ndarray = dataset(
-        "1", "pool row × 1 or 2", "gauges of every pool row, −1 where it has one and others two"
+        "1", "pool row × 1 or 2", "gauges of every pool row; −1 in the second column of a single gauge"
     )
 
 
 @record
 class Removals:
-    """The elimination, the whole pool first."""
+    """The elimination, starting with the whole pool."""
 
-    removed: np.ndarray = dataset("1", "removal", "pool rows in the order of their removal")
+    removed: np.ndarray = dataset("1", "removal", "removed pool rows, in order of removal")
     trace: np.ndarray | None = dataset(
-        "1", "removal + 1", "<what>, the full pool first, where it is the trace", default=None
+        "1", "removal + 1", "<what> of each step, starting with the whole pool; for the trace criterion", default=None
     )
     metric: np.ndarray | None = dataset(
-        "1", "removal + 1", "<what>, the full pool first, where it is another one", default=None
+        "1", "removal + 1", "<what> of each step, starting with the whole pool; for other criteria", default=None
     )
-    rise: np.ndarray = dataset("1", "removal", "rise of <what> at every removal, with all its digits")
-    unknowns: tuple[str, ...] = dataset("1", "/unknowns", "name of every unknown that the metric weighs, inputs first")
+    rise: np.ndarray = dataset("1", "removal", "increase of <what> with every removal, in full precision")
+    unknowns: tuple[str, ...] = dataset("1", "/unknowns", "names of the unknowns of the criterion, inputs first")
     blocks: np.ndarray = dataset(
-        "1", "removal + 1 × /unknowns", "variance of every one of them times its weight, of which tr(W P) is the sum"
+        "1", "removal + 1 × /unknowns", "variance of each of them times its weight; their sum is tr(W P)"
     )
-    solves: np.ndarray = dataset("1", "removal", "exact Riccati solves of every removal")
-    ties: np.ndarray = dataset("1", "removal", "other pool rows that were as good to remove, at every removal")
+    solves: np.ndarray = dataset("1", "removal", "number of exact Riccati solutions for every removal")
+    ties: np.ndarray = dataset("1", "removal", "number of other pool rows equally good to remove, for every removal")
 
 
 @record
@@ -68,87 +67,84 @@ class Selection:
     """A set of gauges."""
 
     gauge: np.ndarray = dataset("1", "gauge", "pool row of every gauge, <what>")
-    number: np.ndarray = dataset("1", "gauge", "number of every gauge among the candidates")
-    channel: np.ndarray = dataset(
-        "1", "gauge × most channels", "candidates that are its channels, −1 where it has fewer"
-    )
-    rank: np.ndarray = dataset("1", "gauge", "1 is the first: pool rows <what>")
+    number: np.ndarray = dataset("1", "gauge", "candidate number of every gauge")
+    channel: np.ndarray = dataset("1", "gauge × most channels", "channels of the gauge; −1 for none")
+    rank: np.ndarray = dataset("1", "gauge", "rank from 1: pool rows <what>")
     element: np.ndarray = dataset("1", "gauge", "element id in the deck")
-    facet: np.ndarray = dataset("1", "gauge", "facet number within the element, from 1")
-    nodes: np.ndarray = dataset("1", "gauge × 8", "node indices of the facet, −1 where it has fewer")
+    facet: np.ndarray = dataset("1", "gauge", "facet number in the element, from 1")
+    nodes: np.ndarray = dataset("1", "gauge × 8", "node indices of the facet; −1 for none")
     position: np.ndarray = dataset("m", "gauge × 3", "position")
-    direction: np.ndarray = dataset("1", "gauge × 3", "direction of its first channel")
+    direction: np.ndarray = dataset("1", "gauge × 3", "direction of the first channel")
     load: np.ndarray | None = dataset(
-        "1", "gauge", "largest training reading over the range of every gauge, NaN: none stated", default=None
+        "1", "gauge", "largest training reading divided by the range; NaN: no range", default=None
     )
 
 
 @record
 class LayoutBound:
-    """What any layout within the limits could reach."""
+    """Bound on the criterion of any permitted layout."""
 
-    lower_bound: float = dataset("1", "", "no layout within the limits has a smaller <what>")
-    gap: float = dataset("1", "", "(<what> of the final set − bound) / <what>")
+    lower_bound: float = dataset("1", "", "lower bound on <what> of all permitted layouts")
+    gap: float = dataset("1", "", "optimality gap: (<what> of the final set − bound) / <what>")
     weights: np.ndarray = dataset("1", "pool row", "gauge weights of the relaxed problem")
 
 
 @record
 class Rules:
-    """The layout beside those by other rules, all from the same covariances."""
+    """The layout and layouts by other criteria, evaluated with the same covariances."""
 
-    rule: tuple[str, ...] = dataset("1", "/rule", "how every set was found")
-    gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every set, −1 for none")
-    name: tuple[str, ...] = dataset("1", "/name", "every criterion, that of the layout first")
-    value: np.ndarray = dataset("1", "/rule × /name", "every set by every criterion, a variance")
-    std: dict[str, np.ndarray] = dataset("SI", "/rule", "steady-state σ of <name>, which ranks layouts and is no claim")
+    rule: tuple[str, ...] = dataset("1", "/rule", "selection rule of every set")
+    gauges: np.ndarray = dataset("1", "/rule × row", "pool rows of every set; −1 for none")
+    name: tuple[str, ...] = dataset("1", "/name", "name of every criterion; first that of the layout")
+    value: np.ndarray = dataset("1", "/rule × /name", "criterion value of every set, a variance")
+    std: dict[str, np.ndarray] = dataset("SI", "/rule", "steady-state σ of <name>; for ranking only")
 
 
 @record
 class PlacedLayout:
-    """What place.h5 of a structure and that of a bench have in common."""
+    """Data of place.h5 of a structure and of a bench."""
 
     augmented: Augmented = group()
     pool: PoolTable = group()
     elimination: Removals = group(what="<what>")
-    residual: float = dataset(
-        "1", "", "largest relative residual of the elimination's Riccati solutions", path="/riccati/residual"
-    )
+    residual: float = dataset("1", "", "largest relative residual of the Riccati solutions", path="/riccati/residual")
     greedy: Selection = group(path="/selected/greedy", what="in ascending order")
-    final: Selection = group(path="/selected/final", what="the most missed first")
+    final: Selection = group(path="/selected/final", what="by the effect of their removal, largest first")
     loss: np.ndarray = dataset(
         "1",
         "gauge",
-        "<what> when each gauge of the final set fails; inf where an unknown is then lost, NaN where not solved",
+        "<what> after the failure of each gauge of the final set; inf if an unknown becomes unobservable, NaN if "
+        "not solved",
         path="/failure/loss",
     )
     certificate: LayoutBound | None = group(what="<what>", default=None)
     baseline: dict[str, float] = dataset("1", "", "<what> of the set by <name>")
     criteria: Rules = group()
-    advice: tuple[str, ...] = dataset("1", "sentence", "what to do with the layout")
+    advice: tuple[str, ...] = dataset("1", "sentence", "recommendations for the layout")
 
 
 def metric_key(criterion: str) -> str:
-    """What the metric is called in datasets and in the summary: the trace by its name, any other criterion by none."""
+    """Name of the criterion in datasets and in the summary, for the trace and for other criteria."""
     return "trace" if criterion == "trace" else "metric"
 
 
 @record
 class Budget:
-    """What the variance of every unknown is made of."""
+    """Contributions to the variance of every unknown."""
 
-    source: tuple[str, ...] = dataset("1", "/source", "where a part of the variance comes from")
-    share: dict[str, np.ndarray] = dataset("1", "/source", "share of every source in the variance of <name>, filtered")
+    source: tuple[str, ...] = dataset("1", "/source", "source of a contribution to the variance")
+    share: dict[str, np.ndarray] = dataset("1", "/source", "share of every source in the filtered variance of <name>")
 
     @property
     def shares(self) -> dict[str, dict[str, float]]:
         """Name → source → share."""
-        return {name: dict(zip(self.source, own.tolist(), strict=True)) for name, own in self.share.items()}
+        return {name: dict(zip(self.source, shares.tolist(), strict=True)) for name, shares in self.share.items()}
 
 
 def budget_of_shares(shares: Mapping[str, Mapping[str, float]]) -> Budget | None:
-    """Of name → source → share, each with the same sources; None of nothing."""
+    """Variance shares from name → source → share, with the same sources for each name; None if empty."""
     sources = tuple(next(iter(shares.values()), ()))
-    share = {name: np.array([own[source] for source in sources]) for name, own in shares.items()}
+    share = {name: np.array([by_source[source] for source in sources]) for name, by_source in shares.items()}
     return Budget(source=sources, share=share) if sources else None
 
 
@@ -157,96 +153,90 @@ class Observed:
     """observe.h5."""
 
     excitation: tuple[str, ...] = dataset("1", "/excitation", "name of every excitation")
-    case: tuple[str, ...] = dataset(
-        "1", "/case", "groups that are unknown together: input, E (all moduli), rho (all densities)"
-    )
+    case: tuple[str, ...] = dataset("1", "/case", "unknown groups: input, E (all moduli), rho (all densities)")
     unknowns: tuple[str, ...] = dataset("1", "/case", "names of the unknowns of every case")
     condition: np.ndarray = dataset(
-        "1", "/excitation × /case", "condition of the scaled PBH matrix at λ = 0, median over instants"
+        "1", "/excitation × /case", "condition number of the scaled PBH matrix at λ = 0, median over instants"
     )
     condition_raw: np.ndarray = dataset(
-        "1", "/excitation × /case", "the value as defined in the thesis, which orders cases by their units"
+        "1", "/excitation × /case", "the value as defined in the thesis, which depends on units"
     )
-    sigma_min: np.ndarray = dataset("1", "/excitation × /case", "smallest singular value of the scaled matrix there")
-    lost: np.ndarray = dataset("1", "/excitation × /case", "what is unobservable or nearly so; empty where nothing is")
+    sigma_min: np.ndarray = dataset("1", "/excitation × /case", "smallest singular value of that scaled matrix")
+    lost: np.ndarray = dataset("1", "/excitation × /case", "unobservable or weakly observable unknowns; empty: none")
 
 
 @record
 class HotSpots:
-    """Whether the strain at gauges is that of the part: of the final set, or of any; changes over the RMS reading in training."""
+    """Mesh sensitivity of the gauge strains, for the final set or any set; changes relative to the RMS reading in training."""
 
     refined: np.ndarray = dataset(
-        "1", "gauge", "largest change of its strain when the mesh around it is refined, NaN: not tested"
+        "1", "gauge", "largest change of its strain with a refined local mesh; NaN: not tested"
     )
-    spread: np.ndarray = dataset(
-        "1", "gauge", "change when forces on nodes there are spread over the facets, NaN: not tested"
-    )
-    share: float = dataset("1", "", "change of its training RMS beyond which it is at a hot spot")
+    spread: np.ndarray = dataset("1", "gauge", "change with nodal forces distributed over facets; NaN: not tested")
+    share: float = dataset("1", "", "relative change above which a location is a hot spot")
 
     @property
     def hot(self) -> np.ndarray:
-        """Which gauges change by more than the share (gauges,), by refinement or by spreading."""
+        """Gauges with a change above the limit (gauges,), by mesh refinement or distributed forces."""
         with np.errstate(invalid="ignore"):
             return (np.abs(self.refined) > self.share) | (np.abs(self.spread) > self.share)
 
 
 @record
 class AtGauges:
-    """What the places of the gauges of the final set, or of any, ask of whoever bonds them."""
+    """Bonding conditions at the gauge locations, for the final set or any set."""
 
     in_place: np.ndarray = dataset(
-        "1", "gauge", "RMS change of its strain over σ of its place, over its training RMS; NaN: reads no strain"
+        "1", "gauge", "RMS strain change over one σ of position, relative to the training RMS; NaN: no strain gauge"
     )
     over_grid: np.ndarray = dataset(
-        "1", "gauge", "RMS change of the strain from end to end of its grid, over its training RMS; NaN as there"
+        "1", "gauge", "RMS strain change along the grid, relative to the training RMS; NaN: no strain gauge"
     )
-    room: np.ndarray = dataset("m", "gauge", "free height over it, inf: more than the limit")
-    lies_on: tuple[str, ...] = dataset(
-        "1", "gauge", "where the face below it is and what holds it, where something probably lies on that face"
-    )
-    in_place_limit: float = dataset("1", "", "change in place beyond which the gradient is steep")
-    over_grid_limit: float = dataset("1", "", "change over the grid beyond which it is")
-    room_limit: float = dataset("m", "", "free height that a hand takes")
+    room: np.ndarray = dataset("m", "gauge", "free height above the gauge; inf: more than the limit")
+    lies_on: tuple[str, ...] = dataset("1", "gauge", "position and support of the face, for a probable contact face")
+    in_place_limit: float = dataset("1", "", "limit of the strain change over one σ of position, for a steep gradient")
+    over_grid_limit: float = dataset("1", "", "limit of the strain change along the grid, for a steep gradient")
+    room_limit: float = dataset("m", "", "free height needed for bonding")
 
     def steep_in_words(self, i: int) -> str:
-        """That the gradient is steep at gauge i, with the number and the limit; empty where it is not."""
-        said = [
+        """Warning of a steep gradient at gauge i, with value and limit; empty below the limits."""
+        changes = [
             f"by {100 * value:.2g} % {what} (limit {100 * limit:.2g} %)"
             for value, limit, what in (
-                (self.in_place[i], self.in_place_limit, "over σ of its place"),
-                (self.over_grid[i], self.over_grid_limit, "over its grid"),
+                (self.in_place[i], self.in_place_limit, "over one σ of position"),
+                (self.over_grid[i], self.over_grid_limit, "along its grid"),
             )
             if value > limit
         ]
-        return f"steep gradient here: the strain changes {' and '.join(said)}" if said else ""
+        return f"steep gradient: the strain changes {' and '.join(changes)}" if changes else ""
 
     def access(self, i: int) -> tuple[str, ...]:
-        """Why access is to be checked at gauge i: the room over it, what holds its face; empty where it is not."""
-        room = f"{1e3 * self.room[i]:.2g} mm of room over it (limit {1e3 * self.room_limit:.2g} mm)"
+        """Reasons to check the access at gauge i: free height, or contact face; empty without one."""
+        room = f"{1e3 * self.room[i]:.2g} mm of free height (limit {1e3 * self.room_limit:.2g} mm)"
         return (*[room] * bool(self.room[i] <= self.room_limit), *filter(None, [self.lies_on[i]]))
 
     def access_in_words(self, i: int) -> str:
-        """That access is to be checked at gauge i, and why; empty where it is not."""
-        said = self.access(i)
-        return f"check access: {', and '.join(said)}" if said else ""
+        """Warning to check the access at gauge i, with the reasons; empty without one."""
+        reasons = self.access(i)
+        return f"check access: {', and '.join(reasons)}" if reasons else ""
 
 
 @record
 class ByCase:
-    """The load cases that a layout is placed for."""
+    """Load cases of the placement."""
 
-    name: tuple[str, ...] = dataset("1", "/name", "every load case")
-    weight: np.ndarray = dataset("1", "/name", "what it counts")
-    scenario: np.ndarray = dataset("1", "scenario", "number of the load case of every scenario of /augmented")
-    metric: np.ndarray = dataset("1", "/name", "<what> of the final set in it alone, without its weight")
+    name: tuple[str, ...] = dataset("1", "/name", "load case names")
+    weight: np.ndarray = dataset("1", "/name", "weight")
+    scenario: np.ndarray = dataset("1", "scenario", "load case number of every scenario of /augmented")
+    metric: np.ndarray = dataset("1", "/name", "<what> of the final set in this case, without its weight")
     std: dict[str, np.ndarray] = dataset(
-        "1", "/name", "σ of <name> expected along its training run, relative to the amplitude or guess there"
+        "1", "/name", "predicted σ of <name> along the training run, relative to the amplitude or guess"
     )
     acts: dict[str, np.ndarray] = dataset(
-        "1", "/name", "whether <name> acts in it; where it is silent it is no part of the metric"
+        "1", "/name", "1 if <name> acts in the case; a silent load is not part of the criterion"
     )
-    scale: dict[str, np.ndarray] = dataset("SI", "/name", "that amplitude or guess")
-    worst: dict[str, str] = dataset("1", "", "load case in which <name> is known least")
+    scale: dict[str, np.ndarray] = dataset("SI", "/name", "reference amplitude or guess")
+    worst: dict[str, str] = dataset("1", "", "load case with the largest σ of <name>")
 
 
 @record
@@ -254,13 +244,13 @@ class Placed(PlacedLayout):
     """place.h5."""
 
     expected_std: dict[str, float] = dataset(
-        "SI", "", "σ of <name> that is expected along the training run, tolerances included; in its worst load case"
+        "SI", "", "predicted σ of <name> along the training run, with tolerances; in its worst load case"
     )
     without: dict[str, np.ndarray] = dataset(
         "1",
         "gauge",
-        "relative σ of <name> expected without each gauge of the final set; the largest of any load case, each "
-        "relative to the amplitude in it",
+        "predicted relative σ of <name> without each gauge of the final set; the largest of all load cases, "
+        "relative to the amplitude of each",
     )
     budget: Budget | None = group(default=None)
     observability: Observability = group()

@@ -1,14 +1,14 @@
-"""Typed artefacts: a frozen dataclass whose fields say where they stand in the file, in which unit and along which axes.
+"""Typed artefacts: frozen dataclasses whose fields declare their path, unit and axes in the file.
 
     @record
     class Train:
         time: np.ndarray = dataset("s", "/time", "time of the training run")
         strain: np.ndarray = dataset("strain", "/time × channel", "reading of every channel")
 
-Writing (`written`), reading (`read`), the checks of shapes against each other and docs/artefacts.md (`listed`) come from there.
-A field may be an array, a number, text (`str`, `tuple[str, ...]`), another record below a group, a `dict` of any of these by
-name (`<name>` in its path), or None where it may be absent. A dataclass of a kernel is one by the `Column` of its fields; many
-of them are a `table`. Of others a record says what stands in the file (`Form`).
+Writing (`written`), reading (`read`), shape checks and docs/artefacts.md (`listed`) use these declarations. A field may be an
+array, a number, text (`str`, `tuple[str, ...]`) or a record in a group. It may also be a `dict` of these by name (`<name>` in
+its path), or None if it is optional. A kernel dataclass is a record through the `Column` of its fields, and a `table` stores many of them.
+A `Form` stores other objects.
 """
 
 from __future__ import annotations
@@ -32,14 +32,14 @@ NAME, UNIT_OF = "<name>", "unit of "
 
 @dataclass(frozen=True)
 class FieldPlace:
-    """Where a field stands.
+    """Location of a field in the file.
 
-    path   below the group of its record, by default the name of the field; `<name>` stands for the keys of a mapping
-    unit   "m", "1"; "unit of <name>", "unit of input <name>", "unit of the channel": looked up when it is written,
-           by "E", "input Fx", "the channel"
-    axes   what each axis counts: equal words are equal lengths ("step + 1": one more; "component of <name>": of each name
-           its own), a path is the dataset that labels the axis, a number is the length itself
-    what   one line for people
+    path   relative to the group of its record; default: the name of the field. `<name>` is the key of a mapping
+    unit   "m", "1"; "unit of <name>", "unit of input <name>", "unit of the channel" are resolved on writing, from
+           "E", "input Fx", "the channel"
+    axes   axis names; equal names have equal lengths ("step + 1": one more; "component of <name>": separate for each
+           name). A path is the dataset that labels the axis, a number is its length
+    what   description in one line
     """
 
     path: str
@@ -49,15 +49,15 @@ class FieldPlace:
 
 
 class Form(Protocol):
-    """A record through which an object of a kernel is written, and made again."""
+    """A record that stores a kernel object, and recreates it."""
 
     @classmethod
     def of(cls, value: Any) -> Any: ...
-    def made(self) -> Any: ...
+    def restore(self) -> Any: ...
 
 
 class Source(Protocol):
-    """What records are read from: an artefact."""
+    """Source of records: an artefact."""
 
     def __getitem__(self, path: str) -> np.ndarray: ...
     def __contains__(self, path: str) -> bool: ...
@@ -67,7 +67,7 @@ class Source(Protocol):
 
 
 def dataset(unit: str, axes: str, what: str, *, path: str | None = None, default: EllipsisType | None = ...) -> Any:
-    """A field that is one dataset, or one for every name; axes: "/time × channel", "" of a number; default=None: optional."""
+    """A field with one dataset, or one for each name; axes: "/time × channel", "" for a number; default=None: optional."""
     return placed(FieldPlace("", unit, _split(axes), what), path, default)
 
 
@@ -84,12 +84,11 @@ def group(
     by: str = "",
     default: EllipsisType | None = ...,
 ) -> Any:
-    """A field that is a record, or one for every name, below a group ("": the root); through: its `Form` in the file.
+    """A field with a record, or one for each name, in a group ("": the root); through: its `Form` in the file.
 
-    A dataclass of a kernel whose fields have a `Column` is a record, too, which is read whole. unit, what: stand for `<unit>` and
-    `<what>` in the fields and axes of that record, which several groups may share; "unit of <name>" is then that of the name of
-    the group.
-    by: the field of every one of a tuple of them that is the name of its group.
+    A kernel dataclass with `Column` fields is a record that is read at once. unit and what replace `<unit>` and `<what>` in its
+    fields and axes, so several groups can share a record; "unit of <name>" then refers to the name of the group. by: field with
+    the group name, for tuples of records.
     """
     return placed(FieldPlace("", unit, what=what), path, default, through, by)
 
@@ -97,7 +96,7 @@ def group(
 def placed(
     place: FieldPlace, path: str | None = None, default: EllipsisType | None = ..., through: Any = None, by: str = ""
 ) -> Any:
-    """A field with its place, whose path is that of its name without another."""
+    """A field with a place; its default path is the field name without the prefix."""
     metadata = {"place": place, "path": path, "through": through, "by": by}
     if default is ...:
         return dataclasses.field(metadata=metadata)
@@ -107,20 +106,20 @@ def placed(
 
 @dataclass_transform(frozen_default=True, kw_only_default=True, field_specifiers=(dataset, group))
 def record(kind: type[Record]) -> type[Record]:
-    """A frozen dataclass of such fields, given by name."""
+    """A frozen dataclass of such fields; its constructor takes keywords only."""
     return dataclass(frozen=True, kw_only=True)(kind)
 
 
 def record_from(kind: type[Record], value: Any, **others: Any) -> Record:
-    """A record whose fields are the attributes of a value by their names, but for others."""
+    """A record from the attributes of a value with the same names; others replace or add fields."""
     names = [field.name for field in dataclasses.fields(kind) if field.name not in others]  # type: ignore[arg-type]
     return kind(**{name: getattr(value, name) for name in names}, **others)
 
 
 @dataclass(frozen=True)
 class _Kind:
-    """What a field holds: leaf, its type; record: what stands in the file, None of a dataset; whether by name, or optional; by:
-    the field of the leaf that is its name."""
+    """Content of a field: leaf, its type; record: its record in the file (None for a dataset); named; optional; by: field of the
+    leaf with its name."""
 
     leaf: Any
     record: Any
@@ -151,7 +150,7 @@ def _fields(kind: Any) -> dict[str, tuple[FieldPlace, _Kind]]:
 
 
 def _places(kind: Any) -> dict[str, Mapping[str, Any]]:
-    """Metadata of the fields of a `record`; empty of a dataclass of a kernel."""
+    """Metadata of the fields of a `record`; empty for a kernel dataclass."""
     return {field.name: field.metadata for field in dataclasses.fields(kind) if "place" in field.metadata}
 
 
@@ -168,51 +167,51 @@ def _kind(hint: Any, through: Any = None, by: str = "") -> _Kind:
 ROOT = FieldPlace("")
 
 
-def written(own: Any, units: Mapping[str, str] | None = None, at: FieldPlace = ROOT) -> dict[str, Dataset]:
-    """The datasets of a record, by path, their shapes checked against each other.
+def written(instance: Any, units: Mapping[str, str] | None = None, at: FieldPlace = ROOT) -> dict[str, Dataset]:
+    """Datasets of a record by path, with consistent shapes.
 
-    units: for fields whose unit is that of something, by what it is of; at: the group that the record stands below. Raises
-    ValueError where two lengths contradict.
+    units: units by owner, for fields with the unit of another quantity; at: group of the record. Raises ValueError for
+    inconsistent lengths.
     """
     below = at.path
     lengths: dict[str, tuple[int, str]] = {}
-    found: dict[str, Dataset] = {}
-    fields = _fields(type(own))
+    datasets: dict[str, Dataset] = {}
+    fields = _fields(type(instance))
     for name, (place, kind) in fields.items():
-        value = getattr(own, name)
+        value = getattr(instance, name)
         if value is None and not kind.optional:
-            raise ValueError(f"{below}{place.path} of {type(own).__name__} is missing")
+            raise ValueError(f"{below}{place.path} of {type(instance).__name__} is missing")
         for key, part in _parts(value, kind):
             path = below + place.path.replace(NAME, key)
             if kind.record is not None:
                 form = part if kind.record is kind.leaf else kind.record.of(part)
-                found |= written(form, units, replace(_named_as(key, _within(place, at), units), path=path))
+                datasets |= written(form, units, replace(_named_as(key, _within(place, at), units), path=path))
                 continue
-            array, stated = _array(part, kind), _named_as(key, _within(place, at), units)
-            if wrong := _contradiction(stated, array, lengths, path):
+            array, named = _array(part, kind), _named_as(key, _within(place, at), units)
+            if wrong := _shape_fault(named, array, lengths, path):
                 raise ValueError(wrong)
-            scales = tuple(_label(axis, place, fields, below) for axis in stated.axes)
-            found[path] = Dataset(array, stated.unit, stated.what, scales if any(scales) else ())
-    return found
+            scales = tuple(_label(axis, place, fields, below) for axis in named.axes)
+            datasets[path] = Dataset(array, named.unit, named.what, scales if any(scales) else ())
+    return datasets
 
 
 def below(group: str, datasets: Mapping[str, Dataset]) -> dict[str, Dataset]:
-    """Datasets of a record that stands in a file, put below a group of another one, with the axes that they name."""
+    """Datasets of a record from another file, moved below a group, with the axes they refer to."""
     return {
-        group + path: replace(own, scales=tuple(axis and group + axis for axis in own.scales))
-        for path, own in datasets.items()
+        group + path: replace(dataset, scales=tuple(axis and group + axis for axis in dataset.scales))
+        for path, dataset in datasets.items()
     }
 
 
 def _label(axis: str, place: FieldPlace, fields: Mapping[str, tuple[FieldPlace, _Kind]], below: str) -> str:
-    """The dataset that labels an axis: of the record itself or else of the root; "" where there is none."""
+    """The dataset that labels an axis, in the record or in the root; "" without label."""
     if not axis.startswith("/") or axis == place.path:
         return ""
     return below + axis if any(axis == other.path for other, _ in fields.values()) else axis
 
 
 def _within(place: FieldPlace, at: FieldPlace) -> FieldPlace:
-    """A field's place in the words of the group that its record stands below."""
+    """The place of a field with the words of its group inserted."""
     return replace(
         place,
         path=at.path + place.path,
@@ -223,7 +222,7 @@ def _within(place: FieldPlace, at: FieldPlace) -> FieldPlace:
 
 
 def _named_as(key: str, place: FieldPlace, units: Mapping[str, str] | None) -> FieldPlace:
-    """A place of one name: its unit is that of the name where it says so."""
+    """The place for one name, with its unit."""
     unit = place.unit
     if unit.startswith(UNIT_OF):
         unit = (units or {})[unit.removeprefix(UNIT_OF).replace(NAME, key)]
@@ -244,7 +243,7 @@ def _parts(value: Any, kind: _Kind) -> Iterator[tuple[str, Any]]:
 
 
 FLAGS = NDArray[np.bool_]
-"""Of a dataclass of a kernel, 0 and 1 in a file."""
+"""A flag of a kernel dataclass, 0 or 1 in the file."""
 
 
 def _array(value: Any, kind: _Kind) -> np.ndarray:
@@ -255,104 +254,104 @@ def _array(value: Any, kind: _Kind) -> np.ndarray:
     return np.asarray(value)
 
 
-def _contradiction(place: FieldPlace, array: np.ndarray, lengths: dict[str, tuple[int, str]], path: str) -> str:
-    """In words where the shape is not that of the axes; empty where it is."""
+def _shape_fault(place: FieldPlace, array: np.ndarray, lengths: dict[str, tuple[int, str]], path: str) -> str:
+    """Message for a shape that differs from the axes, or an empty text."""
     if array.ndim != len(place.axes):
-        return f"{path} has {array.ndim} axes, not {len(place.axes)} ({' × '.join(place.axes) or 'a number'})"
+        return f"{path} has {array.ndim} axes instead of {len(place.axes)} ({' × '.join(place.axes) or 'a number'})"
     for axis, length in zip(place.axes, array.shape, strict=True):
         counted, more = (axis.removesuffix(" + 1"), 1) if axis.endswith(" + 1") else (axis, 0)
         known = (int(axis), "its definition") if axis.isdigit() else lengths.setdefault(counted, (length - more, path))
         if length - more != known[0]:
-            return f"{path} has {length} along '{axis}' and {known[1]} says {known[0] + more}"
+            return f"{path} has length {length} along '{axis}', but {known[1]} has {known[0] + more}"
     return ""
 
 
 def read(kind: type[Record], source: Source, below: str = "") -> Record:
-    """The record of this kind in an artefact, or below one of its groups; each field is read when it is first asked for.
+    """The record of this kind in an artefact, or in one of its groups; fields are read on first access.
 
-    Raises ArtefactError, then, where a dataset is absent or its shape contradicts those read before.
+    Reading raises ArtefactError for a missing dataset, or for a shape that is inconsistent with those read before.
     """
     if kind not in _LAZY:
         # pickled and copied as what it is, with all fields read
         members = {"__getattr__": _load, "__reduce__": _whole, "__module__": kind.__module__}
         _LAZY[kind] = type(kind.__name__, (kind,), members)
-    own: Record = object.__new__(_LAZY[kind])
-    own.__dict__.update(_origin(kind, source, below))
-    return own
+    lazy: Record = object.__new__(_LAZY[kind])
+    lazy.__dict__.update(_origin(kind, source, below))
+    return lazy
 
 
 def _origin(kind: Any, source: Source, below: str) -> dict[str, Any]:
     return {"_kind": kind, "_source": source, "_below": below, "_lengths": {}}
 
 
-def unit_of(own: Any, field: str, name: str = "") -> str:
-    """The unit that a dataset has in the file from which its record was read; name: the key of a field by name."""
-    place = _fields(own.__dict__["_kind"])[field][0]
-    path = own.__dict__["_below"] + place.path.replace(NAME, name)
-    return str(own.__dict__["_source"].attributes(path)["units"])
+def unit_of(value: Any, field: str, name: str = "") -> str:
+    """Unit of a dataset in the file of its record; name: key of a mapping."""
+    place = _fields(value.__dict__["_kind"])[field][0]
+    path = value.__dict__["_below"] + place.path.replace(NAME, name)
+    return str(value.__dict__["_source"].attributes(path)["units"])
 
 
 def _whole(lazy: Any) -> Any:
     kind = lazy.__dict__["_kind"]
-    return _made, (kind, {name: getattr(lazy, name) for name in _fields(kind)})
+    return _rebuild, (kind, {name: getattr(lazy, name) for name in _fields(kind)})
 
 
-def _made(kind: Any, values: dict[str, Any]) -> Any:
+def _rebuild(kind: Any, values: dict[str, Any]) -> Any:
     return kind(**values)
 
 
 def _load(lazy: Any, name: str) -> Any:
-    own = lazy.__dict__
-    if "_kind" not in own or name not in _fields(own["_kind"]):
+    state = lazy.__dict__
+    if "_kind" not in state or name not in _fields(state["_kind"]):
         raise AttributeError(f"{type(lazy).__name__} has no field '{name}'")
-    own[name] = _loaded(own, name)
-    return own[name]
+    state[name] = _loaded(state, name)
+    return state[name]
 
 
-def _loaded(own: Mapping[str, Any], name: str) -> Any:
-    place, kind = _fields(own["_kind"])[name]
-    return _named(own, place, kind) if kind.named else _single(own, place, kind, own["_below"] + place.path)
+def _loaded(state: Mapping[str, Any], name: str) -> Any:
+    place, kind = _fields(state["_kind"])[name]
+    return _named(state, place, kind) if kind.named else _single(state, place, kind, state["_below"] + place.path)
 
 
-def _single(own: Mapping[str, Any], place: FieldPlace, kind: _Kind, path: str) -> Any:
-    if kind.optional and path not in own["_source"]:
+def _single(state: Mapping[str, Any], place: FieldPlace, kind: _Kind, path: str) -> Any:
+    if kind.optional and path not in state["_source"]:
         return None
     if kind.record is not None:
-        return _record(own, kind, path)
-    return _value(own, place, kind, own["_source"][path], path)
+        return _record(state, kind, path)
+    return _value(state, place, kind, state["_source"][path], path)
 
 
-def _named(own: Mapping[str, Any], place: FieldPlace, kind: _Kind) -> dict[str, Any] | tuple[Any, ...]:
-    """By name, but for the names that have a field of their own."""
-    source, parent = own["_source"], (own["_below"] + place.path).removesuffix(f"/{NAME}")
+def _named(state: Mapping[str, Any], place: FieldPlace, kind: _Kind) -> dict[str, Any] | tuple[Any, ...]:
+    """Entries by name, except names that have a separate field."""
+    source, parent = state["_source"], (state["_below"] + place.path).removesuffix(f"/{NAME}")
     if kind.record is not None:
         keys = source.groups(parent) if parent in source else ()
-        records = {key: _record(own, kind, f"{parent}/{key}", key) for key in keys}
+        records = {key: _record(state, kind, f"{parent}/{key}", key) for key in keys}
         return tuple(records.values()) if kind.by else records
     if parent not in source:
         return {}
-    taken = {own["_below"] + other.path for other, _ in _fields(own["_kind"]).values()}
+    paths = {state["_below"] + other.path for other, _ in _fields(state["_kind"]).values()}
     arrays = {f"{parent}/{key}": array for key, array in source.children(parent).items()}
-    names = {path: path.removeprefix(f"{parent}/") for path in arrays if path not in taken}
+    names = {path: path.removeprefix(f"{parent}/") for path in arrays if path not in paths}
     return {
-        name: _value(own, replace(place, axes=_axes(place, name)), kind, arrays[path], path)
+        name: _value(state, replace(place, axes=_axes(place, name)), kind, arrays[path], path)
         for path, name in names.items()
     }
 
 
-def _record(own: Mapping[str, Any], kind: _Kind, path: str, key: str = "") -> Any:
+def _record(state: Mapping[str, Any], kind: _Kind, path: str, key: str = "") -> Any:
     if kind.record is not kind.leaf:
-        return read(kind.record, own["_source"], path).made()
+        return read(kind.record, state["_source"], path).restore()
     if _places(kind.leaf):
-        return read(kind.leaf, own["_source"], path)
-    whole = _origin(kind.leaf, own["_source"], path)
+        return read(kind.leaf, state["_source"], path)
+    whole = _origin(kind.leaf, state["_source"], path)
     values = {name: _loaded(whole, name) for name in _fields(kind.leaf)}
     return kind.leaf(**values, **({kind.by: key} if kind.by else {}))
 
 
-def _value(own: Mapping[str, Any], place: FieldPlace, kind: _Kind, array: np.ndarray, path: str) -> Any:
-    if wrong := _contradiction(place, array, own["_lengths"], path):
-        raise ArtefactError(f"shapes contradict each other: {wrong}", remedy="run the stage again with --force")
+def _value(state: Mapping[str, Any], place: FieldPlace, kind: _Kind, array: np.ndarray, path: str) -> Any:
+    if wrong := _shape_fault(place, array, state["_lengths"], path):
+        raise ArtefactError(f"inconsistent shapes: {wrong}", remedy="run the stage again with --force")
     if kind.leaf == FLAGS:
         return array.astype(bool)
     if np.ndarray in (kind.leaf, get_origin(kind.leaf)):
@@ -363,13 +362,13 @@ def _value(own: Mapping[str, Any], place: FieldPlace, kind: _Kind, array: np.nda
 
 
 def listed(kind: type, at: FieldPlace = ROOT) -> list[tuple[str, str, str, str]]:
-    """Every dataset of a record for docs/artefacts.md: path, axes, unit, what."""
+    """All datasets of a record for docs/artefacts.md: path, axes, unit, description."""
     rows = []
     for place, field in _fields(kind).values():
-        own = _within(place, at)
+        inner = _within(place, at)
         if field.record is not None:
-            rows += listed(field.record, own)
+            rows += listed(field.record, inner)
         else:
-            axes = [axis.rpartition("/")[2] for axis in own.axes]
-            rows.append((own.path, " × ".join(axes) or "scalar", own.unit, own.what))
+            axes = [axis.rpartition("/")[2] for axis in inner.axes]
+            rows.append((inner.path, " × ".join(axes) or "scalar", inner.unit, inner.what))
     return rows

@@ -1,4 +1,4 @@
-"""modes.h5, spectrum.h5 and rom.h5: modes, and the finite-element model reduced to a few coordinates (5.1-5.10)."""
+"""modes.h5, spectrum.h5 and rom.h5: modes, and the reduced-order model (5.1-5.10)."""
 
 from __future__ import annotations
 
@@ -14,29 +14,32 @@ from strainsight.rom.model import Damping, ReducedModel, damping_derivative, dam
 
 @record
 class Modes:
-    """modes.h5: at the reference. spectrum.h5: in the middle of the ranges, empty where shapes change with the parameters."""
+    """modes.h5: at the reference. spectrum.h5: at the centre of the parameter ranges, without shapes if these depend on
+    parameters."""
 
     frequency: np.ndarray = dataset("Hz", "/frequency", "natural frequencies")
-    shape: np.ndarray = dataset("kg^-1/2", "free unknown × /frequency", "mass-normalised shapes on the free unknowns")
+    shape: np.ndarray = dataset(
+        "kg^-1/2", "free unknown × /frequency", "mass-normalised mode shapes on the free degrees of freedom"
+    )
 
 
 @record
 class ChangeTerms:
-    """`AffineOperator` without a constant term, all of whose terms have coefficients."""
+    """`AffineOperator` without a constant term, with coefficients for all terms."""
 
     terms: dict[str, np.ndarray] = dataset(
-        "<unit>", "channel × coordinate", "<what>: what <name>, a coefficient, multiplies", path="/<name>"
+        "<unit>", "channel × coordinate", "<what>: matrix of coefficient <name>", path="/<name>"
     )
     factors: dict[str, tuple[str, ...]] = dataset(
         "1",
         "root of <name>",
-        "<what>: parameters of the coefficient Σ w Π (x − root)/scale of a term <name> that is no parameter itself",
+        "<what>: parameters of the coefficient Σ w Π (x − root)/scale, for a term <name> that is not a parameter",
     )
     roots: dict[str, np.ndarray] = dataset(
         "SI",
         "root of <name> × 6",
-        "<what>: root and scale; lowest and highest value, and how far beyond, as a share of it, the coefficient "
-        "levels off (0: nowhere); 1: x is ln θ and not θ",
+        "<what>: root, scale, lowest and highest value; saturation distance beyond them, as a fraction of the "
+        "value (0: none); 1 for x = ln θ, otherwise x = θ",
     )
     weights: dict[str, np.ndarray] = dataset(
         "1", "product of <name>", "<what>: w of all products of the first roots of each parameter"
@@ -50,16 +53,16 @@ class ChangeTerms:
         }
         return cls(
             terms=dict(operator.terms),
-            factors={label: tuple(each.parameter for each, _ in found) for label, found in bases.items()},
+            factors={label: tuple(each.parameter for each, _ in roots) for label, roots in bases.items()},
             roots={
-                label: np.array([[root, each.scale, *each.within, each.beyond, each.logarithm] for each, root in found])
-                for label, found in bases.items()
+                label: np.array([[root, each.scale, *each.within, each.beyond, each.logarithm] for each, root in roots])
+                for label, roots in bases.items()
             },
             weights={label: coefficient.weights.ravel() for label, coefficient in operator.coefficients.items()},
             **others,
         )
 
-    def made(self) -> AffineOperator:
+    def restore(self) -> AffineOperator:
         coefficients = {
             label: _coefficient(names, self.roots[label], self.weights[label]) for label, names in self.factors.items()
         }
@@ -68,13 +71,13 @@ class ChangeTerms:
 
 @record
 class AffineTerms(ChangeTerms):
-    """`AffineOperator`, dense."""
+    """`AffineOperator` with dense matrices."""
 
     constant: np.ndarray = dataset("<unit>", "coordinate × coordinate", "<what>: constant term")
     terms: dict[str, np.ndarray] = dataset(
         "<unit> per SI unit",
         "coordinate × coordinate",
-        "<what>: slope in <name>, or in its coefficient",
+        "<what>: derivative by <name>, or by its coefficient",
         path="/<name>",
     )
 
@@ -82,23 +85,23 @@ class AffineTerms(ChangeTerms):
     def of(cls, operator: AffineOperator, **others: Any) -> Self:
         return super().of(operator, constant=operator.constant, **others)
 
-    def made(self) -> AffineOperator:
-        return replace(super().made(), constant=self.constant)
+    def restore(self) -> AffineOperator:
+        return replace(super().restore(), constant=self.constant)
 
 
 def _coefficient(parameters: tuple[str, ...], roots: np.ndarray, weights: np.ndarray) -> Coefficient:
-    """roots (k, 6) of these parameters (k,)."""
+    """Roots (k, 6) of these parameters (k,)."""
     bases = []
     for name in dict.fromkeys(parameters):
-        own = roots[np.array(parameters) == name]
-        _, scale, low, high, beyond, logarithm = own[0].tolist()
-        bases.append(Newton(name, tuple(own[:, 0].tolist()), scale, (low, high), beyond, bool(logarithm)))
-    return Coefficient(tuple(bases), weights.reshape([len(own.roots) + 1 for own in bases]))
+        rows = roots[np.array(parameters) == name]
+        _, scale, low, high, margin, logarithm = rows[0].tolist()
+        bases.append(Newton(name, tuple(rows[:, 0].tolist()), scale, (low, high), margin, bool(logarithm)))
+    return Coefficient(tuple(bases), weights.reshape([len(rows.roots) + 1 for rows in bases]))
 
 
 @record
 class ModelTerms:
-    """`ReducedModel` (5.3); its damping matrix is the one at the reference."""
+    """`ReducedModel` (5.3), with the damping matrix at the reference."""
 
     mass: AffineOperator = group(AffineTerms, "1", "reduced mass")
     stiffness: AffineOperator = group(AffineTerms, "1/s^2", "reduced stiffness")
@@ -106,11 +109,13 @@ class ModelTerms:
     law: Damping = group()
     input_shape: np.ndarray = dataset("kg^-1/2", "coordinate × /inputs", "input shape S at the reference")
     input_slope: dict[str, np.ndarray] = dataset(
-        "SI", "coordinate × /inputs", "∂S/∂<name> of a density, where a load acts on its mass"
+        "SI", "coordinate × /inputs", "∂S/∂<name> for a density, if a load acts on its mass"
     )
-    inputs: tuple[str, ...] = dataset("1", "/inputs", "name of every input")
-    parameters: tuple[str, ...] = dataset("1", "/parameters", "name of every parameter")
-    reference: np.ndarray = dataset("SI", "/parameters", "parameter values at which the coordinates are modal")
+    inputs: tuple[str, ...] = dataset("1", "/inputs", "input names")
+    parameters: tuple[str, ...] = dataset("1", "/parameters", "parameter names")
+    reference: np.ndarray = dataset(
+        "SI", "/parameters", "reference parameter values, at which the coordinates are modal"
+    )
 
     @classmethod
     def of(cls, model: ReducedModel) -> ModelTerms:
@@ -119,7 +124,7 @@ class ModelTerms:
         reference = np.array(list(model.reference.values()), dtype=float)
         return record_from(cls, model, damping=damping, law=model.damping, reference=reference)
 
-    def made(self) -> ReducedModel:
+    def restore(self) -> ReducedModel:
         return ReducedModel(
             mass=self.mass,
             stiffness=self.stiffness,
@@ -133,44 +138,44 @@ class ModelTerms:
 
 @record
 class ReductionErrors:
-    """Parameter values that the basis was not built from, and the errors there."""
+    """Parameter values that the basis was not built from, with the errors there."""
 
-    parameters: np.ndarray = dataset("SI", "point × parameter", "parameter values that the basis was not built from")
-    frequency: np.ndarray = dataset("1", "point × mode", "relative error of the frequencies there")
-    static: np.ndarray = dataset("1", "point × input", "relative energy-norm error of the static responses there")
+    parameters: np.ndarray = dataset("SI", "point × parameter", "test parameter values, not used for the basis")
+    frequency: np.ndarray = dataset("1", "point × mode", "relative error of the natural frequencies")
+    static: np.ndarray = dataset("1", "point × input", "relative energy-norm error of the static responses")
 
 
 @record
 class ReadyBasis:
-    """Where stiffness and mass came as ready matrices."""
+    """Data of a model with imported matrices."""
 
-    basis: np.ndarray = dataset("kg^-1/2", "row × coordinate", "basis Ψ on the rows of the matrices")
+    basis: np.ndarray = dataset("kg^-1/2", "row × coordinate", "reduction basis Ψ on the matrix rows")
     missed: np.ndarray = dataset(
-        "m/N/rad or m/N/m", "row × input × misalignment", "static responses that Ψ misses, on those rows"
+        "m/N/rad or m/N/m", "row × input × misalignment", "static responses outside the span of Ψ, on the matrix rows"
     )
-    notes: tuple[str, ...] = dataset("1", "note", "how the matrices were read")
+    notes: tuple[str, ...] = dataset("1", "note", "assumptions in reading the matrices")
 
 
 @record
 class FromResults:
-    """Where modes and static responses came from another program; free unknowns are then the modes and static residuals."""
+    """Data of a model from imported modes and static responses; its free unknowns are the modes and static residuals."""
 
-    modes: int = dataset("1", "", "how many modes there are results of")
-    notes: tuple[str, ...] = dataset("1", "note", "what was found in the results")
+    modes: int = dataset("1", "", "number of modes in the results")
+    notes: tuple[str, ...] = dataset("1", "note", "checks of the results")
 
 
 @record
 class Misaligned:
-    """What one of each load's misalignments, two turns [rad] and two shifts [m], adds to its input shape."""
+    """Effect of one misalignment of each load, two rotations [rad] and two shifts [m], on its input shape."""
 
     shape: np.ndarray = dataset(
-        "kg^-1/2/rad or kg^-1/2/m", "coordinate × input × misalignment", "change of the input shape S"
+        "kg^-1/2/rad or kg^-1/2/m", "coordinate × input × misalignment", "change of the input shape S per misalignment"
     )
     static: np.ndarray = dataset(
-        "m/N/rad or m/N/m", "free unknown × input × misalignment", "change of the static response"
+        "m/N/rad or m/N/m", "free unknown × input × misalignment", "change of the static response per misalignment"
     )
     missed: np.ndarray = dataset(
-        "m/N/rad or m/N/m", "3 nodes × input × misalignment", "what of it Ψ misses, on the nodes"
+        "m/N/rad or m/N/m", "3 nodes × input × misalignment", "part of it outside the span of Ψ, on the nodes"
     )
 
 
@@ -181,9 +186,11 @@ class Reduced:
     model: ReducedModel = group(ModelTerms, path="/reduced")
     frequency: np.ndarray = dataset("Hz", "/frequency", "natural frequencies of the full model at the reference")
     basis: np.ndarray = dataset(
-        "kg^-1/2", "3 nodes × coordinate", "reduction basis Ψ on the nodes (3 node + component)"
+        "kg^-1/2", "3 nodes × coordinate", "reduction basis Ψ on the nodes (row 3 node + component)"
     )
-    static: np.ndarray = dataset("m/N", "free unknown × input", "static response to each input on the free unknowns")
+    static: np.ndarray = dataset(
+        "m/N", "free unknown × input", "static response to each input on the free degrees of freedom"
+    )
     misaligned: Misaligned = group()
     error: ReductionErrors = group()
     matrices: ReadyBasis | None = group(default=None)

@@ -1,8 +1,8 @@
-"""Objects of a dataclass as columns, a row an object: how a file has a `tuple[Springs, ...]` or a `Mapping[int, Lamina]`.
+"""Dataclass objects as columns, one row per object: storage of a `tuple[Springs, ...]` or a `Mapping[int, Lamina]`.
 
-A column is a field with a `Column`; the other fields get their defaults when the objects are made again. A field that is a
-dataclass has the columns of that. Lists of unequal length stand one behind the other, with the offset of each, and so do
-the columns of tuples of dataclasses (`plies: tuple[Ply, ...]`).
+A column is a field with a `Column`; other fields get their defaults on reading. A field that is a dataclass adds the columns of
+that class. Lists of unequal length are concatenated with an array of offsets; so are columns of tuples of dataclasses (`plies:
+tuple[Ply, ...]`).
 """
 
 from __future__ import annotations
@@ -20,14 +20,14 @@ from numpy.typing import NDArray
 from strainsight.columns import Column, columns_of
 from strainsight.records.record import FieldPlace, placed
 
-ALL = ", all lists one behind the other"
+ALL = ", all lists concatenated"
 OFFSET = "list i is [offset[i], offset[i + 1])"
 
 
 @dataclass(frozen=True)
 class Key:
-    """What the objects of a mapping go by, where it is no field of theirs; kind: int or str; several: one key may have several
-    objects, which are then pairs (key, object)."""
+    """Key of the objects of a mapping, if it is not one of their fields; kind: int or str; several: a key may have several
+    objects, stored as pairs (key, object)."""
 
     name: str
     kind: type
@@ -38,10 +38,10 @@ class Key:
 def table(
     row: type, axis: str, key: Key | str = "", bare: bool = False, brief: Iterable[str] = (), **words: str
 ) -> Any:
-    """The record (a `Form`) of objects of a dataclass; axis: what its rows count.
+    """The record (a `Form`) of objects of a dataclass; axis: name of the row axis.
 
-    key: a field that the objects go by, or what they go by; empty: they are a tuple. bare: a value stands for the object whose
-    only field it is. brief: columns of lists that do not say so. words: column → its meaning in this table, where it is another.
+    key: key field or `Key` of a mapping; empty for a tuple. bare: the value is stored instead of an object with this single
+    field. brief: short descriptions of list columns. words: column → description in this table.
     """
     places = (
         {key.name: (key.kind, FieldPlace(f"/{key.name}", "1", (axis,), key.meaning))} if isinstance(key, Key) else {}
@@ -71,15 +71,15 @@ class ColumnTable:
 
     @classmethod
     def of(cls, objects: Any) -> Any:
-        """Of a tuple, or a mapping by key, or pairs (key, object), of which several may have one key."""
+        """Pairs (key, object) of a tuple, a mapping, or pairs."""
         pairs = list(objects.items() if isinstance(objects, Mapping) else objects if cls.key else enumerate(objects))
         columns = _columns(cls.row, [cls.row(value) if cls.bare else value for _, value in pairs])
         if isinstance(cls.key, Key):
             columns[cls.key.name] = _column([key for key, _ in pairs], cls.key.kind)
         return cls(**columns)
 
-    def made(self) -> Any:
-        """The objects again: a tuple, a mapping, or pairs."""
+    def restore(self) -> Any:
+        """The objects: a tuple, a mapping, or pairs."""
         objects = _objects(self.row, self)
         if self.bare:
             objects = [value for each in objects for value in vars(each).values()]
@@ -94,8 +94,8 @@ class ColumnTable:
 class _Field:
     """A field of a row.
 
-    hint: its type but for None; part: the dataclass whose columns it has, else None; axis: that of its lists of unequal length,
-    else empty; tail: lengths of the axes behind; beside: the field whose lists are as long, empty of the first along an axis.
+    hint: type without None; part: dataclass that provides the columns, or None; axis: axis name of lists of unequal length, or
+    empty; tail: lengths of the trailing axes; partner: field with lists of equal length, empty for the first field along an axis.
     """
 
     attribute: str
@@ -105,7 +105,7 @@ class _Field:
     part: Any
     axis: str
     tail: tuple[int, ...]
-    beside: str
+    partner: str
 
     @property
     def name(self) -> str:
@@ -117,12 +117,12 @@ class _Field:
 
     @cached_property
     def components(self) -> bool:
-        """Whether it is a tuple of components 0-5, which a file has as text, "123"."""
+        """Whether it is a tuple of components 0-5, stored as text, "123"."""
         return bool(self.hint == tuple[int, ...] and not self.axis)
 
     @cached_property
     def kind(self) -> type:
-        """In a file: str, int (of bool as well) or float."""
+        """Type in a file: str, int (also for bool) or float."""
         if self.hint is str or self.components:
             return str
         arguments = get_args(self.hint)
@@ -130,15 +130,15 @@ class _Field:
         return float if issubclass(number, float | np.floating) else int
 
     def stored(self, row: Any) -> Any:
-        """Its value in an object, as a file has it."""
+        """Value of the field of an object, as stored in a file."""
         value = getattr(row, self.attribute)
         if value is None:
-            length = (len(getattr(row, self.beside)) if self.beside else 0,) if self.axis else ()
+            length = (len(getattr(row, self.partner)) if self.partner else 0,) if self.axis else ()
             return np.full(length + self.tail, self.column.none)
         return "".join(str(c + 1) for c in value) if self.components else value
 
-    def made(self, entries: Any) -> list[Any]:
-        """The values of all objects again, of what a file has."""
+    def restore(self, entries: Any) -> list[Any]:
+        """Values for all objects, from the stored columns."""
         if self.components:
             return [tuple(int(letter) - 1 for letter in text) for text in entries]
         if self.hint in (int, float, bool):
@@ -149,12 +149,12 @@ class _Field:
             entries = [entry.astype(bool) for entry in entries]
         if not self.optional or self.column.none:
             return list(entries)
-        return [entry if (entry.any() if self.beside or not self.axis else len(entry)) else None for entry in entries]
+        return [entry if (entry.any() if self.partner or not self.axis else len(entry)) else None for entry in entries]
 
 
 @cache
 def _fields(row: Any) -> tuple[_Field, ...]:
-    """The fields of a dataclass that are columns, or have some."""
+    """Fields of a dataclass that are columns, or contain columns."""
     fields: list[_Field] = []
     first: dict[str, str] = {}
     for attribute, (hint, column) in columns_of(row).items():
@@ -165,15 +165,15 @@ def _fields(row: Any) -> tuple[_Field, ...]:
             continue
         axes = column.axes.split(" × ") if column and column.axes else []
         axis = axes.pop(0) if axes and not axes[0].isdigit() else ""
-        beside = first.get(axis, "")
+        partner = first.get(axis, "")
         first.setdefault(axis, attribute)
-        stated = column or Column("", "", "")
-        fields.append(_Field(attribute, stated, hint, optional, part, axis, tuple(map(int, axes)), beside))
+        definition = column or Column("", "", "")
+        fields.append(_Field(attribute, definition, hint, optional, part, axis, tuple(map(int, axes)), partner))
     return tuple(fields)
 
 
 def _places(row: Any, axis: str, suffix: str = "") -> dict[str, tuple[type, FieldPlace]]:
-    """Column of a file → its kind and place."""
+    """Columns in the file with their kind and place."""
     places: dict[str, tuple[type, FieldPlace]] = {}
     for field in _fields(row):
         if field.axis:
@@ -191,7 +191,7 @@ def _places(row: Any, axis: str, suffix: str = "") -> dict[str, tuple[type, Fiel
 
 
 def _columns(row: Any, objects: Sequence[Any]) -> dict[str, Any]:
-    """Columns of a file by name."""
+    """Columns in the file by name."""
     columns: dict[str, Any] = {}
     for field in _fields(row):
         values = [field.stored(each) for each in objects]
@@ -212,11 +212,11 @@ def _column(values: Any, kind: type, tail: tuple[int, ...] = ()) -> Any:
 
 
 def _objects(row: Any, columns: Any) -> list[Any]:
-    """The objects again."""
+    """The objects, recreated from the columns."""
     values: dict[str, list[Any]] = {}
     for field in _fields(row):
         entries = _objects(field.part, columns) if field.part else getattr(columns, field.name)
         if field.axis:
             entries = [entries[first:last] for first, last in pairwise(getattr(columns, field.offset).tolist())]
-        values[field.attribute] = field.made(entries)
+        values[field.attribute] = field.restore(entries)
     return [row(**dict(zip(values, each, strict=True))) for each in zip(*values.values(), strict=True)]

@@ -1,7 +1,7 @@
-"""Reading an artefact: its seal and its header checked before a single number is handed out.
+"""Read artefacts, after a check of checksum and header.
 
-It is checked before the HDF5 library is let near the file: a single flipped byte in its metadata can hold the library for
-ever. HDF5 allows a block of one's own at the start of a file and looks for its own beginning behind it, as do ParaView's readers.
+The check does not use the HDF5 library, which can hang on a file with a single flipped metadata byte. The checksum is in a user
+block at the start of the file, which HDF5 and ParaView skip.
 """
 
 from __future__ import annotations
@@ -31,12 +31,12 @@ from strainsight.runner.output import (
 )
 
 BLOCK = 512
-"""Bytes in front of the HDF5 file; the least that HDF5 allows."""
+"""Size of the user block [B], the smallest that HDF5 permits."""
 MAGIC = b"strainsight sha256 "
 
 
 def seal(path: Path) -> None:
-    """Write the sha256 of all that stands behind the block into the block."""
+    """Write the sha256 of the HDF5 part into the user block."""
     with Path(path).open("r+b") as stream:
         stream.seek(BLOCK)
         line = MAGIC + hashlib.file_digest(stream, "sha256").hexdigest().encode() + b"\n"
@@ -45,13 +45,13 @@ def seal(path: Path) -> None:
 
 
 def is_sealed(path: Path) -> bool:
-    """Whether the file begins as an artefact does."""
+    """Whether the file begins like an artefact."""
     with Path(path).open("rb") as stream:
         return stream.read(len(MAGIC)) == MAGIC
 
 
 def is_intact(path: Path) -> bool:
-    """Whether every byte of the file is as it was sealed."""
+    """Whether the checksum of the file is correct."""
     with Path(path).open("rb") as stream:
         block = stream.read(BLOCK)
         digest = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -61,20 +61,20 @@ def is_intact(path: Path) -> bool:
 FORMAT = "strainsight"
 FORMAT_VERSION = 1
 MAPPINGS = ("config", "upstream", "files", "found", "beside", "sizes")
-"""Fields of a header that stand in a file as JSON."""
+"""Header fields stored as JSON."""
 GRID = ".vtkhdf"
-"""Ending of the file beside an artefact with a grid, by which ParaView and PyVista open that grid."""
+"""File extension of a grid file next to an artefact, for ParaView and PyVista."""
 SETTLED = 2_000_000_000
-"""[ns] Age from which the time of a file tells whether it was written to again."""
+"""[ns] Age above which the modification time of a file is reliable."""
 _VERIFIED: set[tuple[int, ...]] = set()
-"""Files that this process has read through once, whatever their names: siblings share large artefacts."""
+"""Checksums of files read by this process, independent of their names."""
 _INTACT: set[tuple[int, ...]] = set()
-"""Files whose checksum this process has found right."""
+"""Files with a verified checksum."""
 
 
 @dataclass(frozen=True)
 class ArtefactHeader:
-    """What an artefact was made from; `key` is the sha256 of all of it but the seed.
+    """Inputs of an artefact; `key` is the sha256 of all of them except the seed.
 
     stage     name of the stage
     version   version of the stage
@@ -82,12 +82,12 @@ class ArtefactHeader:
     config    the declared slice of the config, as JSON data
     upstream  stage → content digest of its artefact
     files     dotted key → digest of that input file
-    seed      the run's seed where the stage reads it
+    seed      seed of the run, if the stage reads it
     found     input files found while running (path relative to the config's folder → digest)
-    beside    file written beside the artefact → sha256
+    beside    additional file of the stage → sha256
     sizes     the same files → their length [bytes]
-    seconds   how long the stage took when it was computed [s]; neither part of the key nor of the digest
-    code      digest of the code of the stage (`workflow.code`), "" where none is recorded; no part of them either
+    seconds   run time of the stage [s]; not part of key or digest
+    code      digest of the code of the stage (`workflow.code`), or ""; not part of key or digest
     """
 
     stage: str
@@ -107,12 +107,12 @@ class ArtefactHeader:
 class Artefact:
     """A finished, verified results file.
 
-    artefact["/frequency"]                 → ndarray (text comes back as str arrays)
+    artefact["/frequency"]                 → ndarray (text as str arrays)
     artefact.children("/reduced/mass")     → {"constant": ndarray, "E": ndarray}
-    artefact.summary, .tables, .message    what the stage said; .warnings are those in the tables
-    artefact.key, .digest, .header         what it was made from, and the sha256 of what it holds
+    artefact.summary, .tables, .message    results of the stage; .warnings are those in the tables
+    artefact.key, .digest, .header         its inputs, and the sha256 of its content
     artefact.attributes("/augmented")      attributes of a group or dataset
-    artefact.source                        the run beside this one that it has just been reused from, or ""
+    artefact.source                        the other run from which it was just reused, or ""
 
     Raises ArtefactError for a file that is missing, cut short, altered, of another format version, or that points
     outside itself.
@@ -126,9 +126,9 @@ class Artefact:
             self.header, self.digest, self.message = _header(file, self.path)
             self._contents = read_contents(file)
             if known not in _VERIFIED:
-                found = content_digest(file, self._contents, self.message)
-                if found != self.digest:
-                    raise damaged(self.path, f"its content digest is {found[:12]}, written was {self.digest[:12]}")
+                digest = content_digest(file, self._contents, self.message)
+                if digest != self.digest:
+                    raise damaged(self.path, f"its content digest is {digest[:12]} instead of {self.digest[:12]}")
             self.summary: dict[str, Scalar] = self.attributes("/summary")
             self.tables = tuple(
                 Table(t["title"], tuple(t["columns"]), tuple(tuple(row) for row in t["rows"]))
@@ -139,7 +139,7 @@ class Artefact:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the stage warned of; commands print it also where the artefact is up to date."""
+        """Warnings of the stage, also printed if the artefact is up to date."""
         return warnings_in(self.tables)
 
     @property
@@ -160,15 +160,15 @@ class Artefact:
         return path in self._contents
 
     def children(self, path: str) -> dict[str, np.ndarray]:
-        """The datasets directly under a group, by name."""
+        """Datasets of a group, by name."""
         return {name: self[f"{path}/{name}"] for name, entry in self._below(path).items() if entry.dataset}
 
     def groups(self, path: str) -> tuple[str, ...]:
-        """Names of the groups directly under a group."""
+        """Names of the subgroups of a group."""
         return tuple(name for name, entry in self._below(path).items() if not entry.dataset)
 
     def paths(self) -> tuple[str, ...]:
-        """Every dataset of the file but the tables."""
+        """All datasets of the file except tables."""
         return tuple(path for path, entry in self._contents.items() if entry.dataset and path != "/tables")
 
     def attributes(self, path: str) -> dict[str, Any]:
@@ -188,30 +188,30 @@ class Artefact:
 
     def _absent(self, what: str, path: str) -> ArtefactError:
         return ArtefactError(
-            f"no {what} {path} in this {self.header.stage} artefact, of stage version {self.header.version}",
+            f"{what} {path} not found in this {self.header.stage} artefact (stage version {self.header.version})",
             where=str(self.path),
-            remedy=f"run it again: strainsight {self.header.stage} CONFIG --force",
+            remedy=f"run the stage again: strainsight {self.header.stage} CONFIG --force",
         )
 
 
 def plain_name(name: str) -> bool:
-    """Whether a file of that name can lie beside an artefact: no folder, nothing hidden, no other artefact."""
+    """Whether a file with that name can be next to an artefact: no folder, no hidden file, no artefact."""
     return Path(name).name == name and not name.startswith(".") and not name.endswith(".h5")
 
 
 def missing_in(folder: Path, stages: Iterable[str]) -> list[str]:
-    """Those of the stages that have no artefact in the folder of a run."""
+    """Stages without an artefact in the folder of a run."""
     return [stage for stage in stages if not (folder / f"{stage}.h5").is_file()]
 
 
 def header_of(path: Path) -> ArtefactHeader:
-    """What an artefact was made from, its bytes checked but not what they say. Raises ArtefactError."""
+    """Header of an artefact, after a check of its bytes. Raises ArtefactError."""
     with _checked(path) as file:
         return _header(file, path)[0]
 
 
 def file_digest(path: Path) -> str:
-    """sha256 of an input file; of the content where the file is an artefact of another run."""
+    """sha256 of an input file; for an artefact of another run, its content digest."""
     return Artefact(path).digest if path.suffix == ".h5" and is_sealed(path) else sha256_of(path)
 
 
@@ -227,20 +227,20 @@ def sha256_of(path: Path) -> str:
 
 
 def _identity(path: Path) -> tuple[int, ...] | None:
-    """What changes with any writing to a file; None where it was written so lately that the clock may not tell."""
+    """Identity of a file state; None if the file was written too recently for its modification time to be reliable."""
     try:
-        found = path.stat()
+        status = path.stat()
     except OSError:
         return None
-    if time.time_ns() - found.st_mtime_ns < SETTLED:
+    if time.time_ns() - status.st_mtime_ns < SETTLED:
         return None
     # not the time of its last change of any kind: another name for the same file is one
-    return (found.st_dev, found.st_ino, found.st_size, found.st_mtime_ns)
+    return (status.st_dev, status.st_ino, status.st_size, status.st_mtime_ns)
 
 
 @contextmanager
 def _checked(path: Path) -> Iterator[h5py.File]:
-    """The file, opened only if it is as it was sealed; raises ArtefactError for it and for all that goes wrong inside."""
+    """The open file, after its checksum was verified; raises ArtefactError for this and all later errors."""
     known = _identity(path)
     if known not in _INTACT:
         _refuse_damaged(path)
@@ -257,38 +257,38 @@ def _checked(path: Path) -> Iterator[h5py.File]:
 
 def _refuse_damaged(path: Path) -> None:
     if not path.is_file():
-        raise ArtefactError("no such results file", where=str(path), remedy="run the stage that writes it")
+        raise ArtefactError("results file not found", where=str(path), remedy="run the stage that writes it")
     if path.stat().st_size < BLOCK:
-        raise damaged(path, f"it ends after {path.stat().st_size} bytes")
+        raise damaged(path, f"the file ends after {path.stat().st_size} bytes")
     if not is_sealed(path):
         raise ArtefactError(
-            "this file was not written by strainsight", where=str(path), remedy="give a file from results/"
+            "the file is not a strainsight results file", where=str(path), remedy="use a file from results/"
         )
     if not is_intact(path):
-        raise damaged(path, "its checksum is not the one it was written with")
+        raise damaged(path, "its checksum is wrong")
 
 
 def _opened(path: Path) -> h5py.File:
     try:
         return h5py.File(path, "r")
     except OSError as error:
-        raise damaged(path, "it is not a complete HDF5 file") from error
+        raise damaged(path, "the HDF5 file is incomplete") from error
 
 
 def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
     attributes = attributes_of(file)
     if attributes.get("format") != FORMAT:
         raise ArtefactError(
-            "this HDF5 file was not written by strainsight", where=str(path), remedy="give a file from results/"
+            "the HDF5 file is not a strainsight results file", where=str(path), remedy="use a file from results/"
         )
     written = _plain(attributes.get("format_version"))
     if written != FORMAT_VERSION:
         writer = attributes.get("package_version")
         by = "" if writer is None else f", by strainsight {_plain(writer)}"
         raise ArtefactError(
-            f"format version {written!r}{by}; this one reads version {FORMAT_VERSION}",
+            f"the file has format version {written!r}{by}; this version of strainsight reads version {FORMAT_VERSION}",
             where=str(path),
-            remedy="run again with --force, or read it with the strainsight that wrote it",
+            remedy="run again with --force, or use the version of strainsight that wrote the file",
         )
     header = ArtefactHeader(
         stage=str(attributes["stage"]),
@@ -300,7 +300,7 @@ def _header(file: h5py.File, path: Path) -> tuple[ArtefactHeader, str, str]:
         **{name: json.loads(attributes.get(name, "{}")) for name in MAPPINGS},
     )
     if foreign := [name for name in header.beside or {} if not plain_name(name)]:
-        raise damaged(path, f"it names {foreign[0]!r} as a file beside it")
+        raise damaged(path, f"it refers to the additional file {foreign[0]!r}")
     return header, str(attributes["digest"]), str(attributes["message"])
 
 

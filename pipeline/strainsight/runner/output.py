@@ -1,7 +1,5 @@
-"""What a stage returns: arrays with units, a few scalars, one line for the reader; and the same read from a file.
-
-Files hold a hundred small datasets: the low-level interface of h5py reads them in a sixth of the time of the usual one.
-"""
+"""Result of a stage: arrays with units, scalars, a message; and its reading from a file.
+A file has about a hundred small datasets, which the low-level interface of h5py reads six times faster."""
 
 from __future__ import annotations
 
@@ -47,16 +45,16 @@ class InMemory:
         return np.asarray(self.datasets[path].array)
 
     def __contains__(self, path: str) -> bool:
-        return path in self.datasets or any(own.startswith(f"{path}/") for own in self.datasets)
+        return path in self.datasets or any(name.startswith(f"{path}/") for name in self.datasets)
 
     def children(self, path: str) -> dict[str, np.ndarray]:
         """The datasets directly under a group, by name."""
-        below = {own.removeprefix(f"{path}/"): own for own in self.datasets if own.startswith(f"{path}/")}
-        return {name: self[own] for name, own in below.items() if "/" not in name}
+        below = {full.removeprefix(f"{path}/"): full for full in self.datasets if full.startswith(f"{path}/")}
+        return {name: self[full] for name, full in below.items() if "/" not in name}
 
     def groups(self, path: str) -> tuple[str, ...]:
         """Names of the groups directly under a group."""
-        below = (own.removeprefix(f"{path}/") for own in self.datasets if own.startswith(f"{path}/"))
+        below = (full.removeprefix(f"{path}/") for full in self.datasets if full.startswith(f"{path}/"))
         return tuple(dict.fromkeys(name.partition("/")[0] for name in below if "/" in name))
 
     def attributes(self, path: str) -> dict[str, str]:
@@ -89,15 +87,15 @@ def warnings_in(tables: Iterable[Table]) -> tuple[str, ...]:
 
 @dataclass(frozen=True)
 class Output:
-    """The whole result of a stage; the same inputs must give the same Output (no clock, no path in it).
+    """Complete result of a stage; equal inputs must give an equal Output (no time, no paths).
 
     datasets    path ("/reduced/mass/constant") → Dataset
     summary     small scalars that --json prints
     message     one line: "100 → 4, gap 0.000 %, E ± 0.08 %"
     tables      printed at the end of `run`
     attributes  group or dataset path → attributes; under /VTKHDF they are written exactly as given
-    files       file name → content, written beside the artefact ("report.html")
-    inputs      files the stage found while running beside its declared ones (a deck's INCLUDEs): a change runs it again
+    files       file name → content, written next to the artefact ("report.html")
+    inputs      additional input files found by the stage (INCLUDE of a deck); a change runs it again
     """
 
     datasets: Mapping[str, Dataset]
@@ -111,7 +109,7 @@ class Output:
 
 MAX_DEPTH, MAX_OBJECTS = 12, 1 << 16
 IN_MEMORY = 1 << 20
-"""[bytes] Arrays of larger files are read when asked for: a suite holds the artefacts of all its runs."""
+"""[bytes] File size above which arrays are read on access: a suite opens the artefacts of all its runs."""
 CHUNK = 1 << 24  # bytes hashed at a time
 # Attributes that h5py writes for dimension scales: object references, whose bytes depend on where the file put things.
 SCALE_ATTRIBUTES = {"DIMENSION_LIST", "REFERENCE_LIST", "CLASS", "NAME", "DIMENSION_LABELS"}
@@ -147,9 +145,7 @@ def attributes_of(file: h5py.File) -> dict[str, Any]:
 
 def content_digest(file: h5py.File, contents: Mapping[str, Entry], message: str) -> str:
     """sha256 over every entry in path order: path, attributes, dtype, shape, bytes; then the message.
-
-    Two files that hold the same have the same digest, whatever their layout on disk.
-    """
+    Files with equal content have equal digests, independent of their layout on disk."""
     digest = hashlib.sha256()
     for path, entry in contents.items():
         attributes = {}
@@ -169,9 +165,9 @@ def content_digest(file: h5py.File, contents: Mapping[str, Entry], message: str)
 
 
 def damaged(path: Path | str, why: str) -> ArtefactError:
-    """The error for a file that is not as it was written."""
+    """Error for a file that differs from what was written."""
     return ArtefactError(
-        f"the results file is damaged: {why}", where=str(path), remedy="run again: a damaged artefact is written anew"
+        f"the results file is damaged: {why}", where=str(path), remedy="run the stage again; it replaces the file"
     )
 
 
@@ -194,17 +190,21 @@ class _Reading:
         entries = dict(self._below(self.root, "", 1))
         missing = [path for path in ("/summary", "/tables") if path not in entries]
         if missing:
-            raise damaged(self.name, f"it has no {missing[0]}")
+            raise damaged(self.name, f"{missing[0]} is missing")
         return entries
 
     def _below(self, group: h5g.GroupID, path: str, depth: int) -> Iterator[tuple[str, Entry]]:
         for encoded in sorted(group):
             name = f"{path}/{encoded.decode()}"
             if group.links.get_info(encoded).type != h5l.TYPE_HARD:
-                raise damaged(self.name, f"{name} is a link to elsewhere, which is not followed")
+                raise damaged(self.name, f"{name} is an external link, which is not supported")
             item = h5o.open(group, encoded)
             if (address := _address(item)) in self.seen or len(self.seen) > MAX_OBJECTS:
-                what = "is another name of an object above" if address in self.seen else f"follows {MAX_OBJECTS} others"
+                what = (
+                    "is a second name of an object above"
+                    if address in self.seen
+                    else f"follows {MAX_OBJECTS} other objects"
+                )
                 raise damaged(self.name, f"{name} {what}")
             self.seen.add(address)
             if isinstance(item, h5d.DatasetID):
@@ -213,7 +213,7 @@ class _Reading:
                 yield name, Entry(self.attributes(item, name))
             if isinstance(item, h5g.GroupID):
                 if depth >= MAX_DEPTH:
-                    raise damaged(self.name, f"groups nested deeper than {MAX_DEPTH} at {name}")
+                    raise damaged(self.name, f"the groups at {name} are nested deeper than {MAX_DEPTH} levels")
                 yield from self._below(item, name, depth + 1)
 
     def attributes(self, item: Any, name: str) -> dict[str, Any]:
@@ -228,9 +228,9 @@ class _Reading:
             text = h5py.check_string_dtype(dtype)
             empty = attribute.get_space().get_simple_extent_type() == h5s.NULL
             if empty or (dtype.hasobject and (text is None or shape != ())):
-                raise damaged(self.name, f"attribute {key} of {name} is not stored as it was written")
+                raise damaged(self.name, f"attribute {key} of {name} has an unexpected storage layout")
             if attribute.get_storage_size() > self.size:
-                raise damaged(self.name, f"the attributes of {name} claim more bytes than the file holds")
+                raise damaged(self.name, f"the attributes of {name} are larger than the file")
             array = np.empty(shape, dtype)
             attribute.read(array)
             value: Any = array[()]
@@ -246,12 +246,14 @@ class _Reading:
         claimed = -1 if shape is None else int(np.prod(shape, dtype=object)) * dtype.itemsize
         layout = plan.get_layout()
         if layout == h5d.VIRTUAL or plan.get_external_count():
-            raise damaged(self.name, f"{name} keeps its data in another file, which is not followed")
+            raise damaged(self.name, f"{name} has its data in another file, which is not supported")
         if dtype.hasobject or stored != claimed or stored > self.size:
-            raise damaged(self.name, f"{name} claims {claimed} bytes and the file holds {min(stored, self.size)}")
+            raise damaged(
+                self.name, f"{name} has a size of {claimed} bytes, but the file only {min(stored, self.size)} bytes"
+            )
         if layout == h5d.CHUNKED:  # can unpack to a piece of any size
-            raise damaged(self.name, f"{name} is not stored as it was written")
-        self._claim(stored, f"{name} and what is above it")
+            raise damaged(self.name, f"{name} has an unexpected storage layout")
+        self._claim(stored, f"{name} and the objects above")
         if self.size > IN_MEMORY:
             return None
         array = np.empty(shape, dtype)
@@ -262,11 +264,11 @@ class _Reading:
     def _claim(self, size: int, what: str) -> None:
         self.claimed += size
         if self.claimed > self.size:
-            raise damaged(self.name, f"{what} claim more bytes than the file holds")
+            raise damaged(self.name, f"{what} are larger than the file")
 
 
 def _address(item: Any) -> int:
-    """Where in the file an object lies, whatever its names."""
+    """Address of an object in the file, the same for all its names."""
     return int(h5o.get_info(item).addr)
 
 

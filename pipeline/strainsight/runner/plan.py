@@ -1,4 +1,4 @@
-"""Which stages are up to date, why the others are not, and the digest of the code that a stage is made of."""
+"""Which stages are up to date, the reasons why others are not, and the digest of the code of a stage."""
 
 from __future__ import annotations
 
@@ -26,21 +26,20 @@ _IMPORT = re.compile(
 )
 _NAME = re.compile(rb"\w+")
 _NAMED = re.compile(rb"[\"'](strainsight(?:\.\w+)+)[\"']")
-"""A module that is loaded by its name, here or in a process of its own."""
+"""A module that is loaded by name, in this or another process."""
 _PART = re.compile(rb"[\"']((?:\w+/)*\w+\.(?:css|js))[\"']")
 """Styles and scripts of a page."""
 ROOT = Path(strainsight.__file__).parent
 
 
 def code_of(run: Callable[..., object]) -> str:
-    """Sixteen digits of sha256 over the source of the module of a stage's function and of all modules of the package that it
-    imports or names, directly or not, wherever that stands, and of styles and scripts that these name. Of other packages the
-    lock has the versions."""
+    """First 16 digits of sha256 over the source of all modules of the package that the function of a stage imports or names, and
+    of their styles and scripts. The versions of other packages are in the lock file."""
     return digest_of(closure(run.__module__))
 
 
 def digest_of(modules: frozenset[str]) -> str:
-    """Of the names and sources of modules."""
+    """Digest of the names and sources of modules."""
     sha = hashlib.sha256()
     for name in sorted(modules):
         sha.update(name.encode() + b"\0" + _digest(name))
@@ -50,24 +49,24 @@ def digest_of(modules: frozenset[str]) -> str:
 @cache
 def closure(module: str) -> frozenset[str]:
     """Names of the modules that one reaches, itself among them, and of styles and scripts, by their path in the package."""
-    found, open_ = {module}, [module]
+    modules, open_ = {module}, [module]
     while open_:
-        for name in _imports(open_.pop()) - found:
-            found.add(name)
+        for name in _imports(open_.pop()) - modules:
+            modules.add(name)
             open_.append(name)
-    return frozenset(found)
+    return frozenset(modules)
 
 
 @cache
 def _imports(module: str) -> frozenset[str]:
-    found = set()
+    mentioned = set()
     for package, names, plain in _IMPORT.findall(_source(module)):
         base = (package or plain).decode()
-        found.add(base)
-        found |= {f"{base}.{name.decode()}" for name in _NAME.findall(names)}
-    found |= {name.decode() for name in _NAMED.findall(_source(module))}
-    found |= {part for name in _PART.findall(_source(module)) if (part := _part(module, name.decode()))}
-    return frozenset(name for name in found if _file(name) is not None)
+        mentioned.add(base)
+        mentioned |= {f"{base}.{name.decode()}" for name in _NAME.findall(names)}
+    mentioned |= {name.decode() for name in _NAMED.findall(_source(module))}
+    mentioned |= {part for name in _PART.findall(_source(module)) if (part := _part(module, name.decode()))}
+    return frozenset(name for name in mentioned if _file(name) is not None)
 
 
 @cache
@@ -82,7 +81,7 @@ def _digest(module: str) -> bytes:
 
 
 def _part(module: str, name: str) -> str:
-    """The path in the package of a file that a module names from its own folder or one above; "" where there is none."""
+    """Path in the package of a file that a module names, from its folder or a parent; otherwise ""."""
     file = _file(module)
     for folder in file.parents if file is not None and file.is_relative_to(ROOT) else ():
         if (folder / name).is_file():
@@ -93,24 +92,24 @@ def _part(module: str, name: str) -> str:
 
 
 def _file(module: str) -> Path | None:
-    """The file of a module, or of a part of the package by its path; None where there is none."""
+    """File of a module, or of a part of the package by its path, or None."""
     if "/" in module:
         return ROOT / module
     if module != PACKAGE and not module.startswith(f"{PACKAGE}."):
-        own = getattr(sys.modules.get(module), "__file__", None)
-        return Path(own) if own else None
+        file_name = getattr(sys.modules.get(module), "__file__", None)
+        return Path(file_name) if file_name else None
     path = ROOT.joinpath(*module.split(".")[1:])
     return next((file for file in (path / "__init__.py", path.with_suffix(".py")) if file.is_file()), None)
 
 
 ESTIMATED, MEASURED = "validate", "simulate"
-"""Stages whose artefacts another run starts from: `guess: {from: NAME}`, but for its `stage`, and `measured: {from: NAME}`."""
+"""Stages with artefacts that another run starts from: `guess: {from: NAME}` without `stage`, and `measured: {from: NAME}`."""
 UP_TO_DATE = "up to date"
 WILL_RUN = "will run"
-OTHER_CODE = "by other code of the same stage version: --force computes it anew"
-"""Of what is up to date by its version, and was not made by the code that is here."""
-NO_CODE = "by code that was not recorded: --force computes it anew"
-"""Of what an earlier release made."""
+OTHER_CODE = "computed by other code of the same stage version; use --force to compute it again"
+"""Reason for an artefact of the same stage version from other code."""
+NO_CODE = "computed by unknown code; use --force to compute it again"
+"""Reason for an artefact of an earlier release."""
 
 Locate = Callable[[str], str | None]
 
@@ -139,7 +138,7 @@ class Job:
 
 @dataclass(frozen=True)
 class Status:
-    """Whether a stage is up to date, and if not, every reason; of one that is, that other code of its version made it."""
+    """Whether a stage is up to date; if not, all reasons; otherwise, whether other code of its version computed it."""
 
     stage: str
     status: str
@@ -148,14 +147,14 @@ class Status:
 
     @property
     def reason(self) -> str:
-        """The reasons in one line; three of them at most."""
+        """The first three reasons on one line."""
         shown = ", ".join(self.reasons[:3])
         return shown if len(self.reasons) <= 3 else f"{shown} and {len(self.reasons) - 3} more"
 
 
 @dataclass(frozen=True)
 class Inputs:
-    """What a stage would be made from, now."""
+    """Inputs of a stage in their current state."""
 
     config: Mapping[str, Any]
     files: Mapping[str, Path]
@@ -221,7 +220,7 @@ def judge(
 
 
 def other_code(stage: Stage, artefact: Artefact) -> str:
-    """What is to be said of the code that made it; empty of that which is here."""
+    """Remark on the code of an artefact; empty if it is the current code."""
     if not artefact.header.code:
         return NO_CODE
     return "" if artefact.header.code == code_of(stage.run) else OTHER_CODE
@@ -236,17 +235,17 @@ def _changes(stage: Stage, job: Job, inputs: Inputs, artefact: Artefact, finishe
     reasons += [_change(job, *change) for change in differences(header.config, inputs.config)]
     changed = [name for name, digest in upstream.items() if digest != header.upstream.get(name)]
     changed += [_shown(inputs.files[key]) for key, now in inputs.digests.items() if now != header.files.get(key)]
-    found = {job.base / name: digest for name, digest in (header.found or {}).items()}
-    changed += [_shown(path) for path, digest in found.items() if digest_or_none(path) != digest]
+    found_files = {job.base / name: digest for name, digest in (header.found or {}).items()}
+    changed += [_shown(path) for path, digest in found_files.items() if digest_or_none(path) != digest]
     reasons += [f"{name} changed" for name in changed]
     for name, digest in (header.beside or {}).items():
-        beside = artefact.path.parent / name
-        if digest_or_none(beside) != digest:
-            reasons.append(f"{name} {'was altered' if beside.exists() else 'is missing'}")
+        sibling = artefact.path.parent / name
+        if digest_or_none(sibling) != digest:
+            reasons.append(f"{name} {'was altered' if sibling.exists() else 'is missing'}")
     complete = len(upstream) == len(stage.upstream) and len(inputs.digests) == len(inputs.files)
     # The comparison above is for people; the key decides. A header altered by hand is caught here.
     if not reasons and complete and inputs.key(stage, upstream) != header.key:
-        reasons.append("its inputs changed")
+        reasons.append("the inputs changed")
     return reasons
 
 
@@ -290,11 +289,14 @@ def _input_path(key: str, value: str, job: Job) -> Path:
 
 
 def _no_such_file(key: str, written: str, path: Path, job: Job) -> ConfigError:
-    what, remedy = f"no such file: {_shown(path)}", "paths start from the folder of the config file"
+    what, remedy = f"file not found: {_shown(path)}", "paths are relative to the folder of the config"
     if key.endswith(".from") and path.is_relative_to(job.results) and "/" not in written:
-        what, remedy = f"no result of a run '{written}' ({_shown(path)})", f"run the config named '{written}' first"
+        what, remedy = (
+            f"run '{written}' has no result ({_shown(path)})",
+            f"first run the config with the name '{written}'",
+        )
     elif path.is_dir():
-        what, remedy = f"{_shown(path)} is a folder, not a file", "name a file in it"
+        what, remedy = f"{_shown(path)} is a folder, not a file", "specify a file in the folder"
     return ConfigError(what, key=key, where=job.locate(key), remedy=remedy)
 
 

@@ -87,7 +87,7 @@ def _acquire(path: Path) -> int:
             raise UserError(
                 f"another run{f' (process {pid})' if pid else ''} is writing to this folder",
                 where=str(path.parent),
-                remedy="wait until it has ended, or give another folder with --results DIR",
+                remedy="wait until it has finished, or use another folder with --results DIR",
             ) from None
         # The holder before us may have removed the file between our open and our lock: then we hold a lock on nothing.
         try:
@@ -99,8 +99,7 @@ def _acquire(path: Path) -> int:
 
 
 def _removed(path: Path) -> bool:
-    """Whether the file is gone: Windows keeps what is open, here or by another run that has just come; a folder may have become
-    read-only."""
+    """Remove the file, if possible: Windows keeps open files, and a folder may be read-only."""
     with suppress(OSError):
         path.unlink(missing_ok=True)
         return True
@@ -114,79 +113,75 @@ def _pid(handle: int) -> int | None:
 
 
 NO_WAIT, BINARY = getattr(os, "O_NONBLOCK", 0), getattr(os, "O_BINARY", 0)
-"""A pipe is opened without waiting for its other end; Windows alters the ends of lines if it is not asked for bytes."""
+"""Flags to open a pipe without waiting, and binary files on Windows."""
 BLOCK = 1 << 20
-"""[bytes] copied at a time."""
+"""[bytes] Block size of a copy."""
 LARGEST, PACKING = 1 << 30, 100
-"""[bytes] A larger file whose place on the disk is a hundredth of its size is mostly holes, and can state any size."""
+"""[bytes] A larger file that uses less than a hundredth of its size on the disk is mostly holes."""
 
 
 def reused(stage: Stage, job: Job, key: str) -> Artefact | None:
-    """The artefact of a run beside this one that was made from exactly the same, reused here; `source` is that run.
-
-    key: of the stage as it would run now. It has to agree, and so has every file that the stage found while running; a file
-    written beside it is copied too: a plain file of that name, of the size and sha256 that the artefact states. An artefact that
-    is damaged is passed over: its own run will notice.
-    """
+    """Reuse the artefact of another run in the same results folder with the same inputs; `source` is that run.
+    key: of the stage as it would run now. The key and all files found during the run have to agree. Files next to the artefact
+    are copied too, if they are plain files of the stored size and sha256. Damaged artefacts are skipped."""
     for path in sorted(job.results.glob(f"*/{stage.name}.h5")):
         if path.parent == job.folder:
             continue
         try:
             header = header_of(path)
-            found = (header.found or {}).items()
-            if header.key != key or any(digest_or_none(job.base / name) != digest for name, digest in found):
+            inputs = (header.found or {}).items()
+            if header.key != key or any(digest_or_none(job.base / name) != digest for name, digest in inputs):
                 continue
-            taken = _taken(path, job.folder, header, stage.records)
+            artefact = _copied(path, job.folder, header, stage.records)
         except (ArtefactError, OSError):  # damaged, or replaced by its run at this moment
             continue
-        taken.source = path.parent.name
-        return taken
+        artefact.source = path.parent.name
+        return artefact
     return None
 
 
-def _taken(source: Path, folder: Path, header: ArtefactHeader, records: tuple[str, ...]) -> Artefact:
-    """The artefact of that header and what lies beside it, under their names only once all is here and was checked here. What
-    records said before stays."""
+def _copied(source: Path, folder: Path, header: ArtefactHeader, records: tuple[str, ...]) -> Artefact:
+    """Copy an artefact and its files; they get their names after all are complete and verified. Files of `records` stay."""
     make_folder(folder)
     with named_together() as parts:
         parts.append((_shared(source, folder), folder / source.name))
-        own = Artefact(parts[0][0])
-        if own.header != header:
-            raise ArtefactError("replaced while it was copied", where=str(source))
-        for name, digest in (own.header.beside or {}).items():
-            size = (own.header.sizes or {}).get(name, -1)
+        artefact = Artefact(parts[0][0])
+        if artefact.header != header:
+            raise ArtefactError("the file was replaced during the copy", where=str(source))
+        for name, digest in (artefact.header.beside or {}).items():
+            size = (artefact.header.sizes or {}).get(name, -1)
             parts.append(
-                (temporary(folder / name, partial(_beside, source.parent / name, size, digest)), folder / name)
+                (temporary(folder / name, partial(_copy_sibling, source.parent / name, size, digest)), folder / name)
             )
             if name in records:
                 parts += former(folder / name, digest)
-    own.path = folder / source.name
-    return own
+    artefact.path = folder / source.name
+    return artefact
 
 
-def _beside(path: Path, size: int, digest: str, part: Path) -> None:
-    """Copy a file beside an artefact to `part`. Raises ArtefactError where it is none of that size and sha256, or no plain file:
-    a link may lead anywhere, and a device has no end."""
-    found, copied = hashlib.sha256(), 0
+def _copy_sibling(path: Path, size: int, digest: str, part: Path) -> None:
+    """Copy a file next to an artefact to `part`. Raises ArtefactError if its size or sha256 differs, or if it is not a plain
+    file."""
+    checksum, copied = hashlib.sha256(), 0
     with open(os.open(path, os.O_RDONLY | NO_LINK | NO_WAIT | BINARY), "rb") as stream, part.open("wb") as copy:
         if as_stated := _as_stated(os.fstat(stream.fileno()), size, shutil.disk_usage(part.parent).free):
             while (block := stream.read(BLOCK)) and copied <= size:
                 copied += copy.write(block)
-                found.update(block)
-    if not as_stated or copied != size or found.hexdigest() != digest:
-        raise ArtefactError(f"{path.name} is not the file that was written beside it", where=str(path))
+                checksum.update(block)
+    if not as_stated or copied != size or checksum.hexdigest() != digest:
+        raise ArtefactError(f"{path.name} is not the file that was written with the artefact", where=str(path))
 
 
-def _as_stated(found: os.stat_result, size: int, free: int) -> bool:
-    """Is it a plain file of that size, for which the disk has room, and not mostly holes?"""
-    on_disk = 512 * getattr(found, "st_blocks", size)  # Windows does not say
+def _as_stated(status: os.stat_result, size: int, free: int) -> bool:
+    """Whether it is a plain file of that size, not mostly holes, that fits on the disk."""
+    on_disk = 512 * getattr(status, "st_blocks", size)  # Windows does not say
     holes = size > LARGEST and PACKING * on_disk < size
-    return stat.S_ISREG(found.st_mode) and found.st_size == size <= free and not holes
+    return stat.S_ISREG(status.st_mode) and status.st_size == size <= free and not holes
 
 
 def _shared(source: Path, folder: Path) -> Path:
-    """An artefact as a temporary file in `folder`. It is replaced and never written into: where the disk can, it gets a second
-    name and no copy. People write into what lies beside it."""
+    """An artefact as a temporary file in `folder`: a second name if the disk permits, otherwise a copy. Artefacts are replaced,
+    never modified; files next to them may be modified by users."""
     handle, name = tempfile.mkstemp(prefix=f"{TEMPORARY}{source.name}-", dir=folder)
     os.close(handle)
     part = Path(name)
@@ -209,8 +204,8 @@ DONE = "done"
 Progress = Callable[[str, str, float], None]
 
 
-def no_progress(stage: str, doing: str, share: float) -> None:
-    """Say nothing."""
+def no_progress(stage: str, activity: str, share: float) -> None:
+    """Default callback without output."""
 
 
 @dataclass(frozen=True)
@@ -238,18 +233,17 @@ def run(
 ) -> Iterator[Event]:
     """Bring `stages` (in order, upstream first) up to date, yielding events.
 
-    Input files of all stages are looked for before anything is written, and looked at (`Stage.check`) before the first one
-    runs. The lock of the results folder is held until the iterator ends. A stage that fails writes nothing and leaves all
-    earlier artefacts as they were; its StrainsightError gets the place of its config key. `forced` names stages that run in
-    any case. A stage whose upstream ran again but came out the same stays up to date; one that a run beside this has done on
-    the same inputs is reused from there; where another process is at it, that one is waited for.
+    All input files are searched before anything is written, and checked (`Stage.check`) before the first stage runs. The lock
+    of the results folder is kept until the iterator ends. A failed stage writes nothing, and its StrainsightError gets the
+    location of its config key. `forced` names stages that run in any case. A stage stays up to date if its upstream ran
+    again with the same result. Artefacts of other runs with the same inputs are reused, also from a process still running.
     """
     # Digests are taken before a stage reads its files: a file that changes meanwhile is noticed by the next run.
     with _placed(job):
         inputs = {stage.name: inputs_of(stage, job) for stage in stages}
     with locked(job.folder) as left_by:
         if left_by is not None:
-            notice(f"an earlier run (process {left_by}) was stopped in {job.folder}; its finished stages are kept")
+            notice(f"an earlier run (process {left_by}) was interrupted in {job.folder}; its finished stages are kept")
         for part in job.folder.glob(f"{TEMPORARY}*"):  # of a run that was killed
             part.unlink(missing_ok=True)
         finished: dict[str, Artefact] = {}
@@ -269,13 +263,13 @@ def run(
             start = time.perf_counter()
             reason = status.reason
             key = inputs[stage.name].key(stage, {name: finished[name].digest for name in stage.upstream})
-            waits = f"{job.config['name']} waits for another process that computes {stage.name}"
+            waits = f"{job.config['name']} waits for another process to compute {stage.name}"
             with computing(job.results, key, partial(notice, waits)):
-                taken = None if stage.name in forced else reused(stage, job, key)
-                if taken is not None:
-                    finished[stage.name] = taken
-                    reason += f", reused from {taken.source}"
-                    if other := other_code(stage, taken):
+                copy = None if stage.name in forced else reused(stage, job, key)
+                if copy is not None:
+                    finished[stage.name] = copy
+                    reason += f", reused from {copy.source}"
+                    if other := other_code(stage, copy):
                         reason += f" ({other})"
                 else:
                     with _placed(job):
@@ -300,7 +294,7 @@ def _execute(
         config=attributes_of(inputs.config) if job.model is None else declared(job.model, inputs.config),
         upstream=upstream,
         files=inputs.files,
-        progress=lambda doing, share: progress(stage.name, doing, share),
+        progress=lambda activity, share: progress(stage.name, activity, share),
         sweep=sweep,
         notice=notice,
         base=job.base,

@@ -1,4 +1,4 @@
-"""The part of a config that a stage declares: what it sees is exactly what enters its key."""
+"""Part of a config that a stage declares; the stage reads only these keys, and only these enter its key."""
 
 from __future__ import annotations
 
@@ -24,16 +24,20 @@ def declared(model: M, data: Mapping[str, Any]) -> M:
     Frozen models stay what they are: their types hold, and a key that a stage did not declare is not there to be read.
     """
     fields = type(model).model_fields
-    kept = {
+    declared = {
         name: _declared(getattr(model, name), data[info.alias or name])
         for name, info in fields.items()
         if (info.alias or name) in data
     }
-    own = type(model).__new__(type(model))
-    for name, value in (("__dict__", kept), ("__pydantic_fields_set__", set(kept)), ("__pydantic_extra__", None)):
-        object.__setattr__(own, name, value)
-    object.__setattr__(own, "__pydantic_private__", None)
-    return own
+    pruned = type(model).__new__(type(model))
+    for name, value in (
+        ("__dict__", declared),
+        ("__pydantic_fields_set__", set(declared)),
+        ("__pydantic_extra__", None),
+    ):
+        object.__setattr__(pruned, name, value)
+    object.__setattr__(pruned, "__pydantic_private__", None)
+    return pruned
 
 
 def _declared(value: Any, data: Any) -> Any:
@@ -46,15 +50,15 @@ def _declared(value: Any, data: Any) -> Any:
 
 def expand(data: Any, pattern: str) -> list[str]:
     """Dotted paths of `data` that match `pattern`; `*` stands for every key of a mapping, every place of a list."""
-    found: list[tuple[str, Any]] = [("", data)]
+    matches: list[tuple[str, Any]] = [("", data)]
     for part in pattern.split("."):
         step: list[tuple[str, Any]] = []
-        for path, value in found:
+        for path, value in matches:
             below = _below(value)
             keys = list(below) if part == "*" else [part] * (part in below)
             step += [(f"{path}.{key}" if path else key, below[key]) for key in keys]
-        found = step
-    return [path for path, _ in found]
+        matches = step
+    return [path for path, _ in matches]
 
 
 def look_up(data: Any, path: str) -> Any:
@@ -65,7 +69,7 @@ def look_up(data: Any, path: str) -> Any:
 
 
 def _below(value: Any) -> Mapping[str, Any]:
-    """What a dotted path can go on with: the keys of a mapping, the places of a list from 0."""
+    """Next parts of a dotted path: keys of a mapping, or indices of a list from 0."""
     if isinstance(value, list | tuple):
         return {str(place): item for place, item in enumerate(value)}
     return value if isinstance(value, Mapping) else {}
@@ -77,29 +81,29 @@ def prune(data: Mapping[str, Any], reads: tuple[str, ...]) -> dict[str, Any]:
     Below a `*` the empty mapping itself stays, so that "no parameters" is a fact the stage can read. Lists are declared
     whole.
     """
-    kept: dict[str, Any] = {}
+    selected: dict[str, Any] = {}
     for pattern in reads:
         paths = expand(data, pattern)
         if not paths and "*" not in pattern:
             raise ValueError(f"the config has no key '{pattern}', which a stage declares in Stage.reads")
         before_star = pattern.split(".*")[0]
         if "*" in pattern and expand(data, before_star):
-            _put(kept, before_star, {})
+            _put(selected, before_star, {})
         for path in paths:
-            _put(kept, path, look_up(data, path))
-    return kept
+            _put(selected, path, look_up(data, path))
+    return selected
 
 
-def _put(kept: dict[str, Any], path: str, value: Any) -> None:
+def _put(target: dict[str, Any], path: str, value: Any) -> None:
     *parents, last = path.split(".")
     for part in parents:
-        kept = kept.setdefault(part, {})
+        target = target.setdefault(part, {})
     if isinstance(value, Mapping):
-        below = kept.setdefault(last, {})
+        below = target.setdefault(last, {})
         for key, item in value.items():
             _put(below, key, item)
     else:
-        kept[last] = value
+        target[last] = value
 
 
 def canonical(value: Any) -> str:
@@ -110,12 +114,12 @@ def canonical(value: Any) -> str:
 def differences(old: Any, new: Any, path: str = "") -> list[tuple[str, Any, Any]]:
     """Leaves that differ, as (dotted path, old, new); `...` stands for absent. In the order of `new`, then of `old`."""
     if isinstance(old, Mapping) and isinstance(new, Mapping):
-        found = []
+        changes = []
         for key in [*new, *(key for key in old if key not in new)]:
             below = f"{path}.{key}" if path else key
             if key not in old or key not in new:
-                found.append((below, old.get(key, ...), new.get(key, ...)))
+                changes.append((below, old.get(key, ...), new.get(key, ...)))
             else:
-                found += differences(old[key], new[key], below)
-        return found
+                changes += differences(old[key], new[key], below)
+        return changes
     return [] if canonical(old) == canonical(new) else [(path, old, new)]

@@ -45,16 +45,14 @@ class Stage:
 
     name      "place"
     version   raised when the same inputs would give another result
-    reads     dotted config paths it may read, `*` for every key of a mapping: ("mesh", "loads.*.node", "seed")
+    reads     dotted config keys it may read, `*` for every key of a mapping: ("mesh", "loads.*.node", "seed")
     upstream  names of the stages whose artefacts it may read
     files     dotted keys whose values are input files: ("mesh.file", "loads.*.signal.file"), covered by `reads`; keys
               that the config lacks are passed over. A plain name under a key `from` stands for
-              results/<that name>/validate.h5, or that of the stage beside it, under `measured.from` for its simulate.h5
-    run       the function; of a config of its own kind, which pipelines of other kinds need not know
-    records   those of the files beside the artefact whose former content stays there, as NAME-digits.csv, where another one
-              takes its place
-    check     refuses what can be seen to be wrong before anything runs, whichever stage will: of the whole config model and the
-              folder that its paths start from. It enters no result, so that it may look at everything
+              results/<that name>/validate.h5, or that of `stage`; under `measured.from` for its simulate.h5
+    run       the function, for one kind of config
+    records   files next to the artefact whose previous content is kept as NAME-digits.csv
+    check     check of the whole config before any stage runs; it does not affect results
     """
 
     name: str

@@ -1,4 +1,4 @@
-"""Writing an artefact, complete or not at all, with what it was computed with."""
+"""Write artefacts atomically, with the environment of their computation."""
 
 from __future__ import annotations
 
@@ -43,12 +43,12 @@ from strainsight.writing import make_folder, replace_file, temporary, write_byte
 ROOT = Path(strainsight.__file__).parent
 CPU = Path("/proc/cpuinfo")
 PACKAGES = ("scipy", "numba", "pypardiso", "mkl")
-"""Asked of what is installed, not imported: a stage loads what it needs."""
+"""Read from installed metadata, without import of the packages."""
 
 
 @cache
 def provenance() -> dict[str, str]:
-    """Name of an attribute → what it says, "" where it is not known or not there."""
+    """Attribute name → value, "" if unknown."""
 
     def commit_of_build() -> str:  # of an installation from a repository, as pip notes it
         text = metadata.distribution("strainsight").read_text("direct_url.json")
@@ -74,14 +74,14 @@ def provenance() -> dict[str, str]:
 
 
 def _known(ask: Callable[[], str]) -> str:
-    """What it returns; empty where neither the system nor an installation says."""
+    """Result of a query, or "" if it fails."""
     with suppress(metadata.PackageNotFoundError, OSError, ValueError, KeyError, TypeError, StopIteration):
         return ask()
     return ""
 
 
 def commit_of(checkout: Path) -> str:
-    """Of a git checkout, read without git; "" where there is none. What was altered since shows in the digest of the code."""
+    """Commit of a git checkout, read without git, or "". Later modifications are visible in the digest of the code."""
     with suppress(OSError, ValueError, IndexError):
         git = checkout / ".git"
         if git.is_file():  # a worktree: "gitdir: …"
@@ -102,26 +102,22 @@ def commit_of(checkout: Path) -> str:
 
 
 ROOM, ROOM_EACH = 1 << 14, 1 << 11
-"""[bytes] What HDF5 takes for a file beside its arrays, and for each of them: headers, attributes, heaps, scales."""
+"""[bytes] Size of a file and of each array in addition to the data: headers, attributes, heaps, scales."""
 RAW = "/VTKHDF"
 
 
 def write_artefact(path: Path, output: Output, header: ArtefactHeader, records: tuple[str, ...] = ()) -> Artefact:
     """Write `output` to `path`, read back and verified before it gets that name.
-
-    A temporary file in the same folder, fsync, os.replace: `path` holds the old content or the new, never a part. Files
-    beside it are replaced first, so that an artefact that exists vouches for them by their sha256. What the old content had
-    beside it and the new has not is removed, where nobody has altered it.
-
-    Raises UserError for a disk that is full, or does not let itself be written to; ValueError for an Output that breaks the
-    rules: object arrays, a dataset without unit, a scale that is not there. records: of the stage.
-    """
+    Written to a temporary file, then moved: `path` has the old content or the new, never a part. Files next to it are replaced
+    first, so that the sha256 values in an artefact are valid. Obsolete files next to it are removed, unless they were modified.
+    Raises UserError for a full or read-only disk; ValueError for an invalid Output: object arrays, a dataset without unit, a
+    missing scale. records: of the stage."""
     _check(output)
     if any(map(_raw, output.datasets)):
         output = replace(output, files={**output.files, f"{path.stem}{GRID}": _grid_of(path.name, output)})
-    beside = {name: hashlib.sha256(content).hexdigest() for name, content in output.files.items()}
+    checksums = {name: hashlib.sha256(content).hexdigest() for name, content in output.files.items()}
     sizes = {name: len(content) for name, content in output.files.items()}
-    header = replace(header, beside=beside, sizes=sizes, found=header.found or {})
+    header = replace(header, beside=checksums, sizes=sizes, found=header.found or {})
     size = _most_bytes(output, header)
 
     def write(part: Path) -> None:
@@ -136,20 +132,20 @@ def write_artefact(path: Path, output: Output, header: ArtefactHeader, records: 
             file.attrs["digest"] = content_digest(file, read_contents(file), output.message)
         seal(part)
 
-    gone: dict[str, str] = {}
+    obsolete: dict[str, str] = {}
     with suppress(StrainsightError):  # where it cannot be read nothing is known to be its own
         before = (header_of(path).beside or {}) if path.is_file() else {}
-        gone = {name: digest for name, digest in before.items() if name not in output.files}
+        obsolete = {name: digest for name, digest in before.items() if name not in output.files}
     with kept_on_disk(path), named_together() as parts:
         make_folder(path.parent)
         parts.append((temporary(path, write), path))
         written = Artefact(parts[0][0])
         for name, content in output.files.items():
             if name in records:
-                parts += former(path.parent / name, beside[name])
+                parts += former(path.parent / name, checksums[name])
             parts.append((temporary(path.parent / name, partial(write_bytes, content)), path.parent / name))
     written.path = path
-    for name, digest in gone.items():
+    for name, digest in obsolete.items():
         with kept_on_disk(path.parent / name):
             if digest_or_none(path.parent / name) == digest:
                 (path.parent / name).unlink()
@@ -157,17 +153,16 @@ def write_artefact(path: Path, output: Output, header: ArtefactHeader, records: 
 
 
 def former(path: Path, digest: str) -> list[tuple[Path, Path]]:
-    """A copy of a file that one of another sha256 is about to replace, under a name of its own: what it says may have been
-    built."""
+    """Keep a copy of a file before it is replaced by another content, for work that was based on it."""
     if not path.is_file() or path.is_symlink() or (old := sha256_of(path)) == digest:
         return []
-    kept = path.with_name(f"{path.stem}-{old[:8]}{path.suffix}")
-    return [] if kept.exists() else [(temporary(kept, partial(shutil.copyfile, path)), kept)]
+    backup = path.with_name(f"{path.stem}-{old[:8]}{path.suffix}")
+    return [] if backup.exists() else [(temporary(backup, partial(shutil.copyfile, path)), backup)]
 
 
 def _grid_of(artefact: str, output: Output) -> bytes:
-    """A file that ParaView takes by its ending: the grid of the artefact beside it, link by link, with the units of its arrays in
-    their names, since ParaView shows no other place for them."""
+    """Grid file for ParaView with links to the artefact; the array names contain the units, which ParaView does not show
+    otherwise."""
     content = io.BytesIO()
     with h5py.File(content, "w", track_order=False) as file:
         for path in sorted(filter(_raw, output.datasets)):
@@ -185,8 +180,8 @@ def _grid_of(artefact: str, output: Output) -> bytes:
 
 @contextmanager
 def named_together() -> Iterator[list[tuple[Path, Path]]]:
-    """Takes an artefact and the files beside it, each as (temporary file, its name): once all are there they get their names,
-    the artefact, which comes first, at the end. Where one is missing none gets its name, and nothing is left."""
+    """Collect an artefact and its files as (temporary file, name); on success all get their names, the artefact last. After an
+    error, none does."""
     parts: list[tuple[Path, Path]] = []
     try:
         yield parts
@@ -199,7 +194,7 @@ def named_together() -> Iterator[list[tuple[Path, Path]]]:
 
 @contextmanager
 def kept_on_disk(path: Path) -> Iterator[None]:
-    """Raise UserError, with the file and the remedy, for what the disk or its owner refuses."""
+    """Raise UserError, with file and remedy, for errors of the disk or its permissions."""
     try:
         yield
     except OSError as error:
@@ -208,21 +203,21 @@ def kept_on_disk(path: Path) -> Iterator[None]:
         raise UserError(
             f"cannot be written: {os.strerror(error.errno)}",
             where=str(path),
-            remedy="make room, or give a folder that can be written to with --results DIR; what was there before is untouched",
+            remedy="free some disk space, or use a writable folder with --results DIR; existing files are unchanged",
         ) from error
 
 
 def _most_bytes(output: Output, header: ArtefactHeader) -> int:
-    """More bytes than the file will have."""
+    """Upper bound of the file size."""
     arrays = sum(_text(np.asarray(d.array)).nbytes for d in output.datasets.values())
     attributes = sum(len(repr(dict(entries))) for entries in output.attributes.values())
     names = sum(len(name) + len(d.description) for name, d in output.datasets.items())
-    stated = len(repr((output.summary, output.tables, output.message, header)).encode())
-    return ROOM + arrays + ROOM_EACH * len(output.datasets) + 2 * (attributes + names + stated)
+    header_size = len(repr((output.summary, output.tables, output.message, header)).encode())
+    return ROOM + arrays + ROOM_EACH * len(output.datasets) + 2 * (attributes + names + header_size)
 
 
 def _reserve(path: Path, size: int) -> None:
-    """Have the disk hold the room that the file will take. The HDF5 library ends the process where it finds no room itself."""
+    """Reserve the space of the file on the disk, since the HDF5 library ends the process on a full disk."""
     if hasattr(os, "posix_fallocate"):
         with path.open("r+b") as stream:
             os.posix_fallocate(stream.fileno(), 0, size)
@@ -241,7 +236,7 @@ def _check(output: Output) -> None:
             raise ValueError(f"{path}: {len(dataset.scales)} scales for {np.ndim(dataset.array)} axes")
     for name in output.files:
         if not plain_name(name):
-            raise ValueError(f"'{name}' cannot be the name of a file beside an artefact")
+            raise ValueError(f"'{name}' cannot be the name of a file next to an artefact")
 
 
 def _raw(path: str) -> bool:

@@ -1,4 +1,4 @@
-"""Where sweeps run: here, in several processes, or on a cluster."""
+"""Execution of sweeps: in this process, in several processes, or on a cluster."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from strainsight.parallel import Sweep, allowed_threads, cores, in_processes, se
 
 @dataclass(frozen=True)
 class Where:
-    """Where sweeps run: in at most `jobs` processes, None for one a core, or on the Dask cluster whose scheduler has this
-    address. No part of what is computed: it never enters a key."""
+    """Execution of sweeps: in at most `jobs` processes (None: one per core), or on the Dask cluster with this scheduler address.
+    It does not affect results or keys."""
 
     jobs: int | None = None
     dask: str | None = None

@@ -1,8 +1,6 @@
-"""The figures of a run's page as files, drawn anew from the artefacts.
-
-Not by the stage `report`: what a stage writes beside its artefact are plain files in one folder, each checked by its sha256
-on every run; a run has some thirty figures, and drawing them as PNG takes as long as the page.
-"""
+"""Figures of the results page as files, drawn from the artefacts.
+They are not files of the stage `report`: those are verified by sha256 on every run, and PNG versions of about thirty figures take
+as long as the page."""
 
 from __future__ import annotations
 
@@ -47,13 +45,13 @@ def figures_of(
     ready = [page for page in pages if not missing_in(folder, page.upstream)]
     if not ready:
         raise UserError(
-            f"there are no figures yet: {folder / missing_in(folder, pages[-1].upstream)[0]}.h5 has not been written",
+            f"no figures yet: {folder / missing_in(folder, pages[-1].upstream)[0]}.h5 is missing",
             where=config_file,
-            remedy=f"run first: strainsight run {config_file}",
+            remedy=f"first run: strainsight run {config_file}",
         )
     data = config.model_dump(mode="json", by_alias=True)
     counted = {}
-    with kept() as drawn:
+    with kept() as figures:
         drawings: list[Drawing] = []
         for page in ready:
             upstream = {name: Artefact(folder / f"{name}.h5") for name in page.upstream}
@@ -62,7 +60,7 @@ def figures_of(
             shown = of(Context(settings, upstream, {}, silent))
             counted[page.name] = len(shown)
             drawings += shown
-        files = figure_files(drawings, drawn)
+        files = figure_files(drawings, figures)
     return Figures(files, counted, tuple(dict.fromkeys(name for page in ready for name in page.upstream)))
 
 
@@ -76,8 +74,8 @@ def _of_placement(context: Context[PlacementConfig]) -> list[Drawing]:
 
 
 def _of_test(context: Context[PlacementConfig]) -> list[Drawing]:
-    """Under names of their own, with the record's where there are several: the page of the placement has an estimate of every
-    unknown, too."""
+    """Unique figure names, with the record name if there are several: the page of the placement also has an estimate of every
+    unknown."""
     from strainsight.pages.tested.campaign import campaign_figures
     from strainsight.pages.tested.figures import figures_of_test
     from strainsight.stages.tested import pages_of

@@ -69,14 +69,14 @@ def looked_at(
 ) -> tuple[tuple[float, np.ndarray] | None, tuple[Quality, ...], tuple[str, ...]]:
     """Mass [kg] with centre (3,) [m], shapes of the elements, and what is more likely a mistake than meant, in sentences. Raises
     UserError for what cannot be computed."""
-    stated = config.mesh
-    weight, quality = checked(mesh, stated)
+    section = config.mesh
+    weight, quality = checked(mesh, section)
     check_references(config, mesh)
     warnings: tuple[str, ...] = ()
     if (
-        stated.matrices is None and stated.results is None
-    ):  # beside them materials and unused nodes of the file mean nothing
-        warnings = model_warnings(mesh, stated.length_unit, stated.mass_unit, stated.free)
+        section.matrices is None and section.results is None
+    ):  # with imported matrices, materials and unused nodes have no effect
+        warnings = model_warnings(mesh, section.length_unit, section.mass_unit, section.free)
     return weight, quality, (*warnings, *beyond_range(config, mesh))
 
 

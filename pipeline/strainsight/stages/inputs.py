@@ -47,5 +47,5 @@ def layout(context: Context[object]) -> np.ndarray:
 
 def spectrum(context: Context[object]) -> Modes | None:
     """spectrum.h5, which only a truth that is made of modes has."""
-    found = context.upstream.get("spectrum")
-    return None if found is None else read(Modes, found)
+    spectrum = context.upstream.get("spectrum")
+    return None if spectrum is None else read(Modes, spectrum)

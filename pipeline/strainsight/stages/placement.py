@@ -19,8 +19,8 @@ def stages_for(estimates: bool, truth: str) -> tuple[Stage, ...]:
     """The pipeline: with the filter on a test where the config names one, with a spectrum where the truth is made of modes."""
     stages: tuple[Stage, ...] = PLACEMENT
     if truth not in ("modes", "rich"):
-        own = replace(VALIDATE, upstream=tuple(name for name in VALIDATE.upstream if name != SPECTRUM.name))
-        stages = tuple(own if stage is VALIDATE else stage for stage in stages if stage is not SPECTRUM)
+        validate = replace(VALIDATE, upstream=tuple(name for name in VALIDATE.upstream if name != SPECTRUM.name))
+        stages = tuple(validate if stage is VALIDATE else stage for stage in stages if stage is not SPECTRUM)
     if not estimates:
         return stages
     from strainsight.stages.estimate import ESTIMATE  # with readers that no other stage needs

@@ -55,9 +55,9 @@ def exported(context: Context[PlacementConfig], shop: workshop.Workshop) -> dict
     elements = workshop.elements_of(shop)
     if not elements and (sets := [name for name in wanted if name in ("nastran", "abaqus")]):
         raise ConfigError(
-            "the gauges of this layout lie on no element: their strain rows were given",
+            "the gauges of this layout are not on elements: the candidates are rows of the strain operator",
             key="report.exports",
-            remedy=f"leave out {' and '.join(sets)}",
+            remedy=f"remove {' and '.join(sets)}",
         )
     files = {
         "nastran": ("gauges-nastran.inc", lambda: workshop.nastran_sets(elements, config.name)),
@@ -155,12 +155,14 @@ def run(context: Context[PlacementConfig]) -> Output:
     assert noise is not None
     datasets = {
         "/trend/count": Dataset(trend.count, "1", "gauges left"),
-        "/trend/metric": Dataset(trend.value, "1", f"{trend.metric.symbol} with that many gauges", ("/trend/count",)),
-        "/noise/level": Dataset(noise.level, "1", "gauge noise over the strongest candidate's RMS"),
+        "/trend/metric": Dataset(
+            trend.value, "1", f"{trend.metric.symbol} with that number of gauges", ("/trend/count",)
+        ),
+        "/noise/level": Dataset(noise.level, "1", "ratio of gauge noise to the RMS of the strongest candidate"),
     }
     for key, by_name in (("error", noise.error), ("std", noise.std)):
         for name, values in by_name.items():
-            what, axis = f"{key} of {name} at that noise", ("/noise/level",)
+            what, axis = f"{key} of {name} with that noise", ("/noise/level",)
             datasets[f"/noise/{key}/{name}"] = Dataset(values, "1", what, axis)
     return Output(
         datasets=datasets,

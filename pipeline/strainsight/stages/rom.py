@@ -1,5 +1,5 @@
-"""rom, modes and spectrum: the finite-element model reduced to a few coordinates, affine in the parameters (5.1-5.10), and the
-modes of the whole model at the reference and in the middle of the ranges."""
+"""rom, modes and spectrum: reduced-order model, affine in the parameters (5.1-5.10); modes of the full model at the reference and
+at the centre of the parameter ranges."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def run_rom(context: Context[PlacementConfig]) -> Output:
     worst = float(max(np.max(np.abs(reduced.error.frequency)), np.max(reduced.error.static)))
     size, first = len(reduced.static), float(reduced.frequency[0])
     other = reduced.results or reduced.matrices
-    source = "the results of the other program" if reduced.results else "the ready matrices"
+    source = "imported results" if reduced.results else "imported matrices"
     return Output(
         datasets=written(reduced) | grid,
         attributes=attributes,
@@ -89,13 +89,13 @@ MODES = Stage(
 
 def run_spectrum(context: Context[PlacementConfig]) -> Output:
     """The modes in the middle of the parameters' ranges, shared by all runs on one mesh."""
-    found = spectrum_of(context.config, inputs.mesh(context), context)
-    frequency, size = found.frequency, len(found.shape)
-    message = "shapes change with the parameters: the modes of the truth are found with it"
+    spectrum = spectrum_of(context.config, inputs.mesh(context), context)
+    frequency, size = spectrum.frequency, len(spectrum.shape)
+    message = "mode shapes depend on the parameters; validate computes the modes of the simulated test"
     if len(frequency):
         band = f"{hertz(frequency[0], 2)} to {hertz(frequency[-1], 0)} Hz"
-        message = f"{len(frequency)} modes of {size} unknowns, {band} in the middle of the ranges"
-    return Output(written(found), {"unknowns": size, "modes": len(frequency)}, message)
+        message = f"{len(frequency)} modes of {size} unknowns, {band} at the centre of the parameter ranges"
+    return Output(written(spectrum), {"unknowns": size, "modes": len(frequency)}, message)
 
 
 SPECTRUM = Stage(

@@ -1,4 +1,4 @@
-"""What a deck says about the config that `strainsight init` writes for it."""
+"""Properties of a deck for the config of `strainsight init`."""
 
 from __future__ import annotations
 
@@ -31,11 +31,9 @@ CHOICES: tuple[Literal["bonded", "open"], ...] = ("bonded", "open")
 
 
 def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
-    """Units that suit the deck's materials, its largest region, what the config has to add, and where loads and supports may be.
-
-    chosen: set of supports that holds, or step that counts, of a deck that does not say which; by default the first.
-    Raises DeckError where the deck cannot be read.
-    """
+    """Suitable units, largest region, missing data, and possible locations of loads and supports.
+    chosen: active support set or step of a deck that does not select one; default: the first. Raises DeckError for an unreadable
+    deck."""
     sets: tuple[int, ...] = ()
     key: Literal["spc", "step"] = "spc"
     by_which = ""
@@ -67,7 +65,7 @@ def suggestion(path: Path, chosen: int | None = None) -> Suggestion:
     faces = None if facets is None else faces_of(converted.position, facets)
     return Suggestion(
         *(units or ("", "")),
-        odd=f"E {stiff[0]:.4g} and ρ {stiff[1]:.4g} fit no usual units" if stiff and not units else "",
+        odd=f"E {stiff[0]:.4g} and ρ {stiff[1]:.4g} are implausible in all common units" if stiff and not units else "",
         region=region,
         several_moduli=bool(count) and bool(without_modulus(mesh, region)),
         youngs_modulus=converted.materials[material.id].youngs_modulus if material and units else None,
@@ -96,7 +94,7 @@ def _contact(path: Path, step: int | None) -> Literal["bonded", "open"]:
     for choice in CHOICES:
         try:
             left[choice] = len(free_motions(read_mesh(path, solids=False, materials=False, step=step, contact=choice)))
-        except StrainsightError:  # `import` says what is wrong with it
+        except StrainsightError:  # `import` reports the fault
             continue
     return "bonded" if left.get("bonded", 0) < left.get("open", 0) else "open"
 
@@ -107,7 +105,7 @@ def _shells(path: Path, mesh: Mesh) -> tuple[Mesh, tuple[str, ...]]:
         return mesh, ()
     try:
         shells = read_mesh(path, solids=False, given={"mesh.sections.shells": GivenSection(None, ShellSection(1.0))})
-    except UserError:  # it has none, or quadratic ones: `import` says so
+    except UserError:  # without shells, or with quadratic ones: `import` reports it
         return mesh, ()
     return shells, tuple(region.name for region in shells.regions.values())
 
@@ -161,14 +159,14 @@ def _by_size(mesh: Mesh) -> tuple[str, str] | None:
 
 
 def _of_mass(pulls: Sequence[BodyForce]) -> str:
-    """What pulls at all mass, in words."""
+    """Load on all mass, in words."""
     words = []
     for pull in pulls:
         if g := float(np.linalg.norm(pull.factor * pull.acceleration)):
             words.append(f"gravity of {g:.4g} m/s² along {_unit(pull.factor * pull.acceleration)}")
         if speed := float(np.linalg.norm(pull.rotation)):
             words.append(f"rotation at {speed:.4g} rad/s about {_unit(pull.rotation)}")
-    return f"{', '.join(words) or 'a pull of nothing'} on all mass"
+    return f"{', '.join(words) or 'zero load'} on all mass"
 
 
 def _unit(v: np.ndarray) -> str:
@@ -176,17 +174,17 @@ def _unit(v: np.ndarray) -> str:
 
 
 def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: str) -> Iterator[DeckPlace]:
-    """Loads that have a resultant or pull at all mass, reference nodes of ties, sets of nodes, faces.
-
-    by_which: of several sets of supports, to say of a face what holds it.
-    """
-    held = np.zeros(len(mesh.position), dtype=bool)
-    held[mesh.held] = True
+    """Loads with a resultant or on all mass, reference nodes of ties, node sets, faces.
+    by_which: support set, in the description of a supported face."""
+    is_supported = np.zeros(len(mesh.position), dtype=bool)
+    is_supported[mesh.held] = True
     for name, load in mesh.loads.items():
         force = float(np.linalg.norm(load.force.sum(axis=0)))
         if force > 1e-9 * np.abs(load.force).sum():
             loaded = load.nodes[load.force.any(axis=1)]
-            yield DeckPlace("deck_load", name, f"a load of the deck, {force:.4g} N", bool(held[loaded].all()), force)
+            yield DeckPlace(
+                "deck_load", name, f"a load of the deck, {force:.4g} N", bool(is_supported[loaded].all()), force
+            )
         elif load.body:
             yield DeckPlace("deck_load", name, _of_mass(load.body), force=1.0, of_mass=True)
     # an average of rotations alone ties a shell to a solid: no load is put there
@@ -196,14 +194,14 @@ def _places(mesh: Mesh, facets: Facets | None, faces: Faces | None, by_which: st
     ]
     for reference in dict.fromkeys(tie.reference for tie in ties):
         led = [tie for tie in ties if tie.reference == reference]
-        what = f"reference of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
-        yield DeckPlace("node", str(mesh.node_ids[reference]), what, bool(held[reference]))
+        what = f"reference node of {', '.join(map(str, led))}, {sum(len(tie.nodes) for tie in led)} nodes"
+        yield DeckPlace("node", str(mesh.node_ids[reference]), what, bool(is_supported[reference]))
     for name, ids in mesh.node_sets.items():
         nodes = np.flatnonzero(np.isin(mesh.node_ids[: mesh.own_nodes], ids))
         if nodes.size:
-            yield DeckPlace("set", name, f"{nodes.size} nodes", bool(held[nodes].all()))
+            yield DeckPlace("set", name, f"{nodes.size} nodes", bool(is_supported[nodes].all()))
     if facets is not None and faces is not None:
-        supported = np.asarray((held[facets.nodes] | (facets.nodes < 0)).all(axis=1))
+        supported = np.asarray((is_supported[facets.nodes] | (facets.nodes < 0)).all(axis=1))
         contact = contact_faces(mesh, facets, faces)
         lies_on = {int(face): f"{contact.in_words(i)}{by_which}" for i, face in enumerate(contact.face)}
         by = {face: pointed_at(face, faces, mesh.position, facets) for face in lies_on}

@@ -78,7 +78,7 @@ def suite_of(context: Context[SimpleNamespace]) -> Suite:
             runs.append(_placement(entry, up))
         else:
             seeds = read(BenchEstimated, up["estimate"]).seeds if "estimate" in up else {}
-            runs.append(BenchPageRun(**_stated(entry, up), **run_of(up), seeds=seeds))
+            runs.append(BenchPageRun(**_entry_data(entry, up), **run_of(up), seeds=seeds))
         # The digest and not the key, which changes with inputs that made no difference.
         provenance |= {f"{entry.name}, {stage}": up[stage].digest[:16] for stage in (*up,)[-1:]}
     studies = _studies(context.config.studies, runs)
@@ -88,8 +88,8 @@ def suite_of(context: Context[SimpleNamespace]) -> Suite:
     return Suite(name, title, tuple(runs), studies, statements, comparisons, provenance)
 
 
-def _stated(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
-    """What the page shows of any run beside its artefacts."""
+def _entry_data(entry: Any, up: Mapping[str, Artefact]) -> dict[str, Any]:
+    """Data on the page of any run, apart from its artefacts."""
     page = f"../{entry.name}/report.html" if PAGE in up else None
     return {key: getattr(entry, key) for key in ("name", "label", "note", "study", "group", "at", "reached")} | {
         "page": page
@@ -101,7 +101,7 @@ def _placement(entry: Any, up: Mapping[str, Artefact]) -> PlacementRun:
     names = list(described)
     validate, place = up.get("validate"), up.get("place")
     return PlacementRun(
-        **_stated(entry, up),
+        **_entry_data(entry, up),
         numbers={stage: artefact.summary for stage, artefact in up.items()},
         unknowns=tuple(_unknown(name, described[name], up) for name in names),
         pool=int(place.summary["pool"]) if place else None,
@@ -149,9 +149,9 @@ def _studies(described: Sequence[Any], runs: Sequence[SuiteRun]) -> tuple[SuiteS
         for number in study.numbers:
             if number not in known:
                 raise ConfigError(
-                    f"no run of the study '{name}' has a number '{number}'",
+                    f"no run of the study '{name}' has a result '{number}'",
                     key=f"studies.{i}.numbers",
-                    remedy=did_you_mean(number, known, f"they have {', '.join(known) or 'none'}"),
+                    remedy=did_you_mean(number, known, f"they have {', '.join(known) or 'no results'}"),
                 )
         studies.append(SuiteStudy(name, study.note, study.over, tuple(study.numbers), places))
     return tuple(studies)
@@ -200,14 +200,16 @@ def _number(measure: Any, run: SuiteRun, name: str, key: str) -> float:
     if isinstance(value, bool | int | float):
         if isinstance(value, bool) != (measure.equals is not None):
             what = f"'{name}' is {'true or false' if isinstance(value, bool) else 'a number'} in '{run.name}'"
-            remedy = "give equals: true or false" if isinstance(value, bool) else "give above or below"
+            remedy = "set equals: true or false" if isinstance(value, bool) else "set above or below"
             raise ConfigError(what, key=measure.key, remedy=remedy)
         return float(value)
     if value is None and numbers.get("lost"):
         return float("nan")
     known = [key for key in numbers if not isinstance(numbers[key], str)]
-    what = f"no number '{name}' in the stage '{measure.stage}' of '{run.name}'"
-    raise ConfigError(what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"it has {', '.join(known)}"))
+    what = f"result '{name}' not found in the stage '{measure.stage}' of '{run.name}'"
+    raise ConfigError(
+        what, key=f"{measure.key}.{key}", remedy=did_you_mean(name, known, f"the stage has {', '.join(known)}")
+    )
 
 
 OF_A_LOAD = ("error", "std", "slope", "offset", "ratio_slope", "ratio_offset")
@@ -218,7 +220,7 @@ OF_BENCHES = ("error", "claimed σ", "slope", "load ratio", "verdict")
 
 
 def numbers_of(suite: Suite) -> SuiteNumbers:
-    """What suite.h5 keeps."""
+    """Content of suite.h5."""
     statements, runs = suite.statements, list(enumerate(suite.runs))
     return SuiteNumbers(
         runs=columns(RunRows, [_run(run) for run in suite.runs]),
@@ -350,10 +352,10 @@ def run(context: Context[SimpleNamespace]) -> Output:
     wrong = ", ".join(f"{len(places)} {word}" for word, places in counts(suite).items() if word in FAULTS)
     none = without_benefit(suite)
     message = f"{wrong} of " * bool(wrong) + f"{many} run{'s' * (many != 1)}, {estimated} estimated"
-    message += f"; placement brings no benefit in {len(none)}" * bool(none)
-    message += f"; {confirmed} of {len(verdicts)} statements confirmed" if verdicts else ""
-    held = sum(row.verdict == HOLDS for row in suite.comparisons)
-    message += f"; {held} of {len(suite.comparisons)} comparisons hold" if suite.comparisons else ""
+    message += f"; placement has no benefit in {len(none)}" * bool(none)
+    message += f"; {confirmed} of {len(verdicts)} claims confirmed" if verdicts else ""
+    agreeing = sum(row.verdict == HOLDS for row in suite.comparisons)
+    message += f"; {agreeing} of {len(suite.comparisons)} comparisons agree" if suite.comparisons else ""
     message += f"; report.html, {len(page) / 1024:.0f} KiB"
     return Output(
         datasets=written(numbers_of(suite)),
@@ -366,7 +368,7 @@ def run(context: Context[SimpleNamespace]) -> Output:
             "confirmed": confirmed,
             "contradicted": verdicts.count(CONTRADICTED),
             "comparisons": len(suite.comparisons),
-            "hold": held,
+            "hold": agreeing,
         },
         message=message + (f"; no 3D pictures: {problem}" if problem else ""),
         tables=suite_tables(suite),
@@ -375,14 +377,14 @@ def run(context: Context[SimpleNamespace]) -> Output:
 
 
 def _scenes(suite: Suite) -> tuple[dict[str, bytes], str]:
-    """Run → its picture, and why there are none; runs with the same layout share one."""
+    """Run → its picture, and the reason if a picture is missing; runs with the same layout share one."""
     layouts = {run.name: run.layout for _, run in suite.placements if run.layout is not None}
     looks = {name: look(layout) for name, layout in layouts.items()}
     different = {looks[name]: layout for name, layout in layouts.items()}
     if not different:
         return {}, ""
-    drawn, problem = drawn_or_why(lambda: render_all(list(different.values())))
-    pictures = dict(zip(different, drawn or (), strict=False))
+    rendered, problem = drawn_or_why(lambda: render_all(list(different.values())))
+    pictures = dict(zip(different, rendered or (), strict=False))
     return {name: pictures[digest] for name, digest in looks.items() if digest in pictures}, problem
 
 

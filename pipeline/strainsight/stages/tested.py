@@ -37,12 +37,12 @@ from strainsight.text import capital
 
 MEGA, MICRO = 1e6, 1e6
 STAGES = ("import", "rom", "train", "screen", "place", "estimate")
-"""Of which the page shows what each came to."""
+"""Stages with messages on the page."""
 
 
 def pages_of(context: Context[PlacementConfig]) -> tuple[tuple[Findings, ...], CampaignFindings | None]:
-    """What each page of a record shows, and the page over them, None where the test is one record; from import, rom, train,
-    screen, place and estimate."""
+    """Content of the page of each record, and of the overview page (None for a single record); from import, rom, train, screen,
+    place and estimate."""
     estimate = context.upstream["estimate"]
     campaign, records = campaign_in(estimate), estimated_in(estimate)
     pages = {name: f"test-{name}.html" for name in records if name}
@@ -66,7 +66,7 @@ def _findings_of(
     readings = _readings(record, marks, read(Training, up["train"]))
     doubts = posterior_doubts(record.posterior if campaign is None else campaign.posterior, units)
     noise = verdict(record.whitened)
-    judged = record_verdict(record.trusted, "apart" in summary, noise.consistent)
+    result = record_verdict(record.trusted, "apart" in summary, noise.consistent)
 
     def history(unknown: str) -> History:
         """A load as smoothed; a parameter as it was filtered, and as smoothed."""
@@ -94,7 +94,7 @@ def _findings_of(
         name=config.name,
         title=title_of(f"{config.name}, record {name}" if name else config.name, tuple(names)),
         unknowns=tuple(map(unknown_of, names)),
-        verdict=noise.text if record.trusted else f"the record is {judged}",
+        verdict=noise.text if record.trusted else f"the record is {result}",
         consistent=record.trusted and noise.consistent,
         warnings=_warnings(record, summary, doubts, noise),
         notes=record.notes,
@@ -130,7 +130,7 @@ def _findings_of(
         record=name,
         page=pages.get(name, TEST_PAGE),
         inside=innovations_inside(record),
-        judged=judged,
+        judged=result,
         beside=(("all records", TEST_PAGE), *(page for page in pages.items() if page[0] != name)) if name else (),
     )
 
@@ -139,10 +139,12 @@ def _campaign_findings(
     context: Context[PlacementConfig], findings: Mapping[str, Findings], campaign: CampaignRecord
 ) -> CampaignFindings:
     config, summary = context.config, context.upstream["estimate"].summary
-    apart = str(summary.get("apart", ""))
-    texts = [str(summary.get("withheld", "")), apart]
+    disagreement = str(summary.get("apart", ""))
+    texts = [str(summary.get("withheld", "")), disagreement]
     texts += [
-        f"record {name}: {report.verdict}" for name, report in findings.items() if not (report.consistent or apart)
+        f"record {name}: {report.verdict}"
+        for name, report in findings.items()
+        if not (report.consistent or disagreement)
     ]
     return CampaignFindings(
         title=title_of(config.name, tuple(map(str, config.place.estimate))),
@@ -159,13 +161,13 @@ def _damage(damaged: Damaged | None, config: PlacementConfig) -> Table | None:
 
 
 def _hidden(summary: Mapping[str, object]) -> str:
-    """What the channels cannot tell; empty where that is nothing."""
+    """Note on unknowns that the channels cannot distinguish, or an empty text."""
     hidden = summary.get("unobservable")
-    return f"the channels cannot tell {hidden}" if hidden else ""
+    return f"the channels cannot distinguish {hidden}" if hidden else ""
 
 
 def _warnings(record: Estimated, summary: Mapping[str, object], doubts: list[str], noise: Verdict) -> tuple[str, ...]:
-    """What a reader has to know, the gravest first: why σ is withheld, what the record contradicts, what it cannot tell."""
+    """Notes, most important first: reasons for omitted σ, inconsistencies of the measurements, unobservable unknowns."""
     # a record that is inconsistent with the model has its own warning, and the noise is not to blame
     loud = noise.text if record.trusted and not noise.consistent else ""
     texts = (
@@ -186,7 +188,7 @@ def _moment(record: Estimated, points: np.ndarray) -> SurfaceMoment | None:
     factor, std = exaggerated(points, shift), then.von_mises_std
     sigma = None if std is None else std.astype(float) / MEGA
     mises = Map("von Mises stress", "MPa", then.von_mises.astype(float) / MEGA, sigma)
-    strain = Map("principal strain of largest size", "µm/m", then.principal_strain.astype(float) * MICRO)
+    strain = Map("principal strain of largest magnitude", "µm/m", then.principal_strain.astype(float) * MICRO)
     return SurfaceMoment(then.time, then.label, factor * shift, factor, (strain, mises))
 
 
@@ -199,7 +201,7 @@ def _file(record: Estimated) -> File:
 
 
 def _readings(record: Estimated, marks: tuple[int, ...], training: Training) -> tuple[Reading, ...]:
-    """Of every channel, measured and as the model has it; marks: of their gauges on the page."""
+    """Measured and estimated readings of every channel; marks: of their gauges on the page."""
     gauge, bias = record.gauge, record.bias
     columns = () if bias is None else (bias.channel.tolist(), bias.mean.tolist(), bias.std.tolist())
     offsets = {channel: (mean, std) for channel, mean, std in zip(*columns, strict=True)}
@@ -213,10 +215,12 @@ def _readings(record: Estimated, marks: tuple[int, ...], training: Training) -> 
 
 
 def _held_out(record: Estimated, readings: tuple[Reading, ...]) -> tuple[Reading, ...]:
-    """Of every channel that was left out, as the others predict it."""
-    if (held := record.hold_out) is None:
+    """Prediction of every channel that was left out, from the others."""
+    if (hold_out := record.hold_out) is None:
         return ()
-    columns = zip(readings, record.gauge.measured.T, held.predicted.T, held.std.T, held.left_in, strict=True)
+    columns = zip(
+        readings, record.gauge.measured.T, hold_out.predicted.T, hold_out.std.T, hold_out.left_in, strict=True
+    )
     return tuple(
         replace(reading, measured=measured, estimated=predicted, std=std)
         for reading, measured, predicted, std, why in columns
@@ -227,7 +231,7 @@ def _held_out(record: Estimated, readings: tuple[Reading, ...]) -> tuple[Reading
 def _spectrum(
     name: str, unit: str, time: np.ndarray, values: np.ndarray, noise: float | None = None
 ) -> tuple[Spectrum, ...]:
-    """Of a signal, beside that of its noise [unit] where it has one; none of a record that is too short."""
+    """Spectrum of a signal, and of its noise [unit] if it is known; None for a record that is too short."""
     step = _step(time)
     frequency, spectrum = density(values, step)
     level = None if noise is None else noise_density(noise, step)
@@ -245,7 +249,7 @@ def run(context: Context[PlacementConfig]) -> Output:
     records, campaign = pages_of(context)
     files: dict[str, bytes] = {}
     warnings: dict[str, None] = {}
-    pictured, drawn, problem = 0, 0, ""
+    pictured, figure_count, problem = 0, 0, ""
     for i, report in enumerate(records):
         context.progress(f"pictures of {report.record}" if report.record else "pictures", (i + 0.1) / len(records))
         views = views_of(report)
@@ -254,16 +258,16 @@ def run(context: Context[PlacementConfig]) -> Output:
         drawings = figures_of_test(report)
         files[report.page] = page_of_test(report, drawings, tuple(pictures or ()), problem).encode()
         warnings |= dict.fromkeys(report.warnings)
-        pictured, drawn = pictured + len(pictures or ()), drawn + len(drawings)
+        pictured, figure_count = pictured + len(pictures or ()), figure_count + len(drawings)
     if campaign is not None:
         over = campaign_figures(campaign)
         files = {TEST_PAGE: page_of_campaign(campaign, over).encode()} | files
-        warnings, drawn = dict.fromkeys(campaign.warnings), drawn + len(over)
+        warnings, figure_count = dict.fromkeys(campaign.warnings), figure_count + len(over)
     size = f"{sum(map(len, files.values())) / 1024:.0f} KiB"
     message = f"{', '.join(files)}, {size}" + (f"; no picture: {problem}" if problem else "")
     return Output(
         datasets={},
-        summary={"pictures": pictured, "figures": drawn, "warnings": len(warnings)},
+        summary={"pictures": pictured, "figures": figure_count, "warnings": len(warnings)},
         message=message,
         tables=warnings_table(tuple(warnings)),
         files=files,

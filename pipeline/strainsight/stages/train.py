@@ -74,15 +74,15 @@ def _message(pool: Candidates, steps: int, strongest: float, surface: OnSurface 
     if cases:
         parts[1] += f" of {len(cases)} load case{'s' * (len(cases) > 1)}: {', '.join(cases)}"
     if strongest > LARGE_STRAIN:
-        parts.append("far from small: are load and modulus in the right unit?")
+        parts.append("unusually large: are load and modulus in the right unit?")
     if surface is not None:
         moved = float(surface.moved.max(initial=0.0))
         notes = (
-            (len(surface.moved), f"bonded ones moved by up to {1e3 * moved:.2g} mm"),
-            (surface.left_out, f"{surface.left_out} places left out: a grid over a sharp edge"),
-            (surface.alone, f"{surface.alone} places left out: no facet opposite that takes the arms of a bridge"),
-            (surface.twice, f"{surface.twice} bridges taken once of two that are one, seen from its sides"),
-            (len(surface.empty), f"no facet in the zone {', '.join(surface.empty)}: is it in metres?"),
+            (len(surface.moved), f"bonded gauges moved by up to {1e3 * moved:.2g} mm"),
+            (surface.left_out, f"{surface.left_out} locations omitted: the grid would cross a sharp edge"),
+            (surface.alone, f"{surface.alone} locations omitted: no opposite facet for the arms of a bridge"),
+            (surface.twice, f"{surface.twice} duplicate bridges omitted, the same from opposite sides"),
+            (len(surface.empty), f"zone {', '.join(surface.empty)} contains no facet: is it in metres?"),
         )
         parts += [text for count, text in notes if count]
     return ", ".join(parts)
@@ -165,10 +165,10 @@ def run_screen(context: Context[PlacementConfig]) -> Output:
         numbers = {"clearance": clearance.distance}
         _warn(clearance_warning(clearance))
     if dropped[BEND]:
-        parts.append(f"{dropped[BEND]} where the surface bends too tightly")
+        parts.append(f"{dropped[BEND]} on surfaces below the bend radius")
     bent = bent_gauges(structure)
     if count := int((bent & pool.bonded[pool.first]).sum()):
-        parts.append(f"{count} bonded where the surface bends too tightly")
+        parts.append(f"{count} bonded on surfaces below the bend radius")
     _warn(bent_warning(structure, bent), quiet_noise(training, screened), loud_noise(training, screened))
     if kind := type_in_words(config):
         parts.append(kind)
@@ -182,23 +182,23 @@ def run_screen(context: Context[PlacementConfig]) -> Output:
     )
 
 
-def _fewer_than_asked(settings: Screen, found: Screened, pool: Candidates) -> Iterator[str]:
+def _fewer_than_asked(settings: Screen, screened: Screened, pool: Candidates) -> Iterator[str]:
     """Of every kind of sensor of which spacing and range leave fewer than `screen.keep`."""
     kind = pool.array[pool.first]
     for i in np.unique(kind):
-        own = found.reason[kind == i]
-        clear = int(np.count_nonzero(~np.isin(own, (CLEARANCE, BEND))))
-        kept = int(np.count_nonzero(kind[found.kept] == i))
-        if settings.keep != "all" and kept < min(settings.keep, clear):
-            name = str(found.family[int(i)])
-            spacing = f"{1e3 * settings.minimum_spacing:g} mm apart", "lower screen.minimum_spacing"
-            beyond = "within their range", "choose sensors of a larger one"
-            said, remedy = zip(
-                *[words for code, words in ((NEAR, spacing), (BEYOND, beyond)) if code in own], strict=True
+        reasons = screened.reason[kind == i]
+        clear = int(np.count_nonzero(~np.isin(reasons, (CLEARANCE, BEND))))
+        kept_count = int(np.count_nonzero(kind[screened.kept] == i))
+        if settings.keep != "all" and kept_count < min(settings.keep, clear):
+            name = str(screened.family[int(i)])
+            spacing = f"{1e3 * settings.minimum_spacing:g} mm apart", "reduce screen.minimum_spacing"
+            too_large = "within their range", "use sensors with a larger range"
+            faults, remedy = zip(
+                *[words for code, words in ((NEAR, spacing), (BEYOND, too_large)) if code in reasons], strict=True
             )
             yield (
-                f"screen.keep asks for {settings.keep} candidates of {name}: of {clear} only {kept} are {' and '.join(said)}. "
-                f"{' or '.join(remedy).capitalize()}, for a larger choice."
+                f"screen.keep requests {settings.keep} candidates of {name}, but only {kept_count} of {clear} are "
+                f"{' and '.join(faults)}. {' or '.join(remedy).capitalize()}."
             )
 
 
@@ -268,7 +268,7 @@ def _table(observed: Observed) -> Table:
         for j in range(len(observed.case))
     )
     columns = (*(f"condition, {e}" for e in observed.excitation), *(f"raw, {e}" for e in observed.excitation))
-    title = "observability: condition of the scaled PBH matrix, and the thesis's raw number"
+    title = "observability: condition number of the scaled PBH matrix, and unscaled value of the thesis"
     return Table(title, ("unknown", *columns, "weakly observable"), rows)
 
 

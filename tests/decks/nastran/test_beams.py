@@ -312,7 +312,7 @@ def test_places_beside_the_shear_centre_are_lengths_and_are_kept(read):
     section = mesh.sections[1]
     small = rescaled(section, 1e-3, 1e3)
     np.testing.assert_allclose([small.neutral, small.at_b.beside], [[3e-5, -2e-5], [-3e-5, 4e-5]])
-    kept = MeshColumns.of(mesh).made().sections[1]
+    kept = MeshColumns.of(mesh).restore().sections[1]
     assert (kept.neutral, kept.beside) == (section.neutral, section.beside)
     assert (kept.at_b.neutral, kept.at_b.beside) == (section.at_b.neutral, section.at_b.beside)
 

@@ -141,7 +141,7 @@ def test_units_size_weight_and_records_keep_it(read):
     text = SKEW + "PSHELL,1,1,.1,2,,\nMAT1,1,2.+11,,.3,1000.\nMAT1,2,1.+11,,.3\n"
     mesh = read(text)
     operators_of = operators(mesh)
-    near(operators(MeshColumns.of(mesh).made()), operators_of, 1e-15)
+    near(operators(MeshColumns.of(mesh).restore()), operators_of, 1e-15)
     inches = to_si(mesh, "in", "g")
     scale = np.tile(np.repeat([1.0, 0.0254], 3), len(mesh.thin_nodes))
     near(operators(inches), [1e-3 * scale[:, None] * X * scale for X in operators_of], 1e-9)

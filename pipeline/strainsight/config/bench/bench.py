@@ -1,4 +1,4 @@
-"""The config of `kind: bench`: a multibody bench in time, and where its gauges go."""
+"""Config of `kind: bench`: simulation of a multibody test bench, and placement of its gauges."""
 
 from __future__ import annotations
 
@@ -32,76 +32,79 @@ from strainsight.config.gauges import BondedGauge, Direction, GaugeSites, Priced
 from strainsight.config.layout import Keep, LayoutSettings
 
 Layout = Literal["place", "random"]
-"""Which layout a strain sensor takes from the placement."""
+"""Layout of the placement that a strain sensor uses."""
 
 
 class CandidateSensor(Priced):
-    """A sensor of the bench among the candidates, each of its three components one."""
+    """A candidate sensor of the bench; each of its three components is a candidate."""
 
     noise: Annotated[Positive | tuple[Positive, Positive, Positive], NOISE] = expert(
-        description="σ of a sample [m or m/s²], one for all three components or one each."
+        description="Noise standard deviation of one sample [m or m/s²], one value for all three components or one for each."
     )
 
 
 class OnFlexibleBody(Section):
-    """What is on a flexible body."""
+    """Base of sections that refer to a flexible body."""
 
     body: FlexibleName = Field(description="Name of the flexible body.")
 
 
 class BenchPlace(OnFlexibleBody, GaugeSites, LayoutSettings):
-    """Gauges of a flexible body, placed for the unknown inputs and the parameters that `estimate` estimates."""
+    """Gauge placement on a flexible body, for the unknown inputs and the parameters of `estimate`."""
 
     fixed: tuple[BondedGauge, ...] = expert((), description="Gauges that are already bonded; they count in place.keep.")
     sensors: dict[Name, CandidateSensor] = expert(
         {},
-        description="Displacement sensors and accelerometers that may stand beside gauges, by their names under `sensors`: "
-        "motion (position), relative (its displacements, without the tilts) or acceleration. They keep no spacing.",
+        description="Candidate displacement sensors and accelerometers, by their names under `sensors`: motion (position), "
+        "relative (displacements without tilts) or acceleration. The spacing does not apply to them.",
     )
     keep: Keep = 4
     noise: Annotated[Positive, STRAIN] = Field(
-        description="Noise standard deviation of a sample of every gauge [strain]."
+        description="Noise standard deviation of one sample of every gauge [strain]."
     )
     direction: Direction = Field(
         default_factory=lambda: PrincipalDirection(type="principal", angles=(0.0, 45.0, 90.0, 135.0)),
-        description="Measuring directions of the candidates, one gauge each; principal: of the static strains under the unknown "
-        "inputs, each as strong as the others.",
+        description="Measuring directions of the candidates, one gauge each. With `principal`: principal directions of the "
+        "static strains under the unknown inputs, with equal weights.",
     )
     pool: Annotated[int, Field(ge=1), Plausible(1, 1e5)] = expert(
         300,
-        description="Candidates that enter the elimination beside the bonded ones [-]: the strongest under each unknown "
-        "in turn.",
+        description="Number of candidates for the elimination, apart from bonded gauges [-]: the most sensitive to each "
+        "unknown in turn.",
     )
     search: Literal["all", "pool"] = expert(
         "all",
-        description="all: bound and proof are over all candidates, and those that a better layout could have by that bound "
-        "enter, too; pool: layout, bound and proof are of the pool alone.",
+        description="Scope of the search. With `all`: the bound is valid for all candidates, and candidates that could "
+        "improve the layout are added to the pool. With `pool`: layout and bound consider the pool only.",
     )
     spacing: Annotated[NotNegative, SIZE] = Field(
-        0.0, description="Least distance between those that are strongest under one input [m]."
+        0.0, description="Smallest distance between the most sensitive candidates of one input [m]."
     )
     poses: Annotated[tuple[NotNegative, ...], Field(min_length=1, max_length=100), INSTANT] = expert(
         (0.0,),
-        description="Instants of the run, each with the pose in equilibrium under its loads and drives, that the gauges have to "
-        "serve [s].",
+        description="Instants of the run for which the gauges are placed [s]; the pose is in equilibrium under the loads and "
+        "drives.",
     )
-    random: int = expert(4, ge=0, le=1000, description="Layouts drawn from all candidates, to compare with [-].")
+    random: int = expert(
+        4, ge=0, le=1000, description="Number of random layouts from all candidates, for comparison [-]."
+    )
 
     @property
     def bonded(self) -> int:
-        """How many gauges are there already: each grid of a rosette is one."""
+        """Number of bonded gauges; each grid of a rosette is one."""
         return sum(len(gauge.angles) for gauge in self.fixed)
 
 
 class StrainSensorSection(OnFlexibleBody, Snapped):
-    """Strain gauges bonded on a flexible body."""
+    """Strain gauges on a flexible body."""
 
     type: Literal["strain"] = Field(description="Kind of sensor.")
-    gauges: tuple[BondedGauge, ...] = Field((), description="Where they are bonded; none: as `layout` says.")
+    gauges: tuple[BondedGauge, ...] = Field((), description="Bonded gauges; empty: those of `layout`.")
     layout: Layout | None = Field(
-        None, description="Gauges of the section `place` instead: the placed ones, or the first layout drawn at random."
+        None,
+        description="Layout of the section `place` instead of gauges: the placed layout, or the first random layout.",
     )
-    zeroed: bool = Field(False, description="true: what they read at the start is taken off.")
+    zeroed: bool = Field(False, description="`true`: subtract the reading at the start.")
 
 
 class RelativeSensor(Between):
@@ -115,24 +118,27 @@ class MotionSensor(AtFrame):
 
     type: Literal["motion"] = Field(description="Kind of sensor.")
     quantity: Literal["position", "velocity", "x_axis", "y_axis", "z_axis"] = expert(
-        "position", description="Position [m] or velocity [m/s] of its origin, or the direction of one of its axes [-]."
+        "position",
+        description="Measured quantity: position [m] or velocity [m/s] of the origin, or direction of one of the axes [-].",
     )
 
 
 class AccelerationSensor(AtFrame):
-    """Acceleration of a frame's origin, as an accelerometer bonded there reads it, or in global axes."""
+    """Acceleration of the origin of a frame, in the axes of the frame (accelerometer) or in global axes."""
 
     type: Literal["acceleration"] = Field(description="Kind of sensor.")
-    axes: Literal["own", "global"] = expert("own", description="Along the axes of the frame, or along global ones.")
+    axes: Literal["own", "global"] = expert(
+        "own", description="Axes of the components: those of the frame, or global axes."
+    )
     gravity: bool = expert(
         True,
-        description="true: less that of gravity, so that at rest it reads 1 g upwards; false: of the motion alone.",
+        description="`true`: subtract gravity, so that a sensor at rest reads 1 g upwards; `false`: acceleration of the motion "
+        "only.",
     )
 
 
 class ReactionSensor(Section):
-    """Force and moment that a joint exerts on its second frame, in the axes of the first, about the second's origin;
-    simulated only."""
+    """Force and moment of a joint on its second frame about its origin, in the axes of the first frame; simulation only."""
 
     type: Literal["reaction"] = Field(description="Kind of sensor.")
     joint: JointName = Field(description="Name of the joint.")
@@ -152,93 +158,99 @@ UNITS = {
     "position": ("m",) * 3,
     "velocity": ("m/s",) * 3,
 }
-"""Kind of sensor, or quantity of a motion → unit of every component, of a strain sensor of every gauge."""
+"""Unit of the components, by sensor type or motion quantity; of a strain sensor, the unit of every gauge."""
 
 
 def units_of(sensor: Sensor) -> tuple[str, ...]:
-    """Unit of every component of a sensor, of a strain sensor of every gauge."""
+    """Unit of every component of a sensor; of a strain sensor, of every gauge."""
     return UNITS.get(sensor.quantity, ("1",) * 3) if isinstance(sensor, MotionSensor) else UNITS[sensor.type]
 
 
 class Simulate(TimeSpan):
-    """The simulation in time."""
+    """Time simulation."""
 
     method: Literal["second_order", "thesis"] = Field(
         "second_order",
-        description="second_order: two implicit stages a step, errors shrink with its square; thesis: implicit Euler, with the "
-        "step itself.",
+        description="Integration method. With `second_order`: two implicit stages per step, error proportional to the square "
+        "of the step. With `thesis`: implicit Euler, first order.",
     )
     tolerance: Annotated[Positive | None, Plausible(1e-14, 0.1)] = expert(
         None,
-        description="Largest error of the motion that all steps together may make, beside the coordinates of each body (a turn "
-        "counts as 1): steps are divided until halving them again changes less, and see the loads at every instant of their "
-        "own; null: every step is one.",
+        description="Largest total error of the motion, relative to the coordinates of each body (1 for rotations). Steps "
+        "are subdivided until another halving has a smaller effect, with the loads at every intermediate instant. Null: "
+        "fixed steps.",
     )
     start: Literal["equilibrium", "as_given"] = expert(
         "equilibrium",
-        description="equilibrium: the static equilibrium under the loads at t = 0; as_given: poses and velocities of the "
-        "bodies, projected onto the joints.",
+        description="Initial state. With `equilibrium`: static equilibrium under the loads at t = 0. With `as_given`: poses "
+        "and velocities of the bodies, projected onto the joints.",
     )
     allow_unstable: bool = expert(
         False,
-        description="true: start from an equilibrium that is left by itself, as of a pendulum that stands on its head.",
+        description="`true`: start from an unstable equilibrium, such as an inverted pendulum.",
     )
     snap_tolerance: Annotated[Positive, Plausible(1e-9, 0.1, "m")] = expert(
         0.005,
-        description="How far the joints may move a body from its pose at the start before it is refused [m]; velocities may "
-        "change by 1 %.",
+        description="Largest accepted correction of an initial pose by the joints [m]; velocities may change by 1 %.",
     )
 
 
 class SurfaceField(OnFlexibleBody):
-    """Displacement, strain and stress of a flexible body's surface in time, as a grid that ParaView plays."""
+    """Displacement, strain and stress of the surface of a flexible body over time, as a grid for ParaView."""
 
     of: Literal["simulate", "estimate"] = Field(
-        "simulate", description="Of the simulated motion, or of the estimated one with the estimated moduli."
+        "simulate",
+        description="Motion to evaluate: the simulated motion, or the estimated motion with the estimated moduli.",
     )
     every: Annotated[int | None, Plausible(1, 1e6)] = expert(
-        None, ge=1, description="Steps between pictures [-]; null: as many as `instants` says."
+        None, ge=1, description="Steps between frames [-]; null: number of frames from `instants`."
     )
-    instants: int | None = Field(None, ge=2, le=10_000, description="Pictures, evenly from start to end [-]; null: 50.")
+    instants: int | None = Field(
+        None, ge=2, le=10_000, description="Number of frames, evenly spaced from start to end [-]; null: 50."
+    )
     allowable: Stress | None = expert(
         None,
-        description="Von Mises stress that the body may carry [Pa]; the page compares the largest one with it and begins with it "
-        "where it is exceeded; null: none is stated.",
+        description="Allowable von Mises stress of the body [Pa]. The page compares it with the largest stress, and starts "
+        "with a warning if it is exceeded. Null: no comparison.",
     )
 
     def problems(self) -> Iterator[Problem]:
         if self.every is not None and self.instants is not None:
-            yield Problem("every", "every and instants are both given", "give one of them")
+            yield Problem("every", "every and instants are both set", "remove one of the two")
 
 
 class BenchConfig(NamedRun, BearingLoads):
-    """Rigid and flexible bodies, joints, bearings and loads in time. SI units unless a field says otherwise."""
+    """Rigid and flexible bodies, joints, bearings and loads over time. SI units unless stated otherwise."""
 
     kind: Literal["bench"] = Field(description="Which pipeline.")
     bodies: Annotated[dict[Name, Body], Field(min_length=1)] = Field(description="Bodies, by name.")
-    frames: Annotated[dict[Name, FrameSection], Field(min_length=1)] = Field(description="Frames on bodies and ground.")
+    frames: Annotated[dict[Name, FrameSection], Field(min_length=1)] = Field(
+        description="Frames on bodies and on the ground."
+    )
     joints: dict[Name, Joint] = Field({}, description="Joints, by name.")
     bearings: dict[Name, BearingSection] = Field({}, description="Bearings, by name.")
     forces: dict[Name, Force] = Field({}, description="Forces, by name.")
     sensors: dict[Name, Sensor] = Field({}, description="Sensors, by name.")
-    simulate: Simulate = Field(description="The simulation in time.")
-    place: BenchPlace | None = Field(None, description="Gauges placed for the unknown loads.")
-    field: SurfaceField | None = Field(None, description="Strain and stress of a body's surface in time.")
-    estimate: BenchEstimateSection | None = Field(None, description="Loads and parameters from the sensors.")
+    simulate: Simulate = Field(description="Time simulation.")
+    place: BenchPlace | None = Field(None, description="Placement of gauges for the unknown loads.")
+    field: SurfaceField | None = Field(None, description="Strain and stress of the surface of a body over time.")
+    estimate: BenchEstimateSection | None = Field(
+        None, description="Estimation of loads and parameters from the sensors."
+    )
 
     @property
     def flexible(self) -> dict[str, FlexibleBodySection]:
-        """The flexible bodies, by name."""
+        """Flexible bodies, by name."""
         return {name: body for name, body in self.bodies.items() if isinstance(body, FlexibleBodySection)}
 
     @property
     def driven(self) -> bool:
-        """Whether a joint follows a history."""
+        """Whether the bench has a joint with a prescribed motion."""
         return any(isinstance(joint, Driven) for joint in self.joints.values())
 
     @property
     def estimator(self) -> BenchEstimateSection:
-        """The section `estimate`, where there is one."""
+        """The section `estimate`, or an error."""
         assert self.estimate is not None
         return self.estimate
 
@@ -249,5 +261,5 @@ class BenchConfig(NamedRun, BearingLoads):
 
     @property
     def filter_duration(self) -> float:
-        """Length of the estimate [s]."""
+        """Duration of the estimate [s]."""
         return (self.estimate and self.estimate.duration) or self.simulate.duration

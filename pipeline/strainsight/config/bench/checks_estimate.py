@@ -1,4 +1,4 @@
-"""What the estimate of a bench, and its truth by another integrator, demand of other sections."""
+"""Consistency checks of the estimate of a bench with other sections."""
 
 from __future__ import annotations
 
@@ -12,50 +12,52 @@ from strainsight.config.bench.connections import Load
 from strainsight.config.bench.estimate import BenchEstimateSection, EstimatedParameter, FromFile
 
 KEYS_OF_OTHER = ("step", "duration", "histories", "within")
-"""Keys that no other truth has."""
+"""Keys that apply to truth.model: other only."""
 CLOCK_SHARE = 1e-6
-"""Share of a step by which two clocks may differ."""
+"""Relative tolerance for equal time steps."""
 
 
 def truth_problems(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
-    """What keys of `estimate.truth` ask of each other, of the filter's step and of the joints."""
+    """Check `estimate.truth` with the step of the filter and the joints."""
     truth, key = estimate.truth, "estimate.truth"
     if truth.model == "walk" and estimate.tolerances is not None and estimate.measured is None:
-        what = "a truth of the filter's own model has exact gauges"
-        remedy = "take truth.model: fine or other, or leave tolerances out"
+        what = "measurements simulated with the model of the filter have exact gauges"
+        remedy = "use truth.model: fine or other, or remove tolerances"
         yield Problem("estimate.tolerances", what, remedy, at_key=True)
     if truth.model != "other":
         for name in KEYS_OF_OTHER:
             if name in truth.model_fields_set and getattr(truth, name) != type(truth).model_fields[name].default:
-                what = f"a truth '{truth.model}' has none"
-                yield Problem(f"{key}.{name}", what, "leave it out, or set estimate.truth.model: other", at_key=True)
+                what = f"has no effect with truth.model: {truth.model}"
+                yield Problem(f"{key}.{name}", what, "remove it, or set estimate.truth.model: other", at_key=True)
         return
     if config.driven:
-        yield Problem(f"{key}.model", "a driven joint has no such truth", "take fine")
+        yield Problem(f"{key}.model", "driven joints do not support this simulation", "use fine")
     h, duration = config.filter_step, config.filter_duration
     every = round(h / truth.step)
     if every < 1 or abs(every * truth.step - h) > CLOCK_SHARE * truth.step:
-        what = f"steps of {truth.step:g} s do not divide the filter's step of {h:g} s"
-        yield Problem(f"{key}.step", what, "divide estimate.time_step by a whole number", at_key=True)
+        what = f"steps of {truth.step:g} s do not divide the step of the filter, {h:g} s"
+        yield Problem(f"{key}.step", what, "use estimate.time_step divided by an integer", at_key=True)
     if truth.duration is not None and truth.duration < duration * (1 - CLOCK_SHARE):
-        what = f"it ends after {truth.duration:g} s, the estimate after {duration:g} s"
-        yield Problem(f"{key}.duration", what, f"make it {duration:g} or more, or leave it out", at_key=True)
+        what = f"the simulation ends at {truth.duration:g} s, but the estimate ends at {duration:g} s"
+        yield Problem(f"{key}.duration", what, f"use at least {duration:g} s, or remove the key", at_key=True)
     if 1 < truth.histories < estimate.runs:
-        what = f"{truth.histories} for {estimate.runs} runs"
-        yield Problem(f"{key}.histories", what, f"make it {estimate.runs}, or 1: the same one for all")
+        what = f"{truth.histories} load histories are not enough for {estimate.runs} runs"
+        yield Problem(f"{key}.histories", what, f"use {estimate.runs}, or 1 for the same history in all runs")
     if truth.histories > 1 and truth.within == 0:
-        yield Problem(f"{key}.histories", "all of them are the same", "give within, in seconds of the load histories")
+        yield Problem(
+            f"{key}.histories", "all load histories are identical", "set within, in seconds of the load history"
+        )
 
 
 FEW = 3
-"""Parameters of a bank."""
+"""Largest number of parameters of the grid filter."""
 FEWEST_STEPS, MOST_STEPS = 2, 1_000_000
 FARTHEST = 100.0
-"""Ratio of a guess to the bench's own value beyond which it is in another unit: GPa for Pa, mm for m."""
+"""Ratio of a guess to the bench value above which another unit is assumed: GPa for Pa, mm for m."""
 
 
 def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
-    """Every contradiction between `estimate` and the bench."""
+    """Yield every inconsistency between `estimate` and the bench."""
     estimate = config.estimate
     if estimate is None:
         return
@@ -64,23 +66,26 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
         yield from known(f"estimate.inputs.{name}", name, loads, "force or moment")
     yield from _load_models(config, estimate)
     if estimate.method.step_error == "estimated" and config.driven:
-        what = "what a step leaves out is not estimated beside driven joints"
-        remedy = "leave it out, and take a step that follows the loads and the drive"
+        what = "the step error cannot be estimated with driven joints"
+        remedy = "remove the key, and use a time step that resolves the loads and the drive"
         yield Problem("estimate.method.step_error", what, remedy)
     if estimate.method.step_error == "estimated" and estimate.method.noise == "as_printed":
-        what = "what a step leaves out follows from how the loads change within it, and as printed they change after it"
-        remedy = "leave it out, or set estimate.method.noise: before_step"
+        what = (
+            "the step error depends on the load change within the step, but with noise: as_printed the loads change "
+            "after it"
+        )
+        remedy = "remove the key, or set estimate.method.noise: before_step"
         yield Problem("estimate.method.step_error", what, remedy)
     if not estimate.inputs and not any(entry.std for entry in estimate.parameters.values()):
-        yield Problem("estimate", "nothing is unknown", "name inputs, or parameters with std", at_key=True)
+        yield Problem("estimate", "the config has no unknowns", "add inputs, or parameters with std", at_key=True)
     if estimate.accept and not isinstance(estimate.measured, FromFile):
-        what = "there is no record of a test that could contradict the model"
-        remedy = "leave it out (--accept), or name the record under estimate.measured"
+        what = "has no effect without the measurements of a test"
+        remedy = "remove the key (--accept), or set the measurement file under estimate.measured"
         yield Problem("estimate.accept", what, remedy)
     yield from _sensors(config, estimate)
     yield from _parameters(config, estimate)
     yield from _distinguishable(config, estimate)
-    yield from _bank(estimate)
+    yield from _grid_filter(estimate)
     times = config.filter_duration, config.filter_step
     yield from step_problems("estimate.time_step", *times, FEWEST_STEPS, MOST_STEPS, "estimate.duration")
     yield from truth_problems(config, estimate)
@@ -88,31 +93,31 @@ def estimate_problems(config: BenchConfig) -> Iterator[Problem]:
 
 
 def _load_models(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
-    """What a model of an unknown load needs."""
+    """Check the keys that the model of an unknown load needs."""
     for name, entry in estimate.inputs.items():
         key, force, walks = f"estimate.inputs.{name}", config.forces.get(name), entry.model == "random_walk"
         if not walks and entry.increment is not None:
-            what = f"increment is of a random walk, and the model is {entry.model}"
-            yield Problem(f"{key}.increment", what, "leave it out: amplitude and frequency say how the load moves")
+            what = f"has no effect with the model {entry.model}: increment belongs to a random walk"
+            yield Problem(f"{key}.increment", what, "remove the key; amplitude and frequency define the model")
         if not walks and config.place is not None:
-            what = f"{entry.model}: place takes unknown loads of a bench for random walks"
-            remedy = "take random_walk where gauges are placed, and this model in a run of its own"
+            what = f"place supports random walks only, not {entry.model}"
+            remedy = "use random_walk for placement, and this model in a separate run"
             yield Problem(f"{key}.model", what, remedy)
         if (walks and entry.increment is not None) or not isinstance(force, Load) or force.signal.type == "sine":
             continue
         need = "a random walk without increment" if walks else entry.model
         for field in ("frequency", "amplitude"):
             if getattr(entry, field) is None:
-                what = f"{need} needs the load's typical {field}, and its history is no sine"
+                what = f"{need} needs the typical {field} of the load, and its history is not a sine"
                 yield Problem(key, what, f"give {field}" + ", or increment" * walks, at_key=True)
 
 
 def disturbed(
     estimate: BenchEstimateSection | None, sensor: Sensor | None, name: str, remedy: str
 ) -> Iterator[Problem]:
-    """A problem of an accelerometer beside a white acceleration."""
+    """Yield a problem for an accelerometer together with a white acceleration."""
     if isinstance(sensor, AccelerationSensor) and estimate is not None and estimate.disturbance > 0:
-        what = f"{name} would feel the white acceleration, which is no motion between samples"
+        what = f"{name} would measure the white acceleration, which is not defined between samples"
         yield Problem("estimate.disturbance", what, f"set it to 0, {remedy}")
 
 
@@ -124,23 +129,23 @@ def _sensors(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Pr
         if sensor is None:
             return
         if isinstance(sensor, ReactionSensor):
-            what = "the filter has no equations for this kind of sensor"
-            yield Problem(key, what, "take it out: it is simulated only")
-        yield from disturbed(estimate, sensor, name, f"and put what the model has wrong into the noise of {name}")
+            what = "the filter does not support this kind of sensor"
+            yield Problem(key, what, "remove the sensor; it can be simulated only")
+        yield from disturbed(estimate, sensor, name, f"and include the model error in the noise of {name}")
         count = channels_of(config, name)
         for field, many in (("noise", "noises"), ("bias", "offsets"), ("drift", "drifts")):
             values = getattr(entry, field)
             if count is not None and isinstance(values, tuple) and len(values) != count:
                 what = f"{len(values)} {many} for {count} components"
-                yield Problem(f"{key}.{field}", what, f"give one number, or {count}")
-        counts.append(_given(config, estimate, name))
+                yield Problem(f"{key}.{field}", what, f"use one value, or {count}")
+        counts.append(_used_components(config, estimate, name))
     if None not in counts and (channels := sum(filter(None, counts))) < len(estimate.inputs):
-        what = f"{channels} channels for {len(estimate.inputs)} unknown loads"
-        yield Problem("estimate.sensors", what, "give the filter more sensors, or make a load known")
+        what = f"{channels} channels are not enough for {len(estimate.inputs)} unknown loads"
+        yield Problem("estimate.sensors", what, "add sensors, or measure a load")
 
 
-def _given(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> int | None:
-    """How many components of a sensor the filter is given; None where a placed layout says it later."""
+def _used_components(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> int | None:
+    """Number of components of a sensor that the filter uses; None if it depends on the layout."""
     if estimate.sensors[name].layout is not None:
         return None
     if isinstance(estimate.measured, FromFile) and name in estimate.measured.channels:
@@ -149,7 +154,7 @@ def _given(config: BenchConfig, estimate: BenchEstimateSection, name: str) -> in
 
 
 def channels_of(config: BenchConfig, name: str) -> int | None:
-    """How many components a sensor has; None where a placed layout says it later."""
+    """Number of components of a sensor; None if it depends on the layout."""
     sensor = config.sensors[name]
     if sensor.type != "strain":
         return len(units_of(sensor))
@@ -159,16 +164,16 @@ def channels_of(config: BenchConfig, name: str) -> int | None:
 
 def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
     moduli = {name: m.value for body in config.flexible.values() for name, m in body.moduli.items()}
-    taken: dict[tuple[str, str], str] = {}
+    names: dict[tuple[str, str], str] = {}
     used = {force.bearing for force in config.forces.values() if force.type == "bearing"}
     for name, entry in estimate.parameters.items():
         key, bearing, part = f"estimate.parameters.{name}", entry.bearing, str(entry.property)
         if name in estimate.inputs:
             what = "a load of the estimate has the same name"
-            yield Problem(key, what, "give the parameter another one", at_key=True)
+            yield Problem(key, what, "use another name for the parameter", at_key=True)
         if entry.starts and estimate.truth.model == "walk":
-            what = "a drawn truth starts where the filter's own belief puts it"
-            yield Problem(f"{key}.starts", what, "leave starts out, or take another truth")
+            what = "with truth.model: walk, the initial value is sampled from the filter"
+            yield Problem(f"{key}.starts", what, "remove starts, or use another truth.model")
         if (bearing is None) != (entry.property is None):
             continue
         nominal = moduli.get(name)
@@ -176,17 +181,23 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
             yield from known(key, name, moduli, "modulus under bodies.*.moduli")
         else:
             if bearing in config.bearings and bearing not in used:
-                yield Problem(f"{key}.bearing", f"no force is of '{bearing}'", "name a bearing of this bench's forces")
-            if (other := taken.setdefault((bearing, part), name)) != name:
-                yield Problem(key, f"'{other}' is the same property", "name it once", at_key=True)
+                yield Problem(
+                    f"{key}.bearing",
+                    f"no force uses the bearing '{bearing}'",
+                    "use a bearing of the forces of this bench",
+                )
+            if (other := names.setdefault((bearing, part), name)) != name:
+                yield Problem(key, f"'{other}' is the same property", "remove one of the two", at_key=True)
             # a preload may be of any sign and size
             sized = bearing in config.bearings and part != "preload"
             nominal = float(getattr(config.bearings[bearing], part)) if sized else None
         unit = "Pa" if bearing is None else "m"
         for field, value in entry.guesses():
             if nominal and value > 0 and not 1 / FARTHEST <= value / nominal <= FARTHEST:
-                what = f"{value:g} {unit} beside {nominal:g} {unit} in the bench"
-                yield Problem(f"{key}.{field}", what, f"give it in {unit}, within a factor of {FARTHEST:g}")
+                what = f"{value:g} {unit} is far from {nominal:g} {unit} in the bench"
+                yield Problem(
+                    f"{key}.{field}", what, f"use the unit {unit}, and a value within a factor of {FARTHEST:g}"
+                )
     for bearing in config.bearings:
         yield from _grooves(config, bearing, estimate.parameters)
         for name, entry in estimate.parameters.items():
@@ -197,7 +208,7 @@ def _parameters(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator
 
 
 def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, EstimatedParameter]) -> Iterator[Problem]:
-    """A groove has to be wider than its ball at every guess."""
+    """Check that every groove radius exceeds the ball radius at every guess."""
     names = {str(entry.property): name for name, entry in parameters.items() if entry.bearing == bearing}
     sizes = dict(config.bearings[bearing])
     sizes |= {part: guess for part, name in names.items() if (guess := parameters[name].guess) is not None}
@@ -207,46 +218,48 @@ def _grooves(config: BenchConfig, bearing: str, parameters: Mapping[str, Estimat
         blamed = names.get("ball_diameter") or names.get(narrow[0]) or next(iter(names.values()))
         yield Problem(
             f"estimate.parameters.{blamed}.guess",
-            f"{narrow[0]} of {sizes[narrow[0]]:g} m would not pass a ball of {ball:g} m in radius",
-            "a groove is wider than its ball: change the radii with it, or guess nearer",
+            f"{narrow[0]} of {sizes[narrow[0]]:g} m is not larger than the ball radius of {ball:g} m",
+            "change the groove radii as well, or use a guess closer to the bench value",
         )
 
 
 def _distinguishable(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
-    """Diameter and preload are one unknown where the groove centres stay: both only add to the interference."""
+    """Check that diameter and preload are not both unknown with fixed groove centres, where both only change the interference."""
     for bearing, entry in config.bearings.items():
         free = {
             str(e.property): n for n, e in estimate.parameters.items() if e.bearing == bearing and e.std is not None
         }
         if entry.groove_centres == "fixed" and {"ball_diameter", "preload"} <= free.keys():
-            what = "with groove_centres: fixed, ball diameter and preload are the same unknown"
+            what = "with groove_centres: fixed, ball diameter and preload have the same effect"
             yield Problem(f"estimate.parameters.{free['preload']}", what, "estimate one of them", at_key=True)
 
 
-def _bank(estimate: BenchEstimateSection) -> Iterator[Problem]:
-    """A bank is of few constants, and of iterated filters."""
+def _grid_filter(estimate: BenchEstimateSection) -> Iterator[Problem]:
+    """Check the limits of the grid filter: few constant parameters, and iterated updates."""
     if estimate.method.parameters != "bank":
         return
     key, free = "estimate.method.parameters", [n for n, e in estimate.parameters.items() if e.std is not None]
     extended = "or set estimate.method.parameters: extended"
     if estimate.tolerances is not None:
-        what = "a bank has no errors of gauges"
-        yield Problem("estimate.tolerances", what, f"leave it out, {extended}", at_key=True)
+        what = "the grid filter (method.parameters: bank) does not support tolerances"
+        yield Problem("estimate.tolerances", what, f"remove the key, {extended}", at_key=True)
     if estimate.hold_out is not None:
-        what = "a bank says nothing of channels that are left out"
-        yield Problem("estimate.hold_out", what, f"leave it out, {extended}")
+        what = "the grid filter (method.parameters: bank) does not support hold_out"
+        yield Problem("estimate.hold_out", what, f"remove the key, {extended}")
     if not free:
-        yield Problem(key, "no parameter is estimated", "give one of estimate.parameters a std, or leave it out")
+        yield Problem(
+            key, "the config has no estimated parameter", "set std for one of estimate.parameters, or remove the key"
+        )
     if len(free) > FEW:
-        what = f"{len(free)} parameters, a bank is of {FEW} at most"
-        yield Problem(key, what, f"leave out the std of {len(free) - FEW} of them, {extended}")
+        what = f"the grid filter supports at most {FEW} parameters, not {len(free)}"
+        yield Problem(key, what, f"remove std of {len(free) - FEW} of them, {extended}")
     if estimate.method.update != "iterated":
-        what = f"'{estimate.method.update}' is a form of the extended filter"
-        yield Problem("estimate.method.update", what, f"set iterated, {extended}")
+        what = f"'{estimate.method.update}' is available for the extended filter only"
+        yield Problem("estimate.method.update", what, f"use iterated, {extended}")
     for name in free:
         if estimate.parameters[name].increment > 0:
-            what = "in a bank parameters are constants"
-            yield Problem(f"estimate.parameters.{name}.increment", what, f"leave increment out, {extended}")
+            what = "parameters are constant in the grid filter (method.parameters: bank)"
+            yield Problem(f"estimate.parameters.{name}.increment", what, f"remove increment, {extended}")
 
 
 def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[Problem]:
@@ -254,45 +267,49 @@ def _elsewhere(config: BenchConfig, estimate: BenchEstimateSection) -> Iterator[
     if measured is None:
         return
     if estimate.truth.model != "fine":
-        what = f"'{estimate.truth.model}' beside measurements"
-        yield Problem("estimate.truth.model", what, "leave truth.model out, or measured")
+        what = f"truth.model: {estimate.truth.model} has no effect with measurements"
+        yield Problem("estimate.truth.model", what, "remove truth.model, or measured")
     if isinstance(measured, FromFile):
         yield from _in_file(config, estimate, measured)
         return
     for name in estimate.sensors:
         sensor = config.sensors.get(name)
         if sensor is not None and sensor.type == "strain" and sensor.zeroed:
-            what = "the loads under which it was zeroed on the other bench are not known here"
-            yield Problem(f"sensors.{name}.zeroed", what, "set zeroed: false, or leave the sensor out of the estimate")
+            what = "the sensor was zeroed on the other bench under loads that are not known here"
+            yield Problem(f"sensors.{name}.zeroed", what, "set zeroed: false, or remove the sensor from the estimate")
         if isinstance(sensor, AccelerationSensor) and sensor.gravity and measured.scale != 1:
-            what = "gravity is not scaled with the lengths of the other bench"
+            what = "gravity does not scale with the lengths of the other bench"
             yield Problem(f"sensors.{name}.gravity", what, "set gravity: false on both, or scale: 1")
     for name in measured.sensors:
         yield from known(f"estimate.measured.sensors.{name}", name, list(estimate.sensors), "sensor of the filter")
     for name in measured.inputs:
         yield from known(f"estimate.measured.inputs.{name}", name, list(estimate.inputs), "unknown input")
     if measured.run == config.name:
-        yield Problem("estimate.measured.from", "is this run itself", "name another run, whose sensors are measured")
+        yield Problem(
+            "estimate.measured.from", "is the name of this run", "use another run, whose sensors are the measurements"
+        )
 
 
 def _in_file(config: BenchConfig, estimate: BenchEstimateSection, measured: FromFile) -> Iterator[Problem]:
-    """Channels of a file beside the sensors of the filter."""
+    """Check the channels of a file against the sensors of the filter."""
     if estimate.runs != 1:
-        yield Problem("estimate.runs", "a test is one run, with the noise that it has", "set runs: 1")
+        yield Problem("estimate.runs", "a test has one run, with its measured noise", "set runs: 1")
     for name, channels in measured.channels.items():
         key = f"estimate.measured.channels.{name}"
         yield from known(key, name, list(estimate.sensors), "sensor of the filter")
         count = channels_of(config, name) if name in config.sensors else None
         if count is not None and len(channels) != count:
             what = f"{len(channels)} channels for {count} components"
-            yield Problem(key, what, "give a channel for each, in their order; null where one was not measured")
+            yield Problem(
+                key, what, "list one channel for each component in order, or null for a component that is not measured"
+            )
         for i, entry in enumerate(channels):
             if entry is not None and entry.bridge is not None and entry.bridge.arrangement == "sum":
-                what = "a bench has no bridges of several places"
-                yield Problem(f"{key}.{i}.bridge.arrangement", what, "take quarter, or how its bridge is completed")
+                what = "a bench does not support bridges with arms at different locations"
+                yield Problem(f"{key}.{i}.bridge.arrangement", what, "use quarter, or the arrangement of the bridge")
         if not any(channels):
-            yield Problem(key, "no component is measured", "leave the sensor out of estimate.sensors")
+            yield Problem(key, "no component is measured", "remove the sensor from estimate.sensors")
     for name in estimate.sensors:
         if name not in measured.channels:
-            remedy = f"add {name}, or take it from estimate.sensors"
-            yield Problem("estimate.measured.channels", f"the sensor '{name}' has none", remedy)
+            remedy = f"add channels for {name}, or remove it from estimate.sensors"
+            yield Problem("estimate.measured.channels", f"sensor '{name}' has no channels", remedy)

@@ -34,20 +34,20 @@ Axis = Literal["x", "y", "z"]
 
 
 class ConstantSection(Section):
-    """u(t) = value, from the start."""
+    """Constant signal u(t) = value."""
 
     type: Literal["constant"] = Field(description="Kind of signal.")
-    value: Annotated[float, DRIVEN] = Field(description="Value [N or N m, of a drive its own unit].")
+    value: Annotated[float, DRIVEN] = Field(description="Value [N or N m; for a drive its unit].")
 
 
 class RampSection(Section):
-    """From one value to another without a jump in velocity or acceleration, u = a + (b − a)(10s³ − 15s⁴ + 6s⁵)."""
+    """Smooth transition between two values, u = a + (b − a)(10s³ − 15s⁴ + 6s⁵), with continuous velocity and acceleration."""
 
     type: Literal["ramp"] = Field(description="Kind of signal.")
-    start: Annotated[float, DRIVEN] = Field(0.0, description="Value a before [N or N m, of a drive its own unit].")
-    end: Annotated[float, DRIVEN] = Field(description="Value b after [N or N m, of a drive its own unit].")
-    begin: Annotated[NotNegative, DURATION] = Field(0.0, description="When it begins [s].")
-    duration: Duration = Field(description="How long it lasts [s].")
+    start: Annotated[float, DRIVEN] = Field(0.0, description="Initial value a [N or N m; for a drive its unit].")
+    end: Annotated[float, DRIVEN] = Field(description="Final value b [N or N m; for a drive its unit].")
+    begin: Annotated[NotNegative, DURATION] = Field(0.0, description="Start time [s].")
+    duration: Duration = Field(description="Duration of the transition [s].")
 
 
 Signal = Annotated[
@@ -57,19 +57,19 @@ Signal = Annotated[
 
 
 class Between(Section):
-    """Two frames."""
+    """Base of joints and forces between two frames."""
 
     type: str = Field(description="Kind of joint or force.")
     frames: Frames = Field(
-        description="Names of the two frames; of a relation that is not mutual the first is the one whose axes count, or that "
-        "holds, and the second the one that moves, or is held."
+        description="Names of the two frames. In an asymmetric joint or force, the first frame defines the axes or is the "
+        "base, and the second frame moves."
     )
 
 
 class Axial(Between):
-    """Two frames and an axis."""
+    """Base of joints and forces with an axis."""
 
-    axis: Axis = Field("x", description="Axis of the first frame, where they share it of both.")
+    axis: Axis = Field("x", description="Axis in the first frame; also in the second frame if both have it in common.")
 
 
 class Spherical(Between):
@@ -79,32 +79,33 @@ class Spherical(Between):
 
 
 class Revolute(Axial):
-    """The origins coincide and the second frame turns about an axis of both."""
+    """The origins coincide, and the second frame rotates about a common axis."""
 
     type: Literal["revolute"] = Field(description="Kind of joint.")
 
 
 class Prismatic(Axial):
-    """The second frame slides along an axis of the first, without turning."""
+    """The second frame slides along an axis of the first, without rotation."""
 
     type: Literal["prismatic"] = Field(description="Kind of joint.")
 
 
 class Cylindrical(Axial):
-    """The second frame slides along an axis of both and turns about it."""
+    """The second frame slides along a common axis and rotates about it."""
 
     type: Literal["cylindrical"] = Field(description="Kind of joint.")
 
 
 class Universal(Axial):
-    """The origins coincide in a cross of two pins at right angles, one in each frame: a Cardan joint. The axis is that of the
-    shafts; in the order x, y, z, x the axis after it is the pin of the first frame, the next one the pin of the second."""
+    """Cardan joint: the origins coincide at the centre of a cross with two perpendicular pins, one in each frame. The axis is
+    that of the shafts. The next axis, in the order x, y, z, x, is the pin of the first frame, the one after it the pin of the
+    second."""
 
     type: Literal["universal"] = Field(description="Kind of joint.")
 
 
 class Pin(Axial):
-    """The origin of the second frame stays on an axis of the first and slides and turns freely there."""
+    """The origin of the second frame stays on an axis of the first; it slides and rotates freely."""
 
     type: Literal["pin"] = Field(description="Kind of joint.")
 
@@ -116,26 +117,26 @@ class Fixed(Between):
 
 
 class Coincidence(Between):
-    """Some components of the origins coincide, in global axes."""
+    """Selected components of the origins coincide, in global axes."""
 
     type: Literal["coincidence"] = Field(description="Kind of joint.")
     components: Annotated[tuple[Axis, ...], Field(min_length=1, max_length=3)] = expert(
-        description="Global components."
+        description="Coinciding components, in global axes."
     )
 
 
 class Perpendicular(Between):
-    """An axis of the first frame stays perpendicular to an axis of the second, or to the line between the origins."""
+    """An axis of the first frame is perpendicular to an axis of the second, or to the line between the origins."""
 
     type: Literal["perpendicular"] = Field(description="Kind of joint.")
     axis: Axis = Field(description="Axis of the first frame.")
     to: Literal["x", "y", "z", "offset"] = Field(
-        description="Axis of the second frame, or offset: the line from the first origin to the second."
+        description="Axis of the second frame; `offset`: the line from the first origin to the second."
     )
 
 
 class Distance(Between):
-    """The origins of two frames stay a length apart: a rod without mass."""
+    """Massless rod: the distance between two origins is constant."""
 
     type: Literal["distance"] = Field(description="Kind of joint.")
     length: Annotated[Positive, Plausible(1e-6, 1e3, "m")] = expert(description="Length [m].")
@@ -145,61 +146,64 @@ Held = Literal["x", "y", "z", "about_x", "about_y", "about_z"]
 
 
 class Generic(Between):
-    """Any of the six motions of the second frame in the first is held, the others are free."""
+    """Selected components of the relative motion of two frames are fixed, the others are free."""
 
     type: Literal["generic"] = Field(description="Kind of joint.")
     held: Annotated[tuple[Held, ...], Field(min_length=1, max_length=6)] = expert(
-        description="What is held: displacements along the axes of the first frame, and turns about them. A single turn that is "
-        "held keeps two axes at right angles, as in a Cardan joint; two keep an axis of both parallel."
+        description="Fixed components: displacements along the axes of the first frame, and rotations about them. One fixed "
+        "rotation keeps two axes perpendicular, as in a Cardan joint; two fixed rotations keep an axis of both frames "
+        "parallel."
     )
 
 
 class Drive(Section):
-    """What a driven joint does in time."""
+    """Prescribed motion of a driven joint."""
 
-    signal: Signal = Field(description="Its history [rad or m, of a rate rad/s or m/s].")
+    signal: Signal = Field(description="Time history [rad or m; of a rate, rad/s or m/s].")
     of: Literal["position", "rate"] = expert(
-        "position", description="Whether the history is of the angle, displacement or length itself or of its rate."
+        "position", description="Quantity of the history: the position (angle, displacement or length), or its rate."
     )
     start: Annotated[float, Plausible(0.0, 1e3, "rad or m")] = expert(
-        0.0, description="Where it is at t = 0 if its rate is given [rad or m]."
+        0.0, description="Position at t = 0, if the history is a rate [rad or m]."
     )
 
     def problems(self) -> Iterator[Problem]:
         if self.of == "position" and self.start:
-            yield Problem("start", "the history says where it starts", "leave start out, or say of: rate")
+            yield Problem(
+                "start", "the history of a position already defines the start", "remove start, or set of: rate"
+            )
         if self.of == "rate" and self.signal.type == "sweep":
-            what = "a sweep of a rate has no position in closed form"
-            yield Problem("signal", what, "give a sweep of the position, or the rate from a file")
+            what = "a sweep of a rate has no closed-form position"
+            yield Problem("signal", what, "use a sweep of the position, or a rate from a file")
 
 
 class WithDrive(Section):
-    """What follows a history."""
+    """Base of joints with a prescribed motion."""
 
-    drive: Drive = Field(description="Its angle, any number of turns, its displacement, or its length, above zero.")
+    drive: Drive = Field(description="Prescribed angle (any number of turns), displacement, or length (positive).")
 
 
 class DrivenAngle(Axial, WithDrive):
-    """The second frame is turned about an axis of both by what is given; a joint beside it has to hold the axis,
-    to 0.1 rad. It follows up to 1 rad in a time step."""
+    """The second frame rotates about a common axis by a prescribed angle. Another joint has to fix the axis, within 0.1 rad.
+    Limit: 1 rad per time step."""
 
     type: Literal["driven_angle"] = Field(description="Kind of joint.")
 
 
 class DrivenDisplacement(Axial, WithDrive):
-    """The second origin is displaced along an axis of the first frame by what is given."""
+    """The second origin is displaced along an axis of the first frame by a prescribed displacement."""
 
     type: Literal["driven_displacement"] = Field(description="Kind of joint.")
 
 
 class DrivenDistance(Between, WithDrive):
-    """The origins are as far apart as is given: a cylinder that extends."""
+    """The distance between the origins is prescribed, as in a hydraulic cylinder."""
 
     type: Literal["driven_distance"] = Field(description="Kind of joint.")
 
 
 Driven = DrivenAngle | DrivenDisplacement | DrivenDistance
-"""The joints that follow a history."""
+"""Joints with a prescribed motion."""
 
 Joint = Annotated[
     Spherical
@@ -219,10 +223,10 @@ Joint = Annotated[
 
 
 class Turns(Section):
-    """A turn of gravity in time."""
+    """Rotation of the direction of gravity over time."""
 
-    axis: DirectionVector = expert(description="Axis in global axes [-]; its length does not matter.")
-    signal: Signal = expert(description="Angle about it [rad], up to 1 rad in a time step.")
+    axis: DirectionVector = expert(description="Axis of rotation in global axes [-]; its length is not used.")
+    signal: Signal = expert(description="Angle of rotation [rad], at most 1 rad per time step.")
 
 
 class GravitySection(Section):
@@ -230,29 +234,31 @@ class GravitySection(Section):
 
     type: Literal["gravity"] = Field(description="Kind of force.")
     acceleration: Annotated[Vector, Plausible(0.0, 1e3, "m/s²")] = Field(
-        (0.0, 0.0, -9.81), description="In global axes [m/s²]."
+        (0.0, 0.0, -9.81), description="Acceleration in global axes [m/s²]."
     )
     turns: Turns | None = expert(
         None,
-        description="It turns, as for a bench that is itself turned slowly: nothing else is felt of that rotation. null: it does "
-        "not.",
+        description="Rotation of the direction of gravity, for a bench that is rotated slowly; inertia forces of the "
+        "rotation are neglected. Null: constant direction.",
     )
 
 
 class SpringAndDamper(Section):
-    """Linear in displacement and velocity."""
+    """Linear spring and damper."""
 
     stiffness: Annotated[NotNegative, STIFFNESS] = expert(
-        description="Stiffness [N/m, of a torsion N m/rad]; a torsion of one above zero turns by less than 3 rad."
+        description="Stiffness [N/m, for a torsion spring N m/rad]; the rotation of a torsion spring is limited to 3 rad."
     )
-    damping: Annotated[NotNegative, VISCOUS] = expert(0.0, description="Damping [N s/m, of a torsion N m s/rad].")
+    damping: Annotated[NotNegative, VISCOUS] = expert(
+        0.0, description="Damping coefficient [N s/m, for a torsion spring N m s/rad]."
+    )
 
 
 class Spring(Between, SpringAndDamper):
     """A spring and damper between the origins of two frames."""
 
     type: Literal["spring"] = Field(description="Kind of force.")
-    length: Annotated[NotNegative, Plausible(1e-6, 1e3, "m")] = expert(0.0, description="Length without force [m].")
+    length: Annotated[NotNegative, Plausible(1e-6, 1e3, "m")] = expert(0.0, description="Unloaded length [m].")
 
 
 class Torsion(Axial, SpringAndDamper):
@@ -268,45 +274,48 @@ Six = tuple[NotNegative, NotNegative, NotNegative, NotNegative, NotNegative, Not
 
 
 class Bushing(Between):
-    """Springs and dampers, linear in the displacements of one frame in the axes of another and in its small turns there."""
+    """Linear springs and dampers for the displacements and small rotations of the second frame in the axes of the first."""
 
     type: Literal["bushing"] = Field(description="Kind of force.")
-    stiffness: Annotated[Six, STIFFNESS] = expert(description="Along x, y, z [N/m], then about them [N m/rad].")
+    stiffness: Annotated[Six, STIFFNESS] = expert(
+        description="Stiffness along x, y, z [N/m], then about x, y, z [N m/rad]."
+    )
     damping: Annotated[Six, VISCOUS] = expert(
-        (0.0,) * 6, description="Along x, y, z [N s/m], then about them [N m s/rad]."
+        (0.0,) * 6, description="Damping coefficients along x, y, z [N s/m], then about x, y, z [N m s/rad]."
     )
 
 
 class RegularisedFriction(Section):
-    """Friction that is continuous at rest."""
+    """Regularised friction, continuous at rest."""
 
     viscous: Annotated[NotNegative, VISCOUS] = expert(
-        0.0, description="Viscous friction c [N m s/rad, of a slide N s/m]."
+        0.0, description="Coefficient c of viscous friction [N m s/rad, for sliding N s/m]."
     )
     speed: Annotated[Positive, Plausible(1e-9, 10.0, "rad/s or m/s")] = Field(
         1e-3,
-        description="ω₀: from 3 ω₀ on it is Coulomb's to 0.5 %, below what should stick creeps; not less than a tenth of what it "
-        "changes the speed by in a step, which is not solved otherwise [rad/s, of a slide m/s].",
+        description="Regularisation speed ω₀ [rad/s, for sliding m/s]: Coulomb friction is accurate to 0.5 % above 3 ω₀, and "
+        "sticking parts creep below. At least a tenth of the speed change of one step; otherwise the step has no solution.",
     )
 
 
 class Input(Section):
-    """What has a history: an input of the bench."""
+    """Base of forces with a time history: inputs of the bench."""
 
     signal: Signal = Field(
-        description="Its history: of a force, or of an actuator that pushes the origins apart [N], of a moment, or of a torque "
-        "on the second frame [N m]."
+        description="Time history: of a force, or of an actuator that pushes the origins apart [N]; of a moment, or of a "
+        "torque on the second frame [N m]."
     )
 
 
 class FrictionSection(Axial, RegularisedFriction):
-    """Friction about an axis that a joint keeps common to two frames, or along an axis: −T tanh(ω/ω₀) − cω, whatever the joint
-    carries."""
+    """Friction about or along a common axis, −T tanh(ω/ω₀) − cω, independent of the joint forces."""
 
     type: Literal["friction"] = Field(description="Kind of force.")
-    motion: Literal["turn", "slide"] = expert("turn", description="Against a turn about the axis, or a slide along it.")
+    motion: Literal["turn", "slide"] = expert(
+        "turn", description="Motion with friction: rotation about the axis, or sliding along it."
+    )
     coulomb: Annotated[NotNegative, Plausible(1e-9, 1e9, "N m or N")] = expert(
-        description="Coulomb friction T [N m, of a slide N]."
+        description="Coulomb friction T [N m, for sliding N]."
     )
 
 
@@ -323,11 +332,11 @@ class ActuatorSection(Between, Input):
 
 
 Law = Spring | Torsion | Bushing | FrictionSection | Torque | ActuatorSection
-"""The force laws between two frames."""
+"""Force laws between two frames."""
 
 
 class AtFrame(Section):
-    """What is at a frame."""
+    """Base of forces at one frame."""
 
     frame: FrameName = Field(description="Name of the frame.")
 
@@ -335,10 +344,11 @@ class AtFrame(Section):
 class PointInput(AtFrame, Input):
     """A force or moment on a frame."""
 
-    direction: DirectionVector = Field(description="Direction [-]; its length does not matter.")
+    direction: DirectionVector = Field(description="Direction [-]; its length is not used.")
     axes: Literal["global", "frame"] = Field(
         "global",
-        description="global: it keeps its direction; frame: it turns with the frame, in whose axes the direction is.",
+        description="Axes of the direction. With `global`: the direction is constant; `frame`: the direction rotates with "
+        "the frame.",
     )
 
 
@@ -355,22 +365,27 @@ class PointMomentSection(PointInput):
 
 
 class BearingDrag(RegularisedFriction):
-    """What a bearing takes from motion."""
+    """Friction and damping of a bearing."""
 
     moment: Annotated[NotNegative, MOMENT] = Field(
-        0.0, description="Friction moment without load, of seals and preload [N m]."
+        0.0, description="Friction moment without load, from seals and preload [N m]."
     )
     coefficient: Annotated[NotNegative, Plausible(1e-4, 0.3)] = Field(
         0.0,
-        description="µ of µ/2 (4.4 M + D F_a + 3.81 D F_r) of what the balls carry, as makers state it [-]: 0.006 or so.",
+        description="Friction coefficient µ of the manufacturer, about 0.006 [-]; the moment from the ball loads is µ/2 (4.4 "
+        "M + D F_a + 3.81 D F_r).",
     )
-    axial: Annotated[NotNegative, VISCOUS] = expert(0.0, description="Damping of the axial displacement [N s/m].")
-    radial: Annotated[NotNegative, VISCOUS] = expert(0.0, description="Damping of the radial displacements [N s/m].")
-    tilt: Annotated[NotNegative, VISCOUS] = expert(0.0, description="Damping of the tilts [N m s/rad].")
+    axial: Annotated[NotNegative, VISCOUS] = expert(
+        0.0, description="Damping coefficient of the axial displacement [N s/m]."
+    )
+    radial: Annotated[NotNegative, VISCOUS] = expert(
+        0.0, description="Damping coefficient of the radial displacements [N s/m]."
+    )
+    tilt: Annotated[NotNegative, VISCOUS] = expert(0.0, description="Damping coefficient of the tilts [N m s/rad].")
 
 
 class BearingForce(Section):
-    """A bearing between two frames; its axis is the x axis of the outer one."""
+    """A bearing between two frames; its axis is the x axis of the outer frame."""
 
     type: Literal["bearing"] = Field(description="Kind of force.")
     bearing: BearingName = Field(description="Name of the bearing.")
@@ -380,7 +395,7 @@ class BearingForce(Section):
 
 
 Load = PointForceSection | PointMomentSection | Torque | ActuatorSection
-"""What has a history: the inputs of a bench. Gravity that turns has one, too, and is none of them: it is known."""
+"""Inputs of a bench: forces with a time history. Rotating gravity also has one, but is always known."""
 Force = Annotated[
     GravitySection | Law | PointForceSection | PointMomentSection | BearingForce, Field(discriminator="type")
 ]

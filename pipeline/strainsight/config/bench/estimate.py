@@ -1,4 +1,4 @@
-"""What a bench's filter estimates, from which sensors, and what stands for reality."""
+"""Estimation on a bench: sensors, unknowns, filter, and simulated or imported measurements."""
 
 from __future__ import annotations
 
@@ -37,137 +37,159 @@ BearingParameter = Literal[
 
 
 class MeasuredSensor(Section):
-    """A sensor that the filter is given."""
+    """A sensor that the filter uses."""
 
     noise: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = Field(
-        description="σ of a sample [strain, m, m/s, m/s², rad], one for all components or one each; of a relative motion the "
-        "second half of a pair in m and rad is written out: five numbers."
+        description="Noise standard deviation of one sample [strain, m, m/s, m/s², rad], one value for all components or one "
+        "for each. A relative motion has components in m and rad: list all five values."
     )
     bias: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = expert(
         0.0,
-        description="σ of an unknown constant offset of every component, which is estimated, too [as noise]; 0: none. A "
-        "simulated truth draws it for every seed.",
+        description="Standard deviation of an unknown constant offset of every component, which is estimated [same unit as "
+        "noise]; 0: no offset. In simulated measurements, it is sampled for every seed.",
     )
     drift: Annotated[NotNegative | tuple[NotNegative, ...], NOISE] = expert(
         0.0,
-        description="σ of what that offset changes by in a second, as a random walk, √t times that in t [as noise per √s]; 0: it "
-        "stays.",
+        description="Standard deviation of the change of the offset in one second, as a random walk [unit of noise per √s]; "
+        "0: constant offset.",
     )
     layout: Literal["place", "random"] | None = expert(
         None,
-        description="Of a sensor under `place.sensors`: the filter is given the components that are in the layout that was "
-        "placed, or in the first one drawn at random; null: all.",
+        description="Components to use of a sensor under `place.sensors`: those of the placed layout, or of the first random "
+        "layout. Null: all.",
     )
 
 
 class UnknownInput(InputNoise):
-    """A force or moment of the bench that the filter does not know, and how it moves in time."""
+    """An unknown force or moment of the bench, and its model in time."""
 
     guess: Annotated[float | None, DRIVEN] = expert(
         None,
-        description="First estimate [N or N m]; null: its history's first value, as where a test begins under known loads; with "
-        "`measured` the load that explains the first sample at rest.",
+        description="Initial estimate [N or N m]. Null: the first value of its history; with `measured`, the load that fits "
+        "the first sample at rest.",
     )
-    std: Annotated[Positive, DRIVEN] = Field(description="σ of the first estimate [N or N m].")
+    std: Annotated[Positive, DRIVEN] = Field(description="Standard deviation of the initial estimate [N or N m].")
     increment: Annotated[Positive | None, DRIVEN] = Field(
         None,
-        description="Of a random walk: σ of its change in a step, or in a second (see `increments`) [N or N m]; null: that of "
-        "its amplitude, frequency and kappa.",
+        description="Random walk: standard deviation of the change in one step or second (see `increments`) [N or N m]. "
+        "Null: from amplitude, frequency and kappa.",
     )
     amplitude: Annotated[Positive | None, DRIVEN] = expert(
-        None, description="Typical amplitude of the load [N or N m]; null: that of the sine that its history is."
+        None, description="Typical amplitude of the load [N or N m]; null: that of its history, if it is a sine."
     )
 
 
 class EstimatedParameter(Section):
-    """A parameter that the filter's model has wrong, and may estimate.
+    """A parameter that differs between filter and simulated test, and may be estimated.
 
-    A Young's modulus under its name in `bodies.*.moduli`, or a property of a bearing under any name.
+    It is a Young's modulus under its name in `bodies.*.moduli`, or a property of a bearing under any name.
     """
 
-    bearing: BearingName | None = Field(None, description="Name of the bearing; null: a modulus of that name.")
-    property: BearingParameter | None = Field(None, description="Which property of the bearing.")
+    bearing: BearingName | None = Field(
+        None, description="Name of the bearing; null: the parameter is a modulus with that name."
+    )
+    property: BearingParameter | None = Field(None, description="Property of the bearing.")
     guess: Annotated[float | None, PARAMETER] = Field(
-        None, description="What the filter starts from [m or Pa]; null: the bench's own value."
+        None, description="Initial value of the filter [m or Pa]; null: the value of the bench."
     )
     std: ParameterValue | None = Field(
-        None, description="σ of the guess [m or Pa]; null: the guess is taken for the truth and not estimated."
+        None,
+        description="Standard deviation of the initial value [m or Pa]; null: the parameter is assumed known and not "
+        "estimated.",
     )
     increment: Annotated[NotNegative, PARAMETER] = Field(
-        0.0, description="σ of its change in a step, or in a second [m or Pa]."
+        0.0, description="Standard deviation of its change in one step or second (see `increments`) [m or Pa]."
     )
     starts: Annotated[tuple[float, ...], PARAMETER] = Field(
-        (), description="Further guesses, a run each: do all end alike? [m or Pa]."
+        (),
+        description="Additional initial values, each with one run, to check convergence to the same result [m or Pa].",
     )
 
     def guesses(self) -> list[tuple[str, float]]:
-        """Every value that a filter starts from, with its key."""
-        stated = (("guess", self.guess), *(("starts", start) for start in self.starts))
-        return [(key, value) for key, value in stated if value is not None]
+        """Every initial value with its key."""
+        entries = (("guess", self.guess), *(("starts", start) for start in self.starts))
+        return [(key, value) for key, value in entries if value is not None]
 
     def problems(self) -> Iterator[Problem]:
         if (self.bearing is None) != (self.property is None):
             yield Problem(
-                "", "bearing and property belong together", "give both, or neither for a modulus", at_key=True
+                "", "bearing and property have to be set together", "set both, or neither for a modulus", at_key=True
             )
         if self.starts and self.std is None:
-            yield Problem("starts", "it is not estimated", "give std, or leave starts out")
+            yield Problem("starts", "the parameter is not estimated", "set std, or remove starts")
         if self.std is None and self.guess is None:
             yield Problem(
-                "", "neither guess nor std: nothing is wrong with it", "give one, or leave it out", at_key=True
+                "",
+                "neither guess nor std is set, so the entry has no effect",
+                "set one of them, or remove the entry",
+                at_key=True,
             )
         for key, value in self.guesses():
             if self.property != "preload" and not value > 0:
-                yield Problem(key, f"{value:g} is not positive", "give a positive value")
+                yield Problem(key, f"{value:g} is not positive", "use a positive value")
 
 
 class BenchTruth(Section):
-    """What stands for reality: the bench with the values of the config."""
+    """Simulation of the measurements, with the parameter values of the config."""
 
     model: Literal["fine", "other", "own", "walk"] = Field(
         "fine",
-        description="fine: integrated with a finer step; other: by another integrator, of fifth order (Radau), which shares no "
-        "step with the filter; own: with the filter's step; walk: that, with inputs, parameters and disturbance drawn from the "
-        "filter's own model.",
+        description="Simulation of the measurements. With `fine`: integration with a smaller step. With `other`: independent "
+        "integrator of fifth order (Radau). With `own`: integration with the step of the filter. With `walk`: the same, "
+        "with inputs, parameters and disturbance sampled from the model of the filter.",
     )
-    substeps: int = expert(20, ge=1, le=10_000, description="fine: steps of the truth in a step of the filter [-].")
-    noise: bool = Field(True, description="false: the sensors read exactly, whatever noise the filter believes.")
-    step: TimeStep = Field(0.01, description="other: its step, within which loads are straight [s].")
+    substeps: int = expert(
+        20, ge=1, le=10_000, description="`fine`: steps of the simulation per step of the filter [-]."
+    )
+    noise: bool = Field(
+        True, description="`false`: simulated readings without noise; the noise in the filter is unchanged."
+    )
+    step: TimeStep = Field(0.01, description="`other`: time step, with linear loads in each step [s].")
     duration: Duration | None = Field(
         None,
-        description="other: its length, which runs that estimate less of it can share [s]; null: that of the estimate.",
+        description="`other`: duration of the simulation [s]; null: that of the estimate. Set it so that runs with shorter "
+        "estimates share one simulation.",
     )
     histories: int = Field(
-        1, ge=1, le=10_000, description="other: load histories, one a seed (`runs`); 1: the same one for all [-]."
+        1,
+        ge=1,
+        le=10_000,
+        description="`other`: number of load histories, one for each seed (`runs`); 1: the same history for all seeds [-].",
     )
     within: Annotated[NotNegative, INSTANT] = Field(
         0.0,
-        description="other: every further history is the stated one from an instant on that is drawn up to this one, shifted so "
-        "that it begins with the same loads [s].",
+        description="`other`: largest start of further load histories [s]. Each is a part of the configured history from a "
+        "random instant, shifted to the same initial loads.",
     )
 
 
 class FromRun(Section):
-    """Measurements from another bench: what its sensors read there, the filter's bench must read here (thesis 4)."""
+    """Measurements from the simulation of another bench (thesis 4)."""
 
     run: Text = Field(
         alias="from",
-        description="Name of the run (results/NAME/simulate.h5), or the path of such a file from the config's folder.",
+        description="Name of the run (results/NAME/simulate.h5), or path of such a file relative to the folder of the "
+        "config.",
     )
-    sensors: dict[Name, Text] = expert({}, description="Own sensor → sensor there; left out: the one of the same name.")
+    sensors: dict[Name, Text] = expert(
+        {}, description="Sensor of this bench → sensor of the other bench; default: the same name."
+    )
     inputs: dict[Name, Text] = expert(
-        {}, description="Own input → input there, to divide one by the other; default as above."
+        {},
+        description="Input of this bench → input of the other bench, to compare the estimates; default: the same name.",
     )
     scale: Annotated[Positive, Plausible(1e-3, 1e3)] = Field(1.0, description="Factor on lengths of the other run [-].")
 
 
 class FromFile(RecordedFile):
-    """Measurements of a test of this bench, from a file whose first sample is the start."""
+    """Measurements from a test of this bench; the first sample is the start."""
 
-    file: Text = expert(description="CSV, HDF5, UFF58, MDF4, TDMS or MAT file, from the config's folder.")
+    file: Text = expert(
+        description="Measurement file in CSV, HDF5, UFF58, MDF4, TDMS or MAT format, relative to the folder of the config."
+    )
     channels: Annotated[dict[Name, tuple[Channel | None, ...]], Field(min_length=1)] = expert(
-        description="Sensor → a channel of the file for each of its components, in their order: {channel: NAME, unit: um/m}; "
-        "null: not measured."
+        description="Sensor → list of channels, one for each component in order: {channel: NAME, unit: um/m}, or null for a "
+        "component that is not measured."
     )
 
 
@@ -178,68 +200,75 @@ Measured = Annotated[
 
 
 class Method(Section):
-    """How a measurement corrects the estimate."""
+    """Options of the filter."""
 
     update: Literal["iterated", "one_shot", "undamped", "as_printed"] = Field(
         "iterated",
-        description="iterated: damped Gauss-Newton on the most probable state with the step inside; one_shot: the extended "
-        "Kalman filter, put back onto the constraints; undamped: iterated without its damping; as_printed: the thesis's (1.58) "
-        "to (1.60), one update at the first guess, the prediction, whose outcome is on no constraint until the next step.",
+        description="Measurement update. With `iterated`: damped Gauss-Newton iterations for the most probable state. With "
+        "`one_shot`: extended Kalman filter, projected onto the constraints. With `undamped`: iterations without damping. "
+        "With `as_printed`: one update at the prediction, (1.58) to (1.60) of the thesis, which violates the constraints "
+        "until the next step.",
     )
     noise: Literal["before_step", "as_printed"] = Field(
         "before_step",
-        description="before_step: loads, parameters and disturbance change as the step begins, which moves the bench, so that "
-        "its constraints hold; as_printed: the thesis's Q* of (1.45) and (1.57), in diagonal blocks added after the step, that "
-        "of the motion by `disturbance` on every velocity, whatever the joints: σ of a load is at least its increment.",
+        description="Process noise. With `before_step`: added to loads, parameters and disturbance at the start of a step, "
+        "so the constraints remain satisfied. With `as_printed`: Q* of the thesis, (1.45) and (1.57): diagonal blocks added "
+        "after the step, with `disturbance` on every velocity, independent of the joints. The σ of a load is then at least "
+        "its increment.",
     )
-    iterations: int = expert(10, ge=1, le=100, description="Most iterations of a step [-].")
+    iterations: int = expert(10, ge=1, le=100, description="Largest number of iterations per step [-].")
     parameters: Literal["extended", "bank"] = Field(
         "extended",
-        description="extended: parameters are states of the filter beside motion and loads, as in the thesis; bank: they are "
-        "constants, up to three, and iterated filters of motion and loads at many of their values give their distribution. A "
-        "bank takes increments of unknown loads for true, and 15 to 30 times as long.",
+        description="Treatment of parameters. With `extended`: parameters are states of the filter, as in the thesis. With "
+        "`bank`: grid filter for up to three constant parameters; its σ assumes correct increments of the unknown loads, "
+        "and its run time is 15 to 30 times longer.",
     )
     step_error: Literal["estimated", "ignored"] | None = expert(
         None,
-        description="estimated: the filter adds what its step leaves out, by the bench linearised along the step, and takes the "
-        "path of the loads within the step and what is left for noise of the motion; ignored: the step, with straight loads, is "
-        "taken for true; null: ignored with `simulate.method: thesis` or `noise: as_printed`, where the truth is made by the "
-        "filter's own step, and beside driven joints.",
+        description="Discretisation error of a step. With `estimated`: included as noise of the motion, estimated from the "
+        "linearised bench and the load history in the step. With `ignored`: each step is assumed exact, with linear loads. Null: "
+        "estimated, except with `simulate.method: thesis`, `noise: as_printed`, measurements simulated with the step of the "
+        "filter, or driven joints.",
     )
 
 
 class BenchEstimateSection(EstimateOptions):
-    """Loads and parameters of the bench from its sensors (thesis 2 to 4)."""
+    """Estimation of loads and parameters of the bench from its sensors (thesis 2 to 4)."""
 
     time_step: TimeStep | None = Field(
         None, description="Time step of filter and samples [s]; null: simulate.time_step."
     )
-    duration: Duration | None = Field(None, description="Length of the estimate [s]; null: simulate.duration.")
+    duration: Duration | None = Field(None, description="Duration of the estimate [s]; null: simulate.duration.")
     sensors: Annotated[dict[Name, MeasuredSensor], Field(min_length=1)] = Field(
-        description="The sensors that the filter is given; all others are compared with it."
+        description="Sensors that the filter uses; all other sensors are compared with the estimate."
     )
     inputs: dict[Name, UnknownInput] = Field(
         {}, description="Unknown forces and moments, by their names under `forces`."
     )
-    parameters: dict[Name, EstimatedParameter] = Field({}, description="Parameters that the filter has wrong, by name.")
+    parameters: dict[Name, EstimatedParameter] = Field(
+        {}, description="Parameters that differ between filter and simulated test, by name."
+    )
     increments: Literal["step", "second"] = Field(
         "step",
-        description="Whether `increment` is σ of the change in a step, whatever its length, or in a second (Q ∝ h²).",
+        description="Reference of `increment`: the change in one step of any length, or in one second (Q ∝ h²).",
     )
     tolerances: GaugeTolerances | None = expert(
         None,
-        description="How gauges are installed: constants of which the filter learns nothing, and which its σ covers, to first "
-        "order; a simulated truth draws them for every seed; {}: σ as a structure has them. null: gauges are exact.",
+        description="Tolerances of gauge installation. They increase σ (to first order) but are not estimated; simulated "
+        "measurements sample them for every seed. {}: the default tolerances of a structure. Null: exact gauges.",
     )
     disturbance: Annotated[NotNegative, Plausible(1e-9, 1e4, "m/s²")] = Field(
-        0.0, description="σ of a white acceleration on every body, drawn anew in every step: model error [m/s²]."
+        0.0,
+        description="Standard deviation of a white acceleration of every body, constant in each step, as model error [m/s²].",
     )
-    truth: BenchTruth = with_defaults(BenchTruth, "What stands for reality.")
+    truth: BenchTruth = with_defaults(BenchTruth, "Simulation of the measurements.")
     measured: Measured | None = Field(
-        None, description="Measurements instead: of another bench (from), or of a test (file)."
+        None, description="Imported measurements: of another bench (from), or of a test (file)."
     )
-    method: Method = with_defaults(Method, "How a measurement corrects the estimate.")
-    runs: int = Field(1, ge=1, le=10_000, description="Seeds of the noise, a run each [-].")
+    method: Method = with_defaults(Method, "Options of the filter.")
+    runs: int = Field(1, ge=1, le=10_000, description="Number of runs, each with another noise seed [-].")
     allow_unfollowed: bool = Field(
-        False, description="true: go on where the step does not follow what the loads move: σ does not allow for that."
+        False,
+        description="`true`: continue although the time step does not resolve the effect of the loads; σ does not include this "
+        "error.",
     )

@@ -27,11 +27,11 @@ ROUNDING = 1e-12
 
 
 def statics(context: Context[BenchConfig]) -> Output:
-    """Where the bench rests under the loads at t = 0, its drives held, and what joints, drives and bearings carry there."""
+    """Equilibrium of the bench under the loads at t = 0, with fixed drives, and its joint, drive and bearing loads."""
     config, rest = context.config, rest_of(inputs.bench(context), context, balanced=True)
     unstable = [unstable_in_words(rest.growth, rest.body)] if rest.growth > 0 else []
     if unstable and not config.simulate.allow_unstable:
-        remedy = "start from a pose that is nearer to a stable one, or set simulate.allow_unstable: true"
+        remedy = "use an initial pose closer to a stable one, or set simulate.allow_unstable: true"
         raise InfeasibleError(unstable[0], key="simulate", remedy=remedy)
     record = at_rest(rest)
     carried = max((float(np.abs(six).max()) for six in record.reactions.values()), default=0.0)
@@ -46,8 +46,8 @@ def statics(context: Context[BenchConfig]) -> Output:
     drives = [(name, _digits(force, 6, carried)) for name, force in record.drives.items()]
     rings = [(name, f"{pressure / 1e6:.5g} MPa") for name, pressure in pressed.items()]
     tables = (
-        Table("where the frames rest [m]", ("frame", "x", "y", "z"), tuple(where)),
-        Table("what joints exert on their second frames", ("joint", "x", "y", "z", ""), tuple(loads)),
+        Table("frame positions in equilibrium [m]", ("frame", "x", "y", "z"), tuple(where)),
+        Table("joint loads on the second frames", ("joint", "x", "y", "z", ""), tuple(loads)),
         Table("drives [N or N m]", ("drive", "force"), tuple(drives)),
         Table("bearings", ("bearing", "highest pressure"), tuple(rings)),
         *warnings_table([*overloaded(config, pressed), *unstable]),
@@ -66,7 +66,7 @@ def statics(context: Context[BenchConfig]) -> Output:
 
 
 def _digits(value: float, count: int, largest: float) -> str:
-    """Of a table, beside whose largest number rounding is nothing."""
+    """A table entry, with 0 for numbers at rounding level of the largest."""
     return f"{value if abs(value) > ROUNDING * largest else 0.0:.{count}g}"
 
 
@@ -76,11 +76,11 @@ def modes(context: Context[BenchConfig]) -> Output:
     record = coupled(rest)
     grid, attributes = vtkhdf_datasets(modes_in_space(rest)) if len(record.frequency) else ({}, {})
     rows = [_row(rest, record, k) for k in range(min(LISTED, len(record.frequency)))]
-    held = record.frequency[record.frequency > 0]
+    oscillating = record.frequency[record.frequency > 0]
     text = f"{len(record.frequency)} coupled modes"
-    text += f", {held[0]:.4g} to {held[-1]:.4g} Hz" if len(held) else ""
+    text += f", {oscillating[0]:.4g} to {oscillating[-1]:.4g} Hz" if len(oscillating) else ""
     free, topples = int(np.sum(record.stiffness == 0)), int(np.sum(record.stiffness < 0))
-    text += f"; {free} that nothing holds" * (free > 0) + f"; unstable, {rest.growth:.3g} 1/s" * (rest.growth > 0)
+    text += f"; {free} unconstrained" * (free > 0) + f"; unstable, {rest.growth:.3g} 1/s" * (rest.growth > 0)
     return Output(
         datasets=written(record) | grid,
         attributes=attributes,
@@ -89,10 +89,10 @@ def modes(context: Context[BenchConfig]) -> Output:
             "free": free,
             "toppling": topples,
             "growth": rest.growth,
-            **({"first": float(held[0]), "last": float(held[-1])} if len(held) else {}),
+            **({"first": float(oscillating[0]), "last": float(oscillating[-1])} if len(oscillating) else {}),
         },
         message=text,
-        tables=(Table("coupled modes", ("mode", "Hz", "damping", "moves most"), tuple(rows)),) if rows else (),
+        tables=(Table("coupled modes", ("mode", "Hz", "damping", "largest motion"), tuple(rows)),) if rows else (),
         files={"modes.npz": _arrays(record)},
     )
 

@@ -79,8 +79,10 @@ def _tables(cases: list[LoadedBearing]) -> tuple[Table, ...]:
             )
             for i, contact in enumerate(CONTACTS)
         ]
-        title = f"the balls of {case.title}: {case.loaded} of {len(case.state.station)} loaded"
-        tables.append(Table(title, ("contact", "largest force", "pressure", "angle there"), tuple(rows_of_balls)))
+        title = f"ball loads of {case.title}: {case.loaded} of {len(case.state.station)} loaded"
+        tables.append(
+            Table(title, ("contact", "largest force", "pressure", "contact angle there"), tuple(rows_of_balls))
+        )
     return tuple(tables)
 
 

@@ -31,7 +31,9 @@ def _other_bench(context: Context[object]) -> Simulated | None:
         return None
     artefact = Artefact(context.files[key])
     if artefact.header.stage != "simulate":
-        raise ArtefactError(f"{artefact.path.name} is of stage '{artefact.header.stage}', not of a simulation", key=key)
+        raise ArtefactError(
+            f"{artefact.path.name} is an artefact of stage '{artefact.header.stage}', not of a simulation", key=key
+        )
     return read(Simulated, artefact)
 
 

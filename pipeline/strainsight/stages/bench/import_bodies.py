@@ -34,15 +34,16 @@ def run_import(context: Context[BenchConfig]) -> Output:
         deck = mesh_of(body.mesh, context.files[f"{key}.file"], key, context.base, loads=())
         if deck.springs:
             raise ConfigError(
-                f"{deck.springs[0]}: springs of a body are not supported",
+                f"{deck.springs[0]}: a flexible body cannot have springs",
                 key=key,
-                remedy="give them as forces of the bench, and leave those of the deck out (mesh.ignore)",
+                remedy="define them as forces of the bench, and ignore those of the deck (mesh.ignore)",
             )
         if deck.thin:
             raise ConfigError(
-                f"the body has {', '.join(block.kind for block in deck.thin)} elements, and bodies of a bench are of solids",
+                f"the body has {', '.join(block.kind for block in deck.thin)} elements, but a flexible body "
+                "supports solids only",
                 key=key,
-                remedy="mesh it with solids, or leave these elements out (mesh.ignore)",
+                remedy="use solids, or ignore these elements (mesh.ignore)",
             )
         mesh = meshes[name] = scaled(deck, float(body.scale))
         weight, quality = checked(mesh, body.mesh, key)
@@ -51,7 +52,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
         tables += [
             replace(table, title=f"{name}: {table.title}") for table in found_tables(mesh, weight, quality, warnings)
         ]
-        included += [Path(found) for found in mesh.included]
+        included += [Path(file) for file in mesh.included]
         summary |= {
             f"nodes.{name}": len(mesh.node_ids),
             f"mass.{name}": float(weight[0]),
@@ -61,7 +62,7 @@ def run_import(context: Context[BenchConfig]) -> Output:
     return Output(
         datasets=written(Meshes(bodies=meshes)),
         summary=summary,
-        message="; ".join(parts) or "no flexible body",
+        message="; ".join(parts) or "no flexible bodies",
         tables=tuple(tables),
         inputs=tuple(included),
     )

@@ -1,4 +1,4 @@
-"""place: gauges of a bench's flexible body for its unknowns, with a bound and layouts drawn at random beside them."""
+"""place: gauges on a flexible body of a bench for its unknowns, with an optimality bound and random layouts."""
 
 from __future__ import annotations
 
@@ -56,8 +56,7 @@ PLACE = Stage(
 )
 
 IN_ITS_RUN = ("estimate.duration", "estimate.sensors", "simulate.duration", "simulate.start", "sensors")
-"""What it reads, too, where parameters are estimated, or gauges have tolerances: σ depends on how long a constant is watched and
-by which gauges, what these are off by on the loads of the run."""
+"""Additional keys for estimated parameters or gauge tolerances: their σ depends on the duration of the run and on its loads."""
 
 
 def place_stage(config: Mapping[str, Any]) -> Stage:

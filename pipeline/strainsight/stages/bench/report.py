@@ -34,7 +34,7 @@ COMPONENTS = {
 
 
 def run_of(up: Mapping[str, Artefact]) -> dict[str, Any]:
-    """What any page shows of a run, as far as it went: fields of `BenchPageRun`."""
+    """Data of a run on any page, as far as computed: fields of `BenchPageRun`."""
     texts = dict.fromkeys(text for artefact in up.values() for text in artefact.warnings)
     return {
         "numbers": {stage: artefact.summary for stage, artefact in up.items()},
@@ -94,7 +94,7 @@ def _estimated(artefact: Artefact) -> dict[str, Any]:
 
 
 def _components(config: Any, name: str, unit: str, count: int) -> tuple[tuple[str, ...], tuple[str, ...]]:
-    """What the components of a sensor are called, and their units; unit of all of them, where they have one; count of them."""
+    """Names and units of the components of a sensor; their common unit, if there is one; their number."""
     kind = str(config["sensors"][name]["type"])
     gauges = tuple(f"gauge {i}" for i in range(1, count + 1))
     usual = (gauges if kind == "strain" else tuple("xyz")), ("–" if unit == "1" else unit,) * count
@@ -154,16 +154,16 @@ def _in_space(views: Mapping[str, View], body: str) -> str:
 
 
 def _pictures(views: Mapping[str, View]) -> tuple[list[tuple[str, bytes]], str]:
-    """Captions and PNGs of the gauges on the body and of its stress, and why there are none."""
+    """Captions and PNGs of the gauges on the body and of its stress, and the reason if they are missing."""
     shown = [views[what] for what in ("layout", "field") if what in views]
     shown = [view for view in shown if view.layout.gauges or len(view.panels[0].values)]
-    # The page says below the picture what it is of: not in it, too.
+    # The caption is below the picture, not in it.
     pictures, problem = drawn_or_why(lambda: screenshots([*map(untitled, shown)])) if shown else (None, "")
     return list(zip(map(_caption, shown), pictures or (), strict=False)), problem
 
 
 def _caption(view: View) -> str:
-    """What a picture is of, once."""
+    """Caption of a picture."""
     shown = f", {view.quantity} [{view.unit}]" * bool(view.quantity)
     return f"{view.title}{shown}; {view.panels[0].title}".rstrip("; ")
 

@@ -1,4 +1,4 @@
-"""truth: the bench in time by another integrator, which stands for reality in the estimate of every run with these loads."""
+"""truth: simulation of the bench with another integrator, for the measurements of every run with these loads."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def run(context: Context[BenchConfig]) -> Output:
 
 
 def truth_stage(duration: bool) -> Stage:
-    """duration: whether the truth has a length of its own; it then does not read that of the estimate, and more runs share it."""
+    """duration: whether the simulation has a separate duration, so that runs with different estimates share it."""
     keys = tuple(f"estimate.truth.{key}" for key in ("step", "histories", "within", "duration"))
     lengths = () if duration else ("estimate.duration", "simulate.duration")
     return Stage(
@@ -43,4 +43,4 @@ def truth_stage(duration: bool) -> Stage:
 
 
 STARTS = tuple(f"simulate.{key}" for key in ("start", "snap_tolerance", "allow_unstable"))
-"""What of the simulation says how a bench starts."""
+"""Keys of the simulation that define the initial state."""

@@ -111,44 +111,46 @@ def warnings_of(
 def _doubts(validate: Artefact, names: list[str]) -> list[str]:
     summary, validated = validate.summary, read(Validated, validate)
     units = {name: unit_of(validated, "estimate", name) for name in names}
-    beyond = str(summary.get("out_of_range", ""))
-    notes = [capital(text) for text in (beyond, *posterior_doubts(validated.posterior, units)) if text]
-    for name in names if not beyond else ():
+    out_of_range = str(summary.get("out_of_range", ""))
+    notes = [capital(text) for text in (out_of_range, *posterior_doubts(validated.posterior, units)) if text]
+    for name in names if not out_of_range else ():
         std, random = float(summary[f"std.{name}"]), validated.all.std[name]
         claims = claims_of(name, summary, repeated(name, validate))
         if claims and claims[0].overconfident:
             notes.append(f"{name} is {claims[0].words(number)}")
         if len(random) and np.nanmedian(random) < 0.9 * std:
             notes.append(
-                f"Random sets from all candidates claim {100 * np.nanmedian(random):.2g} % for {name} in the median, "
-                f"the chosen set {100 * std:.2g} %: the screening has dropped better places. Try screen.keep: all"
+                f"Random sets from all candidates have a median σ of {100 * np.nanmedian(random):.2g} % for "
+                f"{name}, the selected set {100 * std:.2g} %: the screening removed better locations. Try screen.keep: all"
             )
     notes += map(capital, disagreements_in_words(validated.compared))
     if lost := int(summary["lost_runs"]):
-        notes.append(f"{lost} runs of the studies diverged and are left out of the medians")
+        notes.append(f"{lost} runs of the studies diverged, and are not part of the medians")
     return [f"{note}." for note in notes]
 
 
 def _not_tested(train: Artefact, config: PlacementConfig, place: Placed) -> tuple[str, ...]:
-    notes = ["No measured data: the truth is simulated."]
+    notes = ["No test data: the measurements are simulated."]
     if place.by_case is not None:
-        notes.append("The load cases: the truth is simulated under the loads as stated.")
+        notes.append("Load cases: the measurements are simulated under the configured loads.")
     if config.validation.truth.model == "rom":
-        notes.append("The truth is the filter's own model: no model error was tested.")
+        notes.append("The simulated test uses the model of the filter, so no model error was tested.")
     elif config.validation.truth.model == "modes":
-        notes.append("Damping, gauges and loads are exact in this truth; choose truth model rich to test them.")
+        notes.append(
+            "Damping, gauges and loads are exact in the simulated test; use truth model rich to test their errors."
+        )
     elif read(Training, train).given is not None:
-        notes.append("The gauges are exactly in place: given strain rows cannot be moved or turned.")
+        notes.append("Gauge positions are exact: imported rows of the strain operator cannot be moved or rotated.")
     errors = tolerances_of(config.tolerances)
-    outside = "temperature" * (errors.temperature == 0), "drift" * (errors.drift == 0), "supports that give"
-    notes.append(f"{', '.join(filter(None, outside)).capitalize()} and the bond are outside this model.")
+    outside = "temperature" * (errors.temperature == 0), "drift" * (errors.drift == 0), "deformation of the supports"
+    notes.append(f"{', '.join(filter(None, outside)).capitalize()} and the bond are not part of this model.")
     return tuple(notes)
 
 
 def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> data.Unknown:
     validate, place = up["validate"], up["place"]
     validated, placed, summary = read(Validated, validate), read(Placed, place), validate.summary
-    truth, beyond, repeats = validated.truth[name], "out_of_range" in summary, repeated(name, validate)
+    truth, out_of_range, repeats = validated.truth[name], "out_of_range" in summary, repeated(name, validate)
     number = {key: float(summary[f"{key}.{name}"]) for key in ("estimate", "error", "smoothed", "std", "smoothed_std")}
     identified = summary.get(f"identified.{name}") is not False
     return data.Unknown(
@@ -159,14 +161,14 @@ def unknown_of(name: str, kind: Any, up: Mapping[str, Artefact]) -> data.Unknown
         truth=float(truth[-1]) if kind == "parameter" else rms(truth),
         estimate=number["estimate"],
         error=number["error"],
-        std=None if beyond else number["std"],
+        std=None if out_of_range else number["std"],
         smoothed_error=number["smoothed"],
         expected_std=placed.expected_std[name] / placed_size(name, up),
         worst_case="" if placed.by_case is None else placed.by_case.worst[name],
         zero=bool(summary.get(f"zero.{name}", False)),
-        smoothed_std=None if beyond else number["smoothed_std"],
-        claims=() if beyond else claims_of(name, summary, repeats),
-        withheld=beyond,
+        smoothed_std=None if out_of_range else number["smoothed_std"],
+        claims=() if out_of_range else claims_of(name, summary, repeats),
+        withheld=out_of_range,
         benefit=benefit_of(number["error"], validated.all.error[name]),
         repeats=data.Repeats(*repeats, identified) if len(repeats[0]) > 1 else None,
     )
@@ -234,7 +236,7 @@ def _metric(criterion: Criterion, place: Artefact) -> data.MetricWords:
     """In words, with the unknowns that it covers where these are not all."""
     layout = read(PlacedLayout, place)
     names = layout.elimination.unknowns
-    of = f", of {' and '.join(names)} alone" * (len(names) < len(layout.criteria.std))
+    of = f", for {' and '.join(names)} only" * (len(names) < len(layout.criteria.std))
     return data.MetricWords(criterion.symbol, criterion.meaning + of)
 
 

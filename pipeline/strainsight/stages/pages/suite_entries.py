@@ -1,4 +1,4 @@
-"""What the stage of a suite is given: its runs with their artefacts, its studies, its measures with places for names of runs."""
+"""Inputs of the stage of a suite: runs with artefacts, studies, measures with run indices instead of names."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ DRAWN = (
     *("node", "set", "direction", "moment", "bearing", "pressure", "deck_load", "factor", "gravity", "rotation"),
     "known",
 )
-"""What the picture shows of a load."""
+"""Data of a load in the picture."""
 OF_A_BENCH = ("simulate", "estimate", "place", "report")
-"""Stages of a bench whose artefacts the page is made of; of a placement all."""
+"""Stages of a bench with artefacts on the page; of a placement all."""
 SIDES = ("as_printed", "ours")
-"""Of a comparison: what comes out under the settings of its source, and under ours."""
+"""Results of a comparison: with the settings of the source, and with other settings."""
 DEFAULT = {"placement": "validate", "bench": "estimate"}
 """Stage of a measure that names none."""
 
@@ -91,7 +91,7 @@ def _measure(
     runs: Sequence[PlannedRun],
     stages: Sequence[Sequence[str]],
 ) -> dict[str, Any]:
-    """A measure with places for names of runs and the key where it stands."""
+    """A measure with run indices instead of names, and its key."""
     named = [places[name] for name in as_texts(measure.run)]
     other = None if measure.against is None else places[measure.against]
     stage = measure.stage or DEFAULT[runs[named[0]].config.data["kind"]]
@@ -100,9 +100,9 @@ def _measure(
             raise wrong(
                 suite,
                 f"{key}.{'run' if measure.stage is None else 'stage'}",
-                f"runs[{place}], '{runs[place].config.data['name']}', has no stage '{stage}': it goes through "
-                f"{', '.join(stages[place])}",
-                "name a stage that it goes through, or take `until` out",
+                f"runs[{place}], '{runs[place].config.data['name']}', does not have the stage '{stage}'; its "
+                f"stages are {', '.join(stages[place])}",
+                "use one of its stages, or remove `until`",
             )
     return measure.model_dump(mode="json", include=set(Measure.model_fields) - {"run", "against"}) | {
         "key": key, "runs": named, "against": other, "number": list(as_texts(measure.number)), "stage": stage,

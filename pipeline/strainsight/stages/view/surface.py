@@ -22,27 +22,27 @@ from strainsight.text import number, quantity
 
 MOST = 6
 """So many loads, and as many load cases, are shown."""
-QUANTITY, UNIT, MICRO = "principal strain of largest size", "µm/m", 1e6
+QUANTITY, UNIT, MICRO = "principal strain of largest magnitude", "µm/m", 1e6
 
 
 def strain_view(title: str, layout: PictureLayout, strains: Sequence[SurfaceStrain]) -> View:
-    """A panel each, side by side. Raises UserError where there is none."""
+    """One panel per load, side by side. Raises UserError without strain."""
     if not strains:
         raise UserError(
-            "there is no strain to show: the model has no solids, or they lack a material",
-            remedy="ask for --what layout, or state mesh.materials",
+            "no strain to show: the model has no solids, or they have no material",
+            remedy="use --what layout, or set mesh.materials",
         )
     panels = tuple(Panel(caption(strain), strain.strain * MICRO) for strain in strains)
-    return View(f"{title}: strain of the surface at the guess", layout, panels, QUANTITY, UNIT, FACETS)
+    return View(f"{title}: surface strain at the guess", layout, panels, QUANTITY, UNIT, FACETS)
 
 
 def strain_shapes(layout: PictureLayout, strains: Sequence[SurfaceStrain]) -> tuple[ShownState, ...]:
-    """The same to choose from, each with a scale of its own."""
+    """The same as selectable states, each with a separate scale."""
     return tuple(
         ShownState(
             caption(strain),
             contour=contour_of(strain.strain * MICRO, layout, QUANTITY, UNIT),
-            group="Strain of the surface",
+            group="Surface strain",
         )
         for strain in strains
     )
@@ -95,16 +95,14 @@ def surface_view(title: str, artefact: Artefact, layout: PictureLayout, at: floa
 
 
 def field_shape(view: View, layout: PictureLayout) -> ShownState:
-    """What `surface_view` shows, as colours of the whole structure where it is: a state of the view in space.
-
-    layout: of the structure, whose facets have the points of the view in their order.
-    """
+    """Stress and strain of `surface_view` as colours of the whole structure: a state of the 3D view.
+    layout: of the structure, with facet points in the order of the view."""
     contour = contour_of(view.panels[0].values, view.layout, view.quantity, view.unit)
     at = np.full(len(layout.points), np.nan)
     at[np.unique(layout.faces[layout.faces >= 0])] = contour.values
     when = view.panels[0].title.split(",")[0]
     contour = replace(contour, values=at)
-    return ShownState(f"{view.quantity}, {when}", contour=contour, group="Stress and strain of the surface")
+    return ShownState(f"{view.quantity}, {when}", contour=contour, group="Surface stress and strain")
 
 
 def moment_view(title: str, layout: PictureLayout, stress: np.ndarray, shift: np.ndarray, when: str) -> View:
@@ -125,22 +123,22 @@ def nearest(time: np.ndarray, at: float) -> int:
     slack = 0.5 * float(np.diff(time).max(initial=0.0))
     if not time[0] - slack <= at <= time[-1] + slack:
         raise UserError(
-            f"--at {at:g}: the field is written from {time[0]:g} to {time[-1]:g} s",
-            remedy="give a time in that span, or none for the instant of the largest stress",
+            f"--at {at:g} is outside the time range of the field, {time[0]:g} to {time[-1]:g} s",
+            remedy="use a time in that range, or omit --at for the instant of the largest stress",
         )
     return int(np.argmin(np.abs(time - at)))
 
 
 def modes_view(title: str, layout: PictureLayout, shapes: np.ndarray, frequency: np.ndarray) -> View:
-    """The first mass-normalised shapes (modes, n, 3) and frequencies (modes,) [Hz] on the deformed structure, side by side; each
-    with a scale of its own."""
+    """Mode shapes on the deformed structure, side by side: the first mass-normalised shapes (modes, n, 3) and frequencies
+    (modes,) [Hz], each with a separate scale."""
     panels = []
     for i, (shape, f) in enumerate(zip(shapes[:MODES], frequency, strict=False), start=1):
         length = np.linalg.norm(shape, axis=1)
-        # A shape has no size of its own: it is drawn as large as it can be seen beside the structure.
+        # A mode shape has an arbitrary amplitude; it is scaled to the size of the structure.
         shift = shape * (0.06 * layout.size / max(float(length.max(initial=0.0)), np.finfo(float).tiny))
         panels.append(Panel(f"mode {i}, {f:.4g} Hz", length, shift))
-    return View(title, replace(layout, fixed=NOTHING), tuple(panels), "size of the shape", "kg^-1/2", POINTS)
+    return View(title, replace(layout, fixed=NOTHING), tuple(panels), "magnitude of the mode shape", "kg^-1/2", POINTS)
 
 
 def mesh_view(title: str, layout: PictureLayout, mesh: Mesh) -> View:

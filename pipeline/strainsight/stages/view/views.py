@@ -1,4 +1,4 @@
-"""What there is to see of a run, which stages have to have run for it, and the view from their artefacts."""
+"""Views of a run, the stages they need, and their construction from the artefacts."""
 
 from __future__ import annotations
 
@@ -38,26 +38,24 @@ from strainsight.stages.view.surface import (
 )
 
 
-def body_of(config: BenchConfig, asked: str | None) -> str:
-    """The flexible body to show: the one asked for, else that of the field, of the placement, or the first.
-
-    Raises UserError where there is none, or none of that name.
-    """
+def body_of(config: BenchConfig, body_name: str | None) -> str:
+    """The flexible body to show: the named one, otherwise that of the field, of the placement, or the first.
+    Raises UserError if the bench has no such body."""
     bodies = list(config.flexible)
     if not bodies:
-        raise UserError("no body of this bench is flexible", remedy="there is no mesh to show: see report.html")
-    if asked is not None and asked not in bodies:
+        raise UserError("this bench has no flexible body", remedy="there is no mesh to show; see report.html")
+    if body_name is not None and body_name not in bodies:
         names = ", ".join(bodies)
         raise UserError(
-            f"--body {asked}: this bench has no flexible body of that name",
-            remedy=did_you_mean(asked, bodies, f"flexible bodies are {names}"),
+            f"--body {body_name}: unknown flexible body",
+            remedy=did_you_mean(body_name, bodies, f"flexible bodies are {names}"),
         )
-    wanted = [asked, *(section.body for section in (config.field, config.place) if section is not None), bodies[0]]
+    wanted = [body_name, *(section.body for section in (config.field, config.place) if section is not None), bodies[0]]
     return next(name for name in wanted if name is not None)
 
 
 def bench_view(config: BenchConfig, what: str, body: str, up: Mapping[str, Artefact], at: float | None) -> View:
-    """What is asked for of the body, from the artefacts that `offers` names; at [s]: the instant of a field."""
+    """A view of the body, from the artefacts listed in `offers`; at [s]: instant of a field."""
     mesh = read(Meshes, up["import"]).bodies[body]
     title = f"{config.name}: {body}"
     layout = bare(mesh, {})
@@ -80,7 +78,7 @@ def _modes(title: str, layout: PictureLayout, mesh: Mesh, part: ReducedBody) -> 
     still = ~np.any([np.any(rows, axis=0) for rows in part.interface.values()], axis=0)
     fixed = np.flatnonzero(still)[: len(part.frequency)]
     shapes = np.moveaxis(part.basis[:, fixed].reshape(len(mesh.position), 3, -1), 2, 0)
-    return modes_view(f"{title}, interfaces held", layout, shapes, part.frequency)
+    return modes_view(f"{title}, fixed interfaces", layout, shapes, part.frequency)
 
 
 def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
@@ -89,7 +87,7 @@ def _candidates(title: str, layout: PictureLayout, place: BenchPlaced) -> View:
     step = np.full(len(pool), len(removed) + 1.0)
     step[removed] = np.arange(1, len(removed) + 1)
     outside = replace(layout, pool=np.delete(position, pool, axis=0))
-    title = f"{title}, {len(position)} candidates, {len(pool)} of them in the pool"
+    title = f"{title}, {len(position)} candidates, {len(pool)} in the pool"
     return _dotted(title, outside, position[pool], step, "removed in step", "–")
 
 
@@ -144,8 +142,8 @@ def _bonded(up: Mapping[str, Artefact], which: str) -> list[tuple[np.ndarray, np
 def placement_view(
     config: PlacementConfig, what: str, up: Mapping[str, Artefact], at: float | None, record: str | None = None
 ) -> View:
-    """What is asked for, from the artefacts that `offers` names; at [s]: the instant of a field in time; record: of a test that
-    has several, None for the first."""
+    """A view of a placement, from the artefacts listed in `offers`; at [s]: instant of a field; record: of a test with several,
+    None for the first."""
     name, mesh = str(config.name), mesh_from(up["import"])
     if what == "modes":
         frequency = read(Reduced, up["rom"]).frequency
@@ -159,25 +157,25 @@ def placement_view(
     if what == "mesh":
         return mesh_view(f"{name}:", bare(mesh, config.loads), mesh)
     layout = layout_of_page(mesh, up, config.loads)
-    title = f"{name}: {len(layout.gauges)} of {len(layout.pool)} places"
+    title = f"{name}: {len(layout.gauges)} of {len(layout.pool)} candidates"
     if what == "layout":
         return View(title, layout)
     if "estimate" in up:
         return _tested(name, layout, up["estimate"], at, record)
-    return _strain(f"{name}: estimate of the validation, which is simulated", layout, up)
+    return _strain(f"{name}: estimate of the validation, from simulated measurements", layout, up)
 
 
 def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | None, record: str | None) -> View:
-    """Of the surface in time where it was asked for, else at the moment of the largest reading. Raises UserError without one, and
-    for a record that the test has not."""
+    """Surface field over time if available, otherwise at the instant of the largest reading. Raises UserError without one, and
+    for an unknown record."""
     records = estimated_in(estimate)
     names = [one for one in records if one]
     shown = next(iter(records)) if record is None else record
     if record is not None and record not in names:
         raise UserError(
-            f"--record {record}: the test has {'no record of that name' if names else 'one record'}",
+            f"--record {record}: the test has {'no record with that name' if names else 'one record'}",
             where=str(estimate.path),
-            remedy=did_you_mean(record, names, f"there are {', '.join(names)}") if names else "leave it out",
+            remedy=did_you_mean(record, names, f"known records: {', '.join(names)}") if names else "omit the option",
         )
     estimated, of = records[shown], f", record {shown} of {', '.join(names)}" * bool(shown)
     title = f"{name}: estimate of the test {estimated.source.file}{of}"
@@ -188,7 +186,7 @@ def _tested(name: str, layout: PictureLayout, estimate: Artefact, at: float | No
         raise UserError(
             "the estimate has no field: the mesh has no surface with materials",
             where=str(estimate.path),
-            remedy="ask for --what layout, or --of validation",
+            remedy="use --what layout, or --of validation",
         )
     when = f"t = {then.time:.4g} s (largest reading, {then.label})"
     return moment_view(title, layout, then.von_mises.astype(float), then.displacement.astype(float), when)
@@ -216,7 +214,7 @@ def _strain(title: str, layout: PictureLayout, up: Mapping[str, Artefact]) -> Vi
 
 WHAT = ("mesh", "modes", "strain", "candidates", "layout", "field")
 FURTHEST = ("layout", "mesh")
-"""What is shown where nothing is asked for: the first of these that is there."""
+"""Default views: the first available one is shown."""
 
 
 @dataclass(frozen=True)
@@ -230,15 +228,14 @@ class Offers:
 
 
 TEST, VALIDATION = "test", "validation"
-"""What a field of a placement may be of."""
+"""Sources of the field of a placement."""
 STAGE = {TEST: "estimate", VALIDATION: "validate"}
 
 
 def offers_of(
     config: PlacementConfig | BenchConfig, names: Sequence[str], body: str = "", of: str = VALIDATION
 ) -> Offers:
-    """What a placement or a bench with these stages could show; body: the flexible body of a bench; of: what the field of a
-    placement is of."""
+    """Views of a placement or bench with these stages; body: flexible body of a bench; of: source of a placement field."""
     stages: dict[str, tuple[str, ...]] = {"mesh": ("import",), "modes": ("import", "rom")}
     if isinstance(config, PlacementConfig):
         layout = ("import", "rom", "train", "screen", "place")
@@ -249,9 +246,9 @@ def offers_of(
     placed = ("place",) * (placed_here or any(sensor.layout for sensor in strains))
     stages["modes"] = ("import", "reduce")
     absent = {
-        "candidates": f"nothing is placed on '{body}': give the config a section `place`",
-        "layout": f"there is no gauge on '{body}': give the config a strain sensor, or a section `place`",
-        "field": (no_field := f"no field of '{body}' is written: give the config a section `field`"),
+        "candidates": f"the config has no placement on '{body}'; add a section `place`",
+        "layout": f"'{body}' has no gauges; add a strain sensor, or a section `place`",
+        "field": (no_field := f"the config has no field of '{body}'; add a section `field`"),
         "strain": no_field,
     }
     if placed_here:
@@ -263,32 +260,30 @@ def offers_of(
     return Offers(stages, {what: why for what, why in absent.items() if what not in stages})
 
 
-def chosen(offers: Offers, folder: Path, asked: str | None, config_file: str) -> str:
-    """What to show: what is asked for, else the layout, else the mesh.
-
-    Raises UserError for what this config does not have, and for what has not been computed yet with the command to run.
-    """
-    if asked is not None:
-        if asked not in offers.stages:
+def chosen(offers: Offers, folder: Path, view: str | None, config_file: str) -> str:
+    """The requested view, otherwise the layout, otherwise the mesh.
+    Raises UserError for a view that this config does not have, or that is not computed yet, with the command to run."""
+    if view is not None:
+        if view not in offers.stages:
             can = ", ".join(what for what in WHAT if what in offers.stages)
             raise UserError(
-                f"this run has nothing to show of '{asked}'",
+                f"this run has no view '{view}'",
                 where=config_file,
-                remedy=f"{offers.absent[asked]}; it has {can}",
+                remedy=f"{offers.absent[view]}; available views: {can}",
             )
-        if missing := missing_in(folder, offers.stages[asked]):
+        if missing := missing_in(folder, offers.stages[view]):
             raise UserError(
-                f"nothing to show of '{asked}' yet: {folder / missing[0]}.h5 has not been written",
+                f"the view '{view}' is not available yet: {folder / missing[0]}.h5 is missing",
                 where=config_file,
-                remedy=f"run first: strainsight {missing[-1]} {config_file}",
+                remedy=f"first run: strainsight {missing[-1]} {config_file}",
             )
-        return asked
+        return view
     ready = [what for what in FURTHEST if what in offers.stages and not missing_in(folder, offers.stages[what])]
     if not ready:
         raise UserError(
-            f"there is nothing to show yet in {folder}",
+            f"no results to show yet in {folder}",
             where=config_file,
-            remedy=f"run first: strainsight import {config_file} (the mesh), or strainsight run {config_file}",
+            remedy=f"first run: strainsight import {config_file} (the mesh), or strainsight run {config_file}",
         )
     return ready[0]
 
@@ -299,9 +294,9 @@ def opened(stages: Sequence[str], folder: Path) -> dict[str, Artefact]:
     for stage, artefact in artefacts.items():
         if artefact.header.stage != stage:
             raise ArtefactError(
-                f"this is the artefact of stage '{artefact.header.stage}', not of '{stage}'",
+                f"this is an artefact of stage '{artefact.header.stage}', not of '{stage}'",
                 where=str(artefact.path),
-                remedy=f"run it again: strainsight {stage} CONFIG --force",
+                remedy=f"run the stage again: strainsight {stage} CONFIG --force",
             )
     return artefacts
 
@@ -325,9 +320,9 @@ def view_of(
     Raises UserError for what the run does not have or has not computed yet.
     """
     if body is not None and not isinstance(config, BenchConfig):
-        raise UserError(f"--body {body}: a placement has one body", where=config_file, remedy="leave it out")
+        raise UserError(f"--body {body}: a placement has a single body", where=config_file, remedy="omit the option")
     if of is not None and (isinstance(config, BenchConfig) or what not in (None, "field")):
-        remedy = "leave it out: a bench has one field" if isinstance(config, BenchConfig) else "ask for --what field"
+        remedy = "omit the option; a bench has one field" if isinstance(config, BenchConfig) else "use --what field"
         raise UserError(f"--of {of}: this view has one source only", where=config_file, remedy=remedy)
     shown = body_of(config, body) if isinstance(config, BenchConfig) else ""
     available = VALIDATION if missing_in(folder, [STAGE[TEST]]) else TEST
@@ -341,15 +336,17 @@ def view_of(
     up = opened(read, folder)
     if at is not None and not (picked in ("field", "strain") and "/VTKHDF/Steps" in up[read[-1]]):
         remedy = (
-            "leave it out, or ask for --what field" if picked != "field" else "leave it out: it is of one instant only"
+            "omit the option, or use --what field"
+            if picked != "field"
+            else "omit the option; the field has one instant only"
         )
-        remedy += "; the surface in time is written with `estimate.field`" * (read[-1] == STAGE[TEST])
-        raise UserError(f"--at {at:g}: this view of {picked} has no time", where=config_file, remedy=remedy)
+        remedy += "; set `estimate.field` for a field over time" * (read[-1] == STAGE[TEST])
+        raise UserError(f"--at {at:g}: the view {picked} does not depend on time", where=config_file, remedy=remedy)
     if record is not None and (isinstance(config, BenchConfig) or picked != "field" or read[-1] != STAGE[TEST]):
         raise UserError(
-            f"--record {record}: this view of {picked} is of no record",
+            f"--record {record}: the view {picked} does not depend on a record",
             where=config_file,
-            remedy="ask for --what field",
+            remedy="use --what field",
         )
     if isinstance(config, BenchConfig):
         return bench_view(config, picked, shown, up, at), read
