@@ -80,10 +80,10 @@ def test_all_formats_say_the_same(tmp_path):
     """Connectivity, and the eigenvalues of K; the pressure of Nastran is along the normal, that of Abaqus too."""
     nastran, abaqus = made(tmp_path / "a.bdf", NASTRAN), made(tmp_path / "a.inp", ABAQUS)
     given = {"mesh.sections.skin": GivenSection(None, ShellSection(T))}
-    gmsh = made(tmp_path / "a.msh", GMSH, given=given)
+    gmsh = made(tmp_path / "a.msh", GMSH, sections=given)
     cells = [("quad8", [np.array(QUAD) - 1]), ("triangle6", [np.array(TRI) - 1])]
     meshio.Mesh(np.column_stack([XY, np.zeros(len(XY))]), cells).write(tmp_path / "a.vtu")
-    vtu = read_mesh(tmp_path / "a.vtu", given=given)
+    vtu = read_mesh(tmp_path / "a.vtu", sections=given)
     for mesh in (nastran, abaqus, gmsh, vtu):
         assert [block.kind for block in mesh.shells] == ["quad8", "tri6"]
         np.testing.assert_array_equal(mesh.shells[0].nodes, [np.array(QUAD) - 1])
@@ -109,8 +109,8 @@ def test_angle_offset_and_thickness_stand_behind_the_nodes(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "what", "line"),
     [
-        (",7,8\n", ",7\n", r"CQUAD8 1: 3 of 4 mid-side nodes \(G8 is blank\)", 12),
-        ("11,10,6\n", "11,,6\n", r"CTRIA6 2: 2 of 3 mid-side nodes \(G5 is blank\)", 14),
+        (",7,8\n", ",7\n", r"the element has 3 of 4 mid-side nodes \(G8 is blank\)", 12),
+        ("11,10,6\n", "11,,6\n", r"the element has 2 of 3 mid-side nodes \(G5 is blank\)", 14),
         ("GRID,5,,1,0,0.", "GRID,5,,1.6,0,0.", "node 5 of quad8 element 1 lies at 0.8 of its side", 12),
         ("GRID,7,,1,1.1,0.", "GRID,7,,1,1.9,0.", "node 7 of quad8 element 1 is 0.45 side lengths off its side", 12),
     ],
@@ -135,11 +135,11 @@ def test_lines_of_three_nodes_become_beams(tmp_path):
     text = GMSH.replace("Elements\n2\n", "Elements\n3\n").replace("$EndElements", "3 8 2 8 2 1 2 5\n$EndElements")
     section = BeamSection(1e-4, np.diag([1e-9, 2e-9]), torsion=3e-9)
     given = {"mesh.sections.bar": GivenSection(None, section, direction=(0.0, 1.0, 0.0))}
-    beams = made(tmp_path / "a.msh", text, given=given).beams
+    beams = made(tmp_path / "a.msh", text, sections=given).beams
     assert [(own.kind, own.nodes.tolist()) for own in beams] == [("beam3", [[0, 1, 4]])]
     np.testing.assert_allclose(beams[0].axes[0], np.eye(3))
     with pytest.raises(DeckError, match="element 3 is a line of three nodes, and its section does not bend"):
-        made(tmp_path / "a.msh", text, given={"mesh.sections.bar": GivenSection(None, BeamSection(1e-4))})
+        made(tmp_path / "a.msh", text, sections={"mesh.sections.bar": GivenSection(None, BeamSection(1e-4))})
 
 
 def test_a_beam_of_an_abaqus_deck_has_its_middle_node_between(tmp_path):

@@ -29,7 +29,7 @@ def strip(tmp_path):
             text = text.replace(old, new)
         (tmp_path / "strip.msh").write_text(text)
         given = {f"mesh.sections.{name}": own for name, own in sections.items()}
-        return read_mesh(tmp_path / "strip.msh", unit, "kg", given=given)
+        return read_mesh(tmp_path / "strip.msh", unit, "kg", sections=given)
 
     return of
 
@@ -75,7 +75,7 @@ def test_a_grid_of_triangles_quadrangles_and_lines_with_one_region_is_shells_and
         "mesh.sections.a": GivenSection((7,), ShellSection(T)),
         "mesh.sections.b": GivenSection((7,), BEAM.section, 0.0, (0, 0, 1)),
     }
-    mesh = read_mesh(vtu(tmp_path / "strip.vtu"), given=given)
+    mesh = read_mesh(vtu(tmp_path / "strip.vtu"), sections=given)
     points, quads, lines = grid()
     kinds = {block.kind: mesh.position[block.nodes] for block in mesh.thin}
     np.testing.assert_allclose(kinds["quad4"], points[quads[:8]])
@@ -90,7 +90,7 @@ def test_a_grid_without_regions_is_shells_throughout(tmp_path):
     points, quads, lines = grid()
     path = tmp_path / "strip.vtk"
     meshio.Mesh(points, [("quad", quads), ("line", lines["root"])]).write(path)
-    mesh = read_mesh(path, given={"mesh.sections.a": GivenSection(None, ShellSection(T))})
+    mesh = read_mesh(path, sections={"mesh.sections.a": GivenSection(None, ShellSection(T))})
     assert ({i: own.name for i, own in mesh.regions.items()}, len(mesh.shells[0].ids)) == ({1: "shells"}, 16)
     assert mesh.ignored == {"line cells": 2}
 
@@ -100,7 +100,7 @@ def test_skin_on_a_solid_stands_beside_it(tmp_path):
     cells = [("tetra", [[0, 1, 2, 3]]), ("triangle", [[0, 1, 2], [0, 1, 3]])]
     path = tmp_path / "part.vtu"
     meshio.Mesh(x, cells, cell_data={"region": [[1], [1, 2]], "on": [[1], [0, 1]]}).write(path)
-    plain, mesh = read_mesh(path), read_mesh(path, given={"a": GivenSection((2,), ShellSection(T))})
+    plain, mesh = read_mesh(path), read_mesh(path, sections={"a": GivenSection((2,), ShellSection(T))})
     assert (plain.thin, plain.ignored) == ((), {"triangle cells": 2})
     assert (mesh.blocks[0].ids.tolist(), mesh.shells[0].ids.tolist()) == ([1], [3])
     assert {i: own.name for i, own in mesh.regions.items()} == {1: "region 1", 2: "region 2"}
@@ -140,7 +140,7 @@ def test_an_element_in_two_groups_counts_once_and_has_one_section(strip):
             "13 is a 9-node quadrangle",
             "SecondOrderIncomplete = 1",
         ),
-        ({}, (), None, r"no solid element \(12 2-node lines, 16 4-node quadrangles\)", "mesh.sections gives their regions"),
+        ({}, (), None, r"no solid elements \(12 2-node lines, 16 4-node quadrangles\)", "mesh.sections gives their regions"),
     ],
 )
 def test_what_cannot_be_a_shell_or_beam_is_refused(strip, sections, changes, key, what, remedy):
@@ -152,9 +152,9 @@ def test_what_cannot_be_a_shell_or_beam_is_refused(strip, sections, changes, key
 
 def test_solids_have_no_section_and_a_deck_states_its_own(tmp_path):
     (tmp_path / "deck.bdf").write_text(TETRAHEDRON)
-    with expect_refusal(UserError, r"deck.bdf is a deck, which states its sections itself", key="mesh.sections.a"):
-        read_mesh(tmp_path / "deck.bdf", given={"mesh.sections.a": SHELL})
+    with expect_refusal(UserError, r"mesh\.sections\.a: deck\.bdf is a deck, so its sections must be defined in", key="mesh.sections.a"):
+        read_mesh(tmp_path / "deck.bdf", sections={"mesh.sections.a": SHELL})
     meshio.Mesh(np.vstack([np.zeros(3), np.eye(3)]), [("tetra", [range(4)])]).write(tmp_path / "part.vtu")
     for regions, what in (((1,), "no region 1 of triangles"), (None, "the file has no triangles")):
         with pytest.raises(UserError, match=what):
-            read_mesh(tmp_path / "part.vtu", given={"mesh.sections.a": GivenSection(regions, ShellSection(T))})
+            read_mesh(tmp_path / "part.vtu", sections={"mesh.sections.a": GivenSection(regions, ShellSection(T))})

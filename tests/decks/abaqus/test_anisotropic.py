@@ -125,7 +125,7 @@ def test_an_instance_that_is_turned_takes_its_orientation_with_it(read):
     mesh = check(read, text, turned(inverse(flexibility(*CONSTANTS)), about_z @ TURN))
     assert mesh.regions[1].material in mesh.anisotropic
     plain = text.replace(", ORIENTATION=O", "")
-    with pytest.raises(DeckError, match="turned have no ORIENTATION"):
+    with pytest.raises(DeckError, match="anisotropic solids of a rotated instance have no ORIENTATION"):
         read(plain)
 
 
@@ -134,7 +134,7 @@ test_what_is_wrong_is_named_with_its_remedy = refusal_table(deck(ENGINEERING, SK
     (SKEW, "*ORIENTATION, NAME=O\nDIST", "'DIST' is a distribution"),
     (SKEW, SKEW + "\n4, 30.", "axis 4"),
     ("3.0000000000e-01", "4.", "least eigenvalue is -"),
-    ("ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*MATERIAL", TRUSS, "a truss, and its material is anisotropic"),
+    ("ELEMENT, TYPE=C3D8, ELSET=ALL\n1, 1, 2, 3, 4, 5, 6, 7, 8\n*MATERIAL", TRUSS, "is a truss, but its material is anisotropic"),
 ], placed=False)
 
 
@@ -258,11 +258,11 @@ def test_the_first_layer_is_where_the_direction_begins(read, named, along):
 test_what_is_wrong_is_named_with_file_line_and_remedy = refusal_table(lambda lines, more: layered_deck(lines, **more), [
     ("1., , STEEL\n0., , STEEL", {}, "the thickness of layer 2 is 0, not positive", 43),
     ("1., 3", {}, "layer 1 has no material", 42),
-    ("1., , PLY", {}, "TYPE=LAMINA, which does not say what solids resist across", 42),
-    ("1., , CARBON, 5.", {"section": ""}, "turned by 5°, and its section has no ORIENTATION", 42),
-    ("1., , CARBON, 5.", {"axis": ""}, "does not say about which of its axes", 41),
-    ("1., , STEEL", {"kind": "C3D4", "cells": "1, 1, 2, 4, 5"}, "C3D4 1 can have no layers", 41),
-    ("1., , STEEL", {"kind": "C3D6", "cells": "1, 1, 2, 3, 5, 6, 7", "section": ", STACK DIRECTION=1"}, "no direction 1", 41),
+    ("1., , PLY", {}, "material 'PLY' is TYPE=LAMINA, which does not define the stiffness through", 42),
+    ("1., , CARBON, 5.", {"section": ""}, "layer 1 is anisotropic and rotated by 5°, but its section has no", 42),
+    ("1., , CARBON, 5.", {"axis": ""}, "layer 1 is rotated by 5°, but the ORIENTATION at", 41),
+    ("1., , STEEL", {"kind": "C3D4", "cells": "1, 1, 2, 4, 5"}, "C3D4 1 cannot have layers", 41),
+    ("1., , STEEL", {"kind": "C3D6", "cells": "1, 1, 2, 3, 5, 6, 7", "section": ", STACK DIRECTION=1"}, "layers in direction 1", 41),
 ])
 
 
@@ -275,5 +275,5 @@ def test_layers_of_an_instance_turn_with_it(read):
     whole = f"{part}\n*ASSEMBLY, NAME=A\n{instance}\n*END ASSEMBLY\n{materials}"
     C = 0.5 * turned(CARBON, about(3, 90) @ TURN @ about(3, 30)) + 0.5 * STEEL
     check_layers(read(whole), C)
-    with pytest.raises(DeckError, match="of an instance that is turned, and its section has no ORIENTATION"):
+    with pytest.raises(DeckError, match="layer 1 is anisotropic and in a rotated instance, but its section has no"):
         read(whole.replace(", ORIENTATION=O", "").replace("CARBON, 30.", "CARBON"))

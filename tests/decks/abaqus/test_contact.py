@@ -66,7 +66,7 @@ def test_nodes_beyond_the_tolerance_are_left_with_a_note(read):
     with pytest.raises(DeckError, match="does not lie on the surface"):
         read(deck(2, gap=0.1))
     mesh = read(deck(2).replace("BOTTOM\nBOTTOMS, S1", "BOTTOM, TYPE=NODE\nUPPER0\nUPPER1"))
-    said = [text for text in mesh.doubts if "9 of 18 others lie more than" in text]
+    said = [text for text in mesh.doubts if "9 of the 18 other nodes are more than" in text]
     assert len(said) == 1
     assert "POSITION TOLERANCE" in said[0]
     assert "mesh.ties" in said[0]
@@ -135,7 +135,7 @@ def quadratic(more: str) -> str:
 
 def test_contact_without_a_choice_is_an_error_that_names_pairs_and_remedy(read):
     text = deck(2, contact())
-    with pytest.raises(ContactError, match="holds together or apart: BOTTOM on TOP") as caught:
+    with pytest.raises(ContactError, match="the deck has surfaces in contact, but a linear model cannot open or close") as caught:
         read(text)
     assert caught.value.where.endswith(f":{text.splitlines().index('BOTTOM, TOP') + 1}")
     assert "mesh.contact: bonded" in (caught.value.remedy or "")
@@ -164,7 +164,7 @@ def test_what_the_deck_ties_is_bonded_whatever_is_chosen(read, choice, text):
 def test_only_what_touches_is_bonded(read):
     apart = read(deck(2, contact(), gap=0.2), contact="bonded")
     assert apart.relations == ()
-    assert "0 of 9 nodes bonded (mesh.contact), 9 lie more than" in apart.contacts[0]
+    assert "0 of 9 nodes bonded (mesh.contact), 9 are more than" in apart.contacts[0]
     adjusted = read(deck(2, contact(SOFT, ", ADJUST=0.3"), gap=0.2), contact="bonded")
     assert len(adjusted.relations) == 27
 
@@ -173,15 +173,15 @@ def test_both_ways_round_a_pair_is_bonded_once(read):
     mesh = read(deck(2, contact() + "TOP, BOTTOM\n"), contact="bonded")
     assert frequencies(mesh, 10) == pytest.approx(frequencies(read(deck(2)), 10), rel=1e-12)
     itself = read(deck(2, contact().replace("BOTTOM, TOP", "TOP, TOP")), contact="bonded")
-    assert mesh.contacts[1] == "contact of TOP on BOTTOM: that of the pair above, the other way round"
-    assert (itself.relations, itself.contacts) == ((), ("contact of TOP on TOP: open: a surface with itself",))
+    assert mesh.contacts[1] == "contact of TOP on BOTTOM: same as the pair above, with the surfaces exchanged"
+    assert (itself.relations, itself.contacts) == ((), ("contact of TOP on TOP: open: contact of a surface with itself",))
 
 
 @pytest.mark.parametrize("first", ["*CONTACT PAIR, INTERACTION=I\nBELOW, ABOVE\n", "*TIE, NAME=T\nBELOW, ABOVE\n"])
 def test_surfaces_of_other_names_that_follow_each_other_are_no_circle(read, first):
     again = "*SURFACE, NAME=BELOW\nTOPS, S2\n*SURFACE, NAME=ABOVE\nBOTTOMS, S1\n"
     mesh = read(deck(2, again + first + contact()), contact="bonded")
-    assert mesh.contacts[-1].startswith("contact of BOTTOM on TOP: 5 of 9 nodes bonded (mesh.contact), 4 are followed by the")
+    assert mesh.contacts[-1].startswith("contact of BOTTOM on TOP: 5 of 9 nodes bonded (mesh.contact), 4 lead nodes of the other surface")
     assert frequencies(mesh, 10) == pytest.approx(frequencies(read(deck(2)), 10), rel=1e-12)
 
 

@@ -144,7 +144,7 @@ def test_what_is_read_otherwise_is_noted(read, old, new, note):
     assert old in TETRAHEDRON
     assert any(note in text for text in read(TETRAHEDRON.replace(old, new)).notes)
     reduced = read(bar().replace("C3D20", "C3D20R")).notes[0]
-    assert reduced.startswith("2 C3D20R taken as hex20 integrated fully")
+    assert reduced.startswith("2 C3D20R imported as hex20 integrated fully")
 
 
 def test_regions_follow_the_sections(read):
@@ -183,5 +183,5 @@ def test_text_before_the_first_keyword_is_counted_and_numbers_there_are_none(rea
     assert mesh.ignored["lines before the first keyword"] == 2
     assert mesh.effect["lines before the first keyword"] == "none"
     for text in ("SOL 103\nCEND\nBEGIN BULK\nGRID,1\n", f"a title\n4, 0., 0., 1.\n{TETRAHEDRON}"):
-        with expect_refusal(DeckError, "stands before the first keyword", remedy="mesh.format: nastran"):
+        with expect_refusal(DeckError, "before the first keyword", remedy="mesh.format: nastran"):
             read(text)

@@ -180,7 +180,7 @@ def test_a_rigid_body_without_a_reference_is_led_by_a_node_of_its_own(read, memb
     """CalculiX adds a node for it: the body turns and moves about any point alike, and the same motions are left."""
     mesh, other = (read(f"{BRICK}*RIGID BODY, {members}{reference}\n") for reference in ("", ", REF NODE=100"))
     assert [(own.reference, set(own.nodes.tolist())) for own in mesh.rigid] == [(4, {5, 6, 7})]
-    assert mesh.notes[-1].endswith("*RIGID BODY without REF NODE is led by its first node, 5")
+    assert mesh.notes[-1].endswith("*RIGID BODY has no REF NODE, so its first node 5 is used")
 
     def motions(mesh):
         """Projection onto all motions of the brick's nodes that the tie leaves."""
@@ -236,14 +236,14 @@ test_what_is_wrong_is_named_with_its_line = refusal_table(lambda lines: f"{BRICK
     ("*BOUNDARY\n77, 1", "node 77 is not in the deck", 2),
     ("*BOUNDARY\n1, 3, 2", "degrees of freedom 3 to 2", 2),
     ("*TRANSFORM, NSET=TOP\n1., 0., 0., 2., 0., 0.", "on one line", 2),
-    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 lies on the axis", 2),
+    ("*TRANSFORM, NSET=TOP, TYPE=C\n2., 3., 0., 2., 3., 1.", "node 7 is on the axis, so it has no radial direction", 2),
     ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5", "MASS 50 has no value", 2),
     ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
-    (INERTIA.format(5).replace("3.,", "-3.,"), "least principal inertia is -3", 4),
-    ("*RIGID BODY", "has no REF NODE", 1),
-    ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", "neither \\*KINEMATIC nor", 3),
-    ("*SURFACE, NAME=S\nE, S7", "'S7' is no facet of a hex8", 2),
-    ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is no facet", 2),
+    (INERTIA.format(5).replace("3.,", "-3.,"), r"the smallest principal inertia is -3\.00622, negative", 4),
+    ("*RIGID BODY", "REF NODE is missing", 1),
+    ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", r"\*KINEMATIC or \*DISTRIBUTING is missing after this keyword", 3),
+    ("*SURFACE, NAME=S\nE, S7", "'S7' is not a facet of a hex8", 2),
+    ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is not a facet", 2),
     ("*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2", "single components of node 5", 4),
 ], before=BRICK.count("\n"))
 
@@ -262,7 +262,7 @@ def test_a_force_on_a_rotation_node_is_a_moment(read):
 @pytest.mark.parametrize("element", ["*ELEMENT, TYPE=MASS, ELSET=P\n50, {}\n*MASS, ELSET=P\n2.\n", INERTIA])
 def test_a_mass_on_a_rotation_node_is_refused(read, element):
     read(BRICK + ROT + element.format(100))
-    with expect_refusal(DeckError, "stands on node 101, the ROT NODE", remedy="reference node 100"):
+    with expect_refusal(DeckError, r"refers to node 101, the ROT NODE of a \*RIGID BODY", remedy="reference node 100"):
         read(BRICK + ROT + element.format(101))
 
 

@@ -161,10 +161,10 @@ def test_continuations_belong_to_the_line_with_their_mark_wherever_they_stand(ca
 
 test_marks_without_their_other_end_or_with_two_are_named = refusal_table(str, [
     (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD) + line("+M2", ".02"), "no line ends in its mark", 3),
-    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), "no continuation has the mark", 1),
-    (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "its mark also stands at", 4),
-    (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second continuation of line", 3),
-    ("GRID,1\n=,*1,==\n,2\n", "continuation with no card", 3),
+    (line("CONM2", *MASS, mark="+M1") + line("SPC1", *HELD), r"no line continues the mark '\+M1' of this line", 1),
+    (line("CONM2", *MASS, mark="+M1") * 2 + "GRID,1\n" + line("+M1", ".02"), "move the continuation after its line, or use a unique mark for both", 4),
+    (line("CONM2", *MASS, mark="+M1") + line("", ".02") + line("+M1", ".02"), "a second line continues", 3),
+    ("GRID,1\n=,*1,==\n,2\n", "the continuation has no preceding card", 3),
 ])
 
 
@@ -209,16 +209,16 @@ def test_case_control_is_not_bulk_data_and_enddata_ends(cards):
 
 
 test_a_line_that_cannot_be_taken_is_named = refusal_table(str, [
-    ("+,1,2\n", "continuation with no card", 1),
+    ("+,1,2\n", "the continuation has no preceding card", 1),
     ("GRID,1\n  GRID  2       0.\n", "column 1", 2),
-    ("=,*1,=\n", "repeats no card", 1),
+    ("=,*1,=\n", "does not repeat a card", 1),
     ("SET3,1,GRID\n=,*1,*1\n", "adds '1' to 'GRID'", 2),
-    ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 cards", 4),
-    ("SOL 103\nCEND\nGRID,1\n", "without BEGIN BULK", 1),
+    ("GRID,1\n=,*1,==\n=9\n=999999\n", "makes 1000009 replicated cards", 4),
+    ("SOL 103\nCEND\nGRID,1\n", "found 'SOL 103', but BEGIN BULK is missing", 1),
     ("BEGIN BULK\nGRID,1\nBEGIN SUPER = 2\nGRID,2\n", "superelements", 3),
     ("BEGIN BULK\nENDDATA\n", "no bulk data", "deck.bdf"),
     ("INCLUDE 'there_is_none.bdf'\n", "no such file\n", 1),
-    ("INCLUDE '$HOME/grids.bdf'\n", "not replaced", 1),
+    ("INCLUDE '$HOME/grids.bdf'\n", "; ~, variables and symbols before a colon are not expanded", 1),
     ("INCLUDE 'deck.bdf'\n", "includes itself", 1),
 ])
 
@@ -228,7 +228,7 @@ test_a_line_that_cannot_be_taken_is_named = refusal_table(str, [
     [("BEGIN BULK\nGRID,1\nGRID,2,,0.", 3), ("SOL 103\nCEND\nBEGIN BULK\nGRID,1\n\n", 4)],
 )
 def test_a_deck_without_enddata_is_refused_at_its_last_line(read, text, line):
-    with expect_refusal(DeckError, "ends without ENDDATA: it may be cut off", where=f"deck.bdf:{line}") as caught:
+    with expect_refusal(DeckError, "ENDDATA is missing: the deck may be truncated", where=f"deck.bdf:{line}") as caught:
         read(text)
     assert caught.value.remedy.endswith("mesh.ignore: [MISSING ENDDATA]")
 
@@ -238,7 +238,7 @@ def test_a_deck_without_enddata_is_taken_where_that_is_named_and_the_first_note_
     assert list(mesh.node_ids) == [1, 2, 3, 4]
     (note,) = mesh.notes
     assert "selects no supports" in mesh.doubts[0]
-    assert note.startswith("the deck has no ENDDATA: that it is whole cannot be seen; its last line is 'SPC1,1,123,1,2,3' (")
+    assert note.startswith("the deck has no ENDDATA, so check that it is complete; its last line is 'SPC1,1,123,1,2,3' (")
     assert mesh.unsupported["MISSING ENDDATA"].endswith("deck.bdf:11")
     assert read(f"BEGIN BULK\n{tetrahedron}ENDDATA\n", ignore=["MISSING ENDDATA"]).notes == ()
 
@@ -288,7 +288,7 @@ def test_a_packed_deck_beyond_the_limit_is_refused(tmp_path, monkeypatch):
     path.write_bytes(gzip.compress(b"GRID,1\n" + b"$" * 992))
     assert len(read_bytes(path)) == 999
     path.write_bytes(gzip.compress(b"GRID,1\n" + b"$" * 993))
-    with pytest.raises(DeckError, match="more than 4 GiB"):
+    with pytest.raises(DeckError, match="the unpacked file is larger than 4 GiB"):
         read_bytes(path)
 
 
@@ -298,8 +298,8 @@ def test_includes_that_multiply_are_refused(cards, tmp_path):
         (tmp_path / f"twice{i}.bdf").write_text(f"INCLUDE 'twice{i + 1}.bdf'\n" * 2)
         (tmp_path / f"row{i}.bdf").write_text(f"INCLUDE 'row{i + 1}.bdf'\n")
     for name in ("twice", "row"):
-        with pytest.raises(DeckError, match="17 deep"):
+        with pytest.raises(DeckError, match="nested 17 levels"):
             cards(f"GRID,1\nINCLUDE '{name}0.bdf'\n")
     (tmp_path / "twice10.bdf").write_text("GRID,2\n")
-    with pytest.raises(DeckError, match="taken in 101 times"):
+    with pytest.raises(DeckError, match="included 101 times"):
         cards("GRID,1\nINCLUDE 'twice0.bdf'\n")

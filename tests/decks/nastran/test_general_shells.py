@@ -151,7 +151,7 @@ def test_units_size_weight_and_records_keep_it(read):
 
 
 test_what_is_wrong_is_named_with_its_remedy = refusal_table(lambda cards: SKEW + cards, [
-    ("PSHELL,1,1,.1,,,2\n" + mat2(1, Q) + mat2(2, np.eye(2)), "MID3 stands without MID2"),
+    ("PSHELL,1,1,.1,,,2\n" + mat2(1, Q) + mat2(2, np.eye(2)), "MID3 requires MID2"),
     ("PSHELL,1,1,.1,1,,2\n,,,3\n" + mat2(1, Q) + mat2(2, np.eye(2)) + mat2(3, Q), "together: its stiffness is not positive"),
     ("PSHELL,1,1,.1\n" + mat2(1, np.diag([1.0, 1, 0])), "membrane: it resists no strain: the 3th of the diagonal"),
     ("PSHELL,1,1,.1,1,,2\n" + mat2(1, Q) + mat2(2, [[1.0, 2.0], [2.0, 1.0]]), "shear across: .* eigenvalue is -1"),

@@ -63,8 +63,8 @@ def test_wtmass_scales_inertia_and_not_the_offset(read, tetrahedron):
 
 
 test_masses_and_forces_that_cannot_be_taken_are_named = refusal_table(lambda card: f"{TETRAHEDRON}{card}\n{RIGID}", [
-    ("CONM2,90,50,8,3.", "coordinate system 8 is no CORD1 or CORD2", 9),
-    ("CONM2,90,50,,3.\n+,1.,2.,1.,,,1.", "principal moments -1, 1, 3", 9),
+    ("CONM2,90,50,8,3.", "coordinate system 8 is not a CORD1 or CORD2 of the deck", 9),
+    ("CONM2,90,50,,3.\n+,1.,2.,1.,,,1.", "correct the inertia so that no moment is negative; specify I21, I31 and", 9),
     ("FORCE,1,77,,1.,1.", "node 77 is not in the deck", 9),
 ])
 
@@ -213,13 +213,13 @@ def test_weight_and_rotation_are_read_in_their_systems(read):
 
 
 test_loads_that_cannot_be_taken_are_named = refusal_table(lambda cards: deck("hex8", cards), [
-    ("PLOAD4,1,9,2.,,,,5,7\n", "element 9 is no solid or plate of the deck"),
-    ("PLOAD4,1,7,2.,,,,5,6\n", "name no face of the hex8 element 7"),
+    ("PLOAD4,1,9,2.,,,,5,7\n", "element 9 is not a solid or plate of the deck"),
+    ("PLOAD4,1,7,2.,,,,5,6\n", "specify opposite corners of a quadrilateral; for a tetrahedron, a corner"),
     ("PLOAD,1,2.,1,2,7\n", "no solid or shell has a face with the corners 1, 2, 7"),
-    ("PLOAD2,1,2.,7\n", "element 7 is no plate"),
-    ("RFORCE,1,,,1.,0.,0.,1.\n+,2.\n", "RACC states an angular acceleration"),
-    ("LOAD,9,1.,1.,4\n", "set 4 holds no load"),
-    ("CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nGRAV,1,6,1.,1.\n", "its system is not rectangular"),
+    ("PLOAD2,1,2.,7\n", "element 7 is not a plate"),
+    ("RFORCE,1,,,1.,0.,0.,1.\n+,2.\n", r"angular acceleration \(RACC\) is not supported"),
+    ("LOAD,9,1.,1.,4\n", "set 4 contains no imported load"),
+    ("CORD2C,6,,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nGRAV,1,6,1.,1.\n", "the coordinate system is not rectangular"),
 ], placed=False)
 
 
@@ -253,8 +253,8 @@ def test_on_the_axis_the_directions_are_those_that_define_the_system(read, tetra
     mesh = read(system + "GRID,9,,{:.12f},{:.12f},{:.12f},4\n".format(*point) + tetrahedron + "ENDDATA\n")
     np.testing.assert_allclose(mesh.axes[0], frame, atol=1e-10)
     assert mesh.notes == (
-        f"1 of the nodes with CD = 4 lie on its axis (node 9), where {lost} have no direction: their components are along "
-        "the rectangular axes that define it",
+        f"1 of the nodes with CD = 4 are on its axis (node 9), where {lost} are undefined: their components are along "
+        "the rectangular axes of the system",
     )
 
 
@@ -294,8 +294,8 @@ def test_grdset_fills_blank_fields_only(read, tetrahedron):
 test_coordinate_systems_that_define_nothing_are_refused = refusal_table(lambda card: f"{card}\n{TETRAHEDRON}", [
     ("CORD2R,1,,0.,0.,0.,0.,0.,1.\n+,0.,0.,2.", "one line"),
     ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "system 2, which is not in the deck"),
-    ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "refers to itself"),
+    ("CORD2R,1,2,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.\nCORD2R,2,1,0.,0.,0.,0.,0.,1.\n+,1.,0.,0.", "its reference systems are circular"),
     ("CORD1R,1,1,2,9", "node 9 is not in the deck"),
-    ("CORD1R,1,1,2,60\nGRID,60,1,0.,1.,0.", "refers to itself"),
+    ("CORD1R,1,1,2,60\nGRID,60,1,0.,1.,0.", "its reference systems are circular"),
     ("CORD1R,1,1,2,60\nGRID,60,7,0.,1.,0.", "system 7, which is not in the deck"),
 ], placed=False)

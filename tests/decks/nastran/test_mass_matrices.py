@@ -105,11 +105,11 @@ def test_a_moment_of_inertia_along_a_rotation(read, tetrahedron):
 
 
 test_masses_that_cannot_be_taken_are_named = refusal_table(lambda card: f"{TETRAHEDRON}{card}\n", [
-    ("CMASS2,91,2.5,4,2,3,1", "2 ends on nodes: only a mass between a motion and the ground"),
+    ("CMASS2,91,2.5,4,2,3,1", "the mass has 2 ends on nodes: only a mass between one component and the"),
     ("CMASS2,91,2.5,4,7", "component 7"),
-    ("CMASS2,91,-2.5,4,1", "the mass along some motion is negative"),
-    ("CMASS1,91,5,4,1", "property 5 is no PMASS"),
-    ("CONM1,91,4,,1.,2.,1.", "the mass along some motion is negative"),
+    ("CMASS2,91,-2.5,4,1", "the mass matrix is not positive semidefinite"),
+    ("CMASS1,91,5,4,1", "property 5 is not a PMASS of the deck"),
+    ("CONM1,91,4,,1.,2.,1.", "the mass matrix is not positive semidefinite"),
 ], placed=False)
 
 

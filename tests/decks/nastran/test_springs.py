@@ -151,13 +151,13 @@ def test_a_spring_acts_along_the_system_of_its_node(read, tetrahedron):
 
 
 test_springs_that_cannot_be_taken_are_named = refusal_table(lambda cards: f"{TETRAHEDRON}{cards}ENDDATA\n", [
-    ("CELAS1,60,7,4,3\n", "property 7 is no PELAS"),
-    ("CELAS2,60,9.,4,1,3,5\n", "one end is a translation, the other a rotation"),
+    ("CELAS1,60,7,4,3\n", "property 7 is not a PELAS of the deck"),
+    ("CELAS2,60,9.,4,1,3,5\n", "the spring connects a translation with a rotation"),
     ("CELAS2,60,-9.,4,1\n", "negative"),
-    ("CBUSH,60,7,4\nPBUSH,7,K,1.\n", "it has no axes of its own"),
+    ("CBUSH,60,7,4\nPBUSH,7,K,1.\n", "the ends coincide or one end is grounded, so the element axes are undefined"),
     ("CBUSH,60,7,4,3,,,,0\n+,1.2\nPBUSH,7,K,1.\n", "S is 1.2"),
-    ("CBUSH,60,7,4,3,,,,0\n+,,5,1.\nPBUSH,7,K,1.\n", "OCID puts the spring"),
-    ("CBUSH,60,7,4,3,,,,0\nPBUSH,7,K,1.\n+,,M,2.\n", "has a mass M"),
+    ("CBUSH,60,7,4,3,,,,0\n+,,5,1.\nPBUSH,7,K,1.\n", "OCID is not supported: it moves the spring away from the line between its"),
+    ("CBUSH,60,7,4,3,,,,0\nPBUSH,7,K,1.\n+,,M,2.\n", r"mass \(M\) is not supported"),
 ], placed=False)
 
 
@@ -191,8 +191,8 @@ test_relations_that_cannot_be_taken_are_named = refusal_table(
     lambda head, cards: f"{head}BEGIN BULK\n{TETRAHEDRON}{cards}\nENDDATA\n", [
     ("", "MPC,3,4,1,0.,2,3,-1.", "the coefficient of the first term is 0", 10),
     ("", "MPC,3,4,7,1.", "component 7", 10),
-    ("", "MPC,3,4,1,1.,2,3,-1.,3\n,,2,1,.1", "'3' stands in field 9", 10),
-    ("", "MPC,3,4,1,1.\nMPC,5,4,2,1.", "2 sets of relations .3, 5. and no case control", 11),
+    ("", "MPC,3,4,1,1.,2,3,-1.,3\n,,2,1,.1", "found '3' in field 9, which must be blank", 10),
+    ("", "MPC,3,4,1,1.\nMPC,5,4,2,1.", r"the deck has 2 sets of relations \(3, 5\), but no case control selects one", 11),
     ("", "MPC,3,4,1,1.\nMPCADD,5,3,6", "set 6 has no MPC", 11),
     ("MPC = 4\n", "MPC,3,4,1,1.", "MPC = 4 selects a set that is not in the deck", 1),
     ("SUBCASE 1\nMPC = 3\nSUBCASE 2\nMPC = 5\n", "MPC,3,4,1,1.\nMPC,5,4,2,1.", "different relations .3, 5.", 4),
