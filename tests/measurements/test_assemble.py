@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from strainsight.errors import UserError
-from strainsight.measurements.assemble import assemble, held_samples, release
+from strainsight.measurements.assemble import assemble, find_repeated_samples, remove_repeated_samples
 from strainsight.measurements.calibration import ARRANGEMENTS, Bridge, ChannelSettings, strain_of
 from strainsight.measurements.clock import Delay
 from strainsight.measurements.records import Recording
@@ -59,10 +59,10 @@ def test_a_test_from_the_rig_comes_back_to_the_truth():
         np.testing.assert_array_equal(np.isnan(signals.values[:, column]), gone)
         scale = np.abs(TRUTH[name]).max()
         np.testing.assert_allclose(signals.values[~gone, column], TRUTH[name][~gone], rtol=0, atol=1e-12 * scale)
-    assert any(note.startswith("12 rows without samples were put in behind 5.699 s") for note in signals.notes)
-    assert any(note.startswith("1 row without samples was put in behind 6.499 s") for note in signals.notes)
+    assert any(note.startswith("12 rows without samples were inserted after 5.699 s") for note in signals.notes)
+    assert any(note.startswith("1 row without samples was inserted after 6.499 s") for note in signals.notes)
     assert f"g1: {int(LOST['g1'][KEPT].sum())} of {len(KEPT)} samples are missing" in signals.notes
-    assert "g2: mV/V became strain, half-poisson bridge, gauge factor 2.05" in signals.notes
+    assert "g2: converted from mV/V to strain with a half-poisson bridge and gauge factor 2.05" in signals.notes
 
 
 @pytest.mark.parametrize("factor", [0.25, 0.5, 1, 2, 5])
@@ -110,9 +110,9 @@ def test_a_delay_is_in_samples_of_the_file_whatever_the_step_of_the_filter(step)
 @pytest.mark.parametrize(
     ("delay", "what"),
     [
-        (Delay(seconds=2.4 * STEP), r"a delay of 0\.0024 s is 2\.4 samples of 0\.001 s, and nothing is interpolated"),
-        (Delay(samples=100), "a delay of 100 samples, the record has 100"),
-        (Delay(seconds=-1.0), "a delay of -1000 samples, the record has 100"),
+        (Delay(seconds=2.4 * STEP), r"a delay of 0\.0024 s is 2\.4 samples of 0\.001 s, but delays are not"),
+        (Delay(samples=100), "the delay is 100 samples, but the record has only 100"),
+        (Delay(seconds=-1.0), "the delay is -1000 samples, but the record has only 100"),
     ],
 )
 def test_a_delay_that_does_not_fit_the_record_is_refused(delay, what):
@@ -133,19 +133,19 @@ def held(n, values=MOVING, phase=0):
 @pytest.mark.parametrize("n", [2, 5, 20])
 @pytest.mark.parametrize("phase", [0, 1])
 def test_first_sample_of_every_run_remains(n, phase):
-    found, notes = release("F", held(n, phase=phase), 1e-3)
+    found, notes = remove_repeated_samples("F", held(n, phase=phase), 1e-3)
     fresh = np.flatnonzero(np.isfinite(found))
     np.testing.assert_array_equal(np.diff(fresh), n)
     assert fresh[0] == phase
     np.testing.assert_array_equal(found[fresh], MOVING[fresh])
-    assert f"runs of {n} equal ones, a channel of {1000 / n:.4g} Hz" in notes[0]
-    assert f"(n − 1)/2 = {(n - 1) / 2:g} samples late" in notes[0]
+    assert f"repeated {n} times, from a channel of {1000 / n:.4g} Hz" in notes[0]
+    assert f"(n − 1)/2 = {(n - 1) / 2:g} samples" in notes[0]
 
 
 def test_rest_and_missing_samples_hide_no_repetition():
     values = held(4, np.where(INDEX < 100, 0.0, MOVING))
     values[[0, 250]] = np.nan
-    found, _ = release("F", values, 1e-3)
+    found, _ = remove_repeated_samples("F", values, 1e-3)
     assert np.isfinite(found).sum() == SAMPLES // 4 - 1
 
 
@@ -162,16 +162,16 @@ def test_rest_and_missing_samples_hide_no_repetition():
     ],
 )
 def test_other_equal_samples_are_left_alone(values):
-    assert held_samples(values) is None
-    found, notes = release("F", values, 1e-3)
+    assert find_repeated_samples(values) is None
+    found, notes = remove_repeated_samples("F", values, 1e-3)
     assert found is values
     assert notes == ()
 
 
 def test_rates_without_a_whole_ratio_are_refused():
     values = MOVING[np.floor(np.floor(INDEX / 3.4) * 3.4).astype(int)]
-    with pytest.raises(UserError, match=r"runs of 3 and 4 equal ones: a channel of 250 to 333\.3 Hz"):
-        release("F", values, 1e-3)
+    with pytest.raises(UserError, match=r"'F' repeats its samples 3 or 4 times: a channel of 250 to 333\.3 Hz was"):
+        remove_repeated_samples("F", values, 1e-3)
 
 
 # The inverse of an exact Wheatstone bridge, solved by Kirchhoff's laws.

@@ -56,7 +56,7 @@ CONTENTS = {"empty": b"", "rubbish": RUBBISH, "zeros": bytes(5000), "text": b"ti
 def test_what_is_no_such_file(tmp_path, kind, content):
     path = tmp_path / NAMES[kind]
     path.write_bytes(CONTENTS.get(content, HEADS[kind] + RUBBISH))
-    other = f"cannot be read as {kind.upper()}|no channel|no variable|claims|ends in"
+    other = f"cannot be read as {kind.upper()}|not found|according to the file|incomplete"
     refused(path, "the file is empty" if content == "empty" else other)
 
 
@@ -73,7 +73,7 @@ def test_a_file_that_was_cut(tmp_path, name, share):
 def test_a_package_that_is_not_installed_is_named_with_its_extra(tmp_path, monkeypatch, kind, package):
     monkeypatch.setattr(reader, "find_spec", lambda name: None)
     (tmp_path / NAMES[kind]).write_bytes(b"x")
-    with pytest.raises(UserError, match=f"read by {package}, which is not installed") as caught:
+    with pytest.raises(UserError, match=f"files require {package}, which is not installed") as caught:
         read_binary(kind, tmp_path / NAMES[kind], ["G1"])
     assert caught.value.remedy == 'install it: pip install "strainsight[daq]"'
 
@@ -91,5 +91,5 @@ def test_whatever_a_library_raises_ends_in_a_sentence(tmp_path, monkeypatch, err
     monkeypatch.setattr(reader, "import_module", lambda name: SimpleNamespace(signals=signals))
     refused(
         FILES["a.tdms"](tmp_path / "a.tdms"),
-        "more memory" if isinstance(error, MemoryError) else "cannot be read as TDMS: ",
+        "too much memory" if isinstance(error, MemoryError) else "cannot be read as TDMS: ",
     )

@@ -262,7 +262,7 @@ test_what_is_wrong_is_named_with_file_line_and_remedy = refusal_table(lambda lin
     ("1., , CARBON, 5.", {"section": ""}, "layer 1 is anisotropic and rotated by 5°, but its section has no", 42),
     ("1., , CARBON, 5.", {"axis": ""}, "layer 1 is rotated by 5°, but the ORIENTATION at", 41),
     ("1., , STEEL", {"kind": "C3D4", "cells": "1, 1, 2, 4, 5"}, "C3D4 1 cannot have layers", 41),
-    ("1., , STEEL", {"kind": "C3D6", "cells": "1, 1, 2, 3, 5, 6, 7", "section": ", STACK DIRECTION=1"}, "layers in direction 1", 41),
+    ("1., , STEEL", {"kind": "C3D6", "cells": "1, 1, 2, 3, 5, 6, 7", "section": ", STACK DIRECTION=1"}, "in direction 1", 41),
 ])
 
 

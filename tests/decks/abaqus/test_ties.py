@@ -241,7 +241,7 @@ test_what_is_wrong_is_named_with_its_line = refusal_table(lambda lines: f"{BRICK
     ("*ELEMENT, TYPE=MASS, ELSET=P\n50, 5\n*MASS, ELSET=P\n-1.", "mass is -1", 4),
     (INERTIA.format(5).replace("3.,", "-3.,"), r"the smallest principal inertia is -3\.00622, negative", 4),
     ("*RIGID BODY", "REF NODE is missing", 1),
-    ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", r"\*KINEMATIC or \*DISTRIBUTING is missing after this keyword", 3),
+    ("*SURFACE, NAME=S\nE, S2\n*COUPLING, REF NODE=100, SURFACE=S", r"\*KINEMATIC or \*DISTRIBUTING is missing", 3),
     ("*SURFACE, NAME=S\nE, S7", "'S7' is not a facet of a hex8", 2),
     ("*SURFACE, NAME=S\nE, SPOS", "'SPOS' is not a facet", 2),
     ("*TRANSFORM, NSET=TOP\n1.,1.,0.,0.,1.,0.\n*KINEMATIC COUPLING, REF NODE=100\nTOP, 1, 2", "single components of node 5", 4),

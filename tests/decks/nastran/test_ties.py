@@ -63,7 +63,7 @@ def test_the_config_may_say_which_set_holds(read, tetrahedron):
         assert pairs(read(head + bulk, spc=9)) == {(3, 0), (3, 2)}
         assert pairs(read(head + bulk, spc=2)) == {(3, 2)}
     assert pairs(read(f"SPC = 44\nBEGIN BULK\n{bulk}", spc=2)) == {(3, 2)}
-    with pytest.raises(DeckError, match="set 7 of supports") as caught:
+    with pytest.raises(DeckError, match="support set 7") as caught:
         read(bulk, spc=7)
     assert caught.value.remedy == "select one of 1, 2, 3, 9"
 

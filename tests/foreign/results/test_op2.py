@@ -234,11 +234,11 @@ def test_numbers_that_are_none_are_refused_with_the_node(tmp_path, bad):
     w = Writer()
     motion = SHAPE.copy()
     motion[1, 2] = bad
-    with pytest.raises(DeckError, match="node 1 moves by"):
+    with pytest.raises(DeckError, match=r"the motion of node 1 is not finite: -0\.142857,"):
         list(read_responses(written(tmp_path, w.file(w.static(rows=w.rows(motion=motion))))))
     with pytest.raises(DeckError, match="frequency"):
         list(read_responses(written(tmp_path, w.file(w.modes(eigenvalues=(bad,))))))
-    with pytest.raises(DeckError, match="node 3 stands twice"):
+    with pytest.raises(DeckError, match="node 3 occurs twice"):
         list(read_responses(written(tmp_path, w.file(w.static(rows=w.rows(nodes=[3, 1, 3]))))))
 
 
@@ -272,8 +272,8 @@ def test_a_length_that_is_only_claimed_takes_no_memory(tmp_path):
     ("content", "said"),
     [
         (b"", "the file is empty"),
-        (b"$TITLE = text\n" * 10, "no binary OUTPUT2 file"),
-        (struct.pack("<iii", 4, 2, 5), "does not end as it should"),
+        (b"$TITLE = text\n" * 10, "not a binary OUTPUT2 file"),
+        (struct.pack("<iii", 4, 2, 5), "a record of 4 bytes begins here, but does not end correctly"),
     ],
 )
 def test_what_is_no_such_file_is_refused(tmp_path, content, said):

@@ -103,9 +103,9 @@ def test_other_kinds_are_refused_with_line_and_remedy(tmp_path, block, said):
 @pytest.mark.parametrize(
     ("row", "columns", "text", "said", "line"),
     [
-        (0, slice(0, 10), "     three", "'three' is no finite number", 7),
-        (3, slice(18, 36), "               NaN", "node 1 moves by", "7, subcase 1"),
-        (1, slice(0, 18), " " * 18, "a node without its two lines", 7),
+        (0, slice(0, 10), "     three", "'three' is not a finite number", 7),
+        (3, slice(18, 36), "               NaN", r"the motion of node 1 is not finite: -0\.142857,", "7, subcase 1"),
+        (1, slice(0, 18), " " * 18, "a node does not have two lines", 7),
     ],
 )
 def test_lines_that_cannot_be_read_are_refused_with_their_number(tmp_path, row, columns, text, said, line):
@@ -119,5 +119,5 @@ def test_lines_that_cannot_be_read_are_refused_with_their_number(tmp_path, row, 
 def test_what_is_no_text_is_refused(tmp_path, content):
     path = tmp_path / "run.pch"
     path.write_bytes(content)
-    with pytest.raises(DeckError, match="no line of a punch file"):
+    with pytest.raises(DeckError, match="the line is not a line of a"):
         list(read_responses(path))

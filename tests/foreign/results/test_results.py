@@ -113,7 +113,7 @@ def step(kind: str):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        (lambda text: text[: len(text) // 2], "cut off|does not end|cannot be read"),
+        (lambda text: text[: len(text) // 2], "truncated|does not end|cannot be read"),
         (lambda text: text.replace("7.69237E-11", "        NaN"), "finite"),
         (step("4"), "neither static nor a frequency step"),
     ],
@@ -129,7 +129,7 @@ def test_a_damaged_file_is_an_error_that_names_it(change, said, tmp_path):
 def test_a_file_that_is_not_there_or_no_results(tmp_path):
     with pytest.raises(DeckError, match="no such file"):
         list(read_responses(tmp_path / "a.frd"))
-    with pytest.raises(DeckError, match="no file of results by its name"):
+    with pytest.raises(DeckError, match=r"a\.dat is not a known result file"):
         list(read_responses(tmp_path / "a.dat"))
 
 
@@ -198,7 +198,7 @@ def test_static_results_with_rotations_in_our_order_of_components(monkeypatch):
         (Made(4), "a transient analysis"),
         (Made(2, cyclic=True), "a cyclic analysis"),
         (Made(2, complex_=1), "complex results"),
-        (Made(0, names=("TEMP",)), "without UX, UY, UZ"),
+        (Made(0, names=("TEMP",)), "lacks UX, UY, UZ"),
     ],
 )
 def test_other_results_are_refused_by_name(monkeypatch, made, said):
@@ -220,7 +220,7 @@ def test_without_the_library_the_command_that_installs_it_is_named(tmp_path, mon
 
 def test_a_reader_that_dies_costs_the_file_and_not_the_run(tmp_path, monkeypatch):
     monkeypatch.setattr(ansys, "COMMAND", [sys.executable, "-c", "print('ready', flush=True)"])
-    with pytest.raises(DeckError, match="ansys-mapdl-reader crashed, or did not come to an end"):
+    with pytest.raises(DeckError, match="ansys-mapdl-reader crashed or took too long"):
         list(read_responses(rst(tmp_path)))
 
 
@@ -290,7 +290,7 @@ def test_a_mode_without_frequency_is_refused(tmp_path):
 
 @pytest.mark.usefixtures("here")
 def test_damaged_files_are_refused(tmp_path):
-    with pytest.raises(DeckError, match="node 3 moves by"):
+    with pytest.raises(DeckError, match=r"the motion of node 3 is not finite: -0\.142857,"):
         list(read_responses(written(tmp_path, {"U": np.where(SHAPE[2, 1] == SHAPE, np.nan, SHAPE)})))
     path = written(tmp_path, {"U": SHAPE})
     path.write_bytes(path.read_bytes()[:400])

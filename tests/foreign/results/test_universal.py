@@ -104,10 +104,10 @@ def test_shapes_of_a_test_may_be_accelerations(tmp_path):
         (dataset55(analysis=4), "a transient response"),
         (dataset55(analysis=6), "a buckling shape"),
         (dataset2414(analysis=0), "an analysis of type 0"),
-        (dataset55(count=4), "a vector of 4 values"),
-        (dataset55(body=lines().replace("  8.57143E-01", "          NaN")), "moves by"),
-        (dataset55()[:-7], "the file ends within dataset 55"),
-        ("text\n", "no start of a dataset"),
+        (dataset55(count=4), "the vectors have 4 values instead of 3"),
+        (dataset55(body=lines().replace("  8.57143E-01", "          NaN")), r"the motion of node 999999999 is not finite"),
+        (dataset55()[:-7], "the file ends inside dataset 55"),
+        ("text\n", "expected the start of a dataset"),
     ],
 )
 def test_what_is_refused_comes_with_line_and_remedy(tmp_path, dataset, said):
