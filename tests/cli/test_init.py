@@ -73,7 +73,7 @@ def test_what_is_not_supported_and_sets_of_supports_are_listed(init):
         return done.exit_code, done.stderr
 
     chosen, ignored = (r"spc: +# ← set of supports that hold: 1, 7", "spc: 1"), (r"ignore: \[\]", "ignore: [ACCEL1, CQUAD]")
-    assert "say which hold: mesh.spc: 1" in imported(ignored)[1]
+    assert "select the support set: mesh.spc: 1" in imported(ignored)[1]
     assert "mesh.ignore: [ACCEL1, CQUAD]" in imported(chosen)[1]
     assert imported(ignored, chosen)[0] == 0
 

@@ -112,7 +112,7 @@ def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
     with pytest.raises(UserError, match=r"has the value -9\.97e\+36 um/m") as caught:
         calibrated(reading, ChannelSettings("um/m"))
     assert caught.value.where == "test.csv:43"
-    assert "a: strains up to 100 %: is the unit right?" in calibrated(ones, ChannelSettings("strain"))[1]
+    assert "a: strains up to 100 %; check the unit" in calibrated(ones, ChannelSettings("strain"))[1]
 
 
 @pytest.mark.parametrize(
