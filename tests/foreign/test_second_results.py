@@ -88,7 +88,7 @@ def frequencies(model, theta, count=3):
     return np.sqrt(eigh(K, M, eigvals_only=True)[:count]) / (2 * np.pi)
 
 
-def test_a_stepped_bar_at_values_that_no_set_has(bar):
+def test_stepped_bar_interpolates_between_sets(bar):
     """First three frequencies and the static response, from sets at E and 1.4 E; at these two all frequencies."""
     found = built(bar, set_of(bar), set_of(bar, modulus=1.4 * E), Change(LEFT, E, 1.4 * E))
     x = bar.position[:, 0]
@@ -103,14 +103,14 @@ def test_a_stepped_bar_at_values_that_no_set_has(bar):
     assert not found.alike
 
 
-def test_a_stepped_bar_of_another_density(bar):
+def test_stepped_bar_with_density_parameter(bar):
     found = built(bar, set_of(bar), set_of(bar, density=1.4 * RHO), Change(DENSITY, RHO, 1.4 * RHO))
     for factor, count in ((1.0, MODES), (1.4, MODES), (1.2, 3), (0.8, 3), (1.6, 3)):
         exact = stepped(count, density=factor * RHO)[0] / (2 * np.pi)
         assert np.allclose(frequencies(found.model, {"rho": factor * RHO}, count), exact, rtol=1e-4, atol=0)
 
 
-def test_a_modulus_of_the_whole_beside_a_density_of_a_part(bar):
+def test_global_modulus_with_partial_density(bar):
     change = Change(DENSITY, RHO, 1.4 * RHO)
     found = built(bar, set_of(bar), set_of(bar, density=1.4 * RHO), change, scaled={"stiffness": ("all", E)})
     plain = frequencies(found.model, {"rho": RHO, "all": E})
@@ -137,7 +137,7 @@ BENT = (PointLoad("end", (0.0, 0.0, 1.0), node_set="end"),)
 
 
 @pytest.mark.parametrize("unlike", [*slowly(0.0), 0.1])
-def test_the_projection_of_the_deck_itself(cantilever, unlike):
+def test_two_sets_match_projected_deck(cantilever, unlike):
     """K₁ of the deck on the same coordinates, whose ν nobody states, to 1e-4, most of it in motions of an energy of 1e-8; and
     where the other program's elements of the part differ, some 10 % stiffer and others softer, frequencies to 3e-5."""
     whole = build_model(cantilever, (LEFT,))
@@ -181,7 +181,7 @@ def test_the_projection_of_the_deck_itself(cantilever, unlike):
         ({}, {"modulus": 1.4 * E}, Change(LEFT, E, 1.1 * E), r"mode 1 changes from 646\.524 to 722\.244 Hz"),
     ],
 )
-def test_a_second_set_of_something_else_is_refused(bar, first, second, change, said):
+def test_inconsistent_second_set_is_refused(bar, first, second, change, said):
     with pytest.raises(UserError, match=said) as caught:
         built(bar, set_of(bar, **first), set_of(bar, **second), change)
     assert caught.value.key
@@ -197,7 +197,7 @@ def test_a_second_set_with_other_supports_is_refused(bar):
     assert "same supports" in caught.value.remedy
 
 
-def test_two_sets_want_a_mass(bar):
+def test_two_sets_require_mass(bar):
     light = replace(bar, materials={i: replace(m, density=0.0) for i, m in bar.materials.items()})
     with pytest.raises(UserError, match="two result sets require the mass of the mesh, but a region has no density") as caught:
         built(light, set_of(light), set_of(light, modulus=1.4 * E), Change(LEFT, E, 1.4 * E))

@@ -51,7 +51,7 @@ def test_units_and_their_spellings(units, si):
         np.testing.assert_allclose(calibrated(np.full(1000, 3.0), ChannelSettings(unit))[0], 3 * si, rtol=1e-14)
 
 
-def test_the_file_and_the_settings_have_to_agree_unless_overridden():
+def test_file_unit_must_match_config():
     ones = np.ones(1000)
     for same in ("ppm", "µm/m", None):
         assert calibrated(ones, ChannelSettings("um/m"), same)[0][0] == 1e-6
@@ -66,7 +66,7 @@ def test_the_file_and_the_settings_have_to_agree_unless_overridden():
         calibrated(np.r_[ones[1:], -9999.0], ChannelSettings("um/m", override=True), "mV/V")
 
 
-def test_offset_drift_zero_scale_and_sign_in_their_order():
+def test_calibration_order():
     signal = 50 * np.sin(20 * TIME)
     reading = 7.0 + 3.0 * TIME + signal
     settings = ChannelSettings("um/m", offset=7.0, drift=3.0, scale=2.0, sign=-1)
@@ -77,7 +77,7 @@ def test_offset_drift_zero_scale_and_sign_in_their_order():
     assert any("the mean of 201 samples from 0.2 to 0.4 s" in note for note in notes)
 
 
-def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
+def test_missing_samples_are_excluded_from_mean():
     reading = np.where(np.arange(1000) % 10 == 3, np.nan, 5.0)
     values, _ = calibrated(reading, ChannelSettings("um/m", zero=(0, 1)))
     np.testing.assert_array_equal(np.isnan(values), np.isnan(reading))
@@ -87,7 +87,7 @@ def test_missing_samples_stay_missing_and_do_not_enter_the_mean():
     assert "a: the channel has no samples, so nothing was zeroed" in notes
 
 
-def test_samples_that_are_marked_as_missing_do_not_enter_the_mean():
+def test_marked_samples_are_excluded_from_mean():
     values = np.full(1000, 5.0)
     values[[100, 200, 201]] = 1e31, 700.0, -900.0
     spans = ((0.1, 0.1), (0.1995, 0.2015))
@@ -99,7 +99,7 @@ def test_samples_that_are_marked_as_missing_do_not_enter_the_mean():
         calibrated(values, ChannelSettings("um/m", missing=((2.0, 3.0),)))
 
 
-def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
+def test_impossible_readings_are_refused():
     ones = np.ones(1000)
     with pytest.raises(UserError, match=r"'a' has no sample from 2 to 3 s; the record runs from 0 to 0\.999 s"):
         calibrated(ones, ChannelSettings("um/m", zero=(2, 3)))
@@ -126,7 +126,7 @@ def test_what_cannot_be_is_refused_and_what_is_unlikely_is_reported():
         (TextFormat, {"delimiter": ",", "decimal": ","}, "decimal"),
     ],
 )
-def test_settings_that_cannot_be(settings, wrong, said):
+def test_invalid_settings_are_refused(settings, wrong, said):
     with pytest.raises(UserError, match=said):
         settings(**wrong)
 
@@ -138,14 +138,14 @@ def stamps(time):
 
 
 @pytest.mark.parametrize("start", [0.0, -3.0, 1.7e9])
-def test_a_clean_clock_is_found_as_it_is(start):
+def test_clean_clock_is_unchanged(start):
     clock = uniform_clock(stamps(start + np.arange(5000) / 1024))
     assert clock.step == pytest.approx(1 / 1024, rel=1e-9)
     assert clock.start == pytest.approx(start, abs=1e-6)
     assert (clock.count, clock.notes) == (5000, ())
 
 
-def test_printed_times_give_the_true_step():
+def test_step_from_rounded_times():
     # 2048 Hz with six decimals: intervals of 488 and 489 µs, whose median is 0.06 % low, half a step after 850 samples.
     time = np.round(np.arange(200_000) / 2048, 6)
     clock = uniform_clock(stamps(time))
@@ -154,7 +154,7 @@ def test_printed_times_give_the_true_step():
     assert abs(clock.time - time).max() < 0.6e-6
 
 
-def test_gaps_of_whole_steps_are_filled_and_reported():
+def test_integer_gaps_are_filled():
     kept = np.r_[0:100, 112:300, 301:1000]
     rng = np.random.default_rng(0)
     clock = uniform_clock(stamps(kept * 1e-3 + rng.uniform(-2e-5, 2e-5, kept.size)))
@@ -171,7 +171,7 @@ def test_gaps_of_whole_steps_are_filled_and_reported():
     assert np.count_nonzero(np.isnan(spread)) == 13
 
 
-def test_single_stamps_off_the_clock_are_corrected_with_a_note():
+def test_single_wrong_time_stamps_are_corrected():
     time = 0.01 * np.arange(1000)
     time[[400, 700]] += [0.004, -0.003]
     clock = uniform_clock(stamps(time))
@@ -182,7 +182,7 @@ def test_single_stamps_off_the_clock_are_corrected_with_a_note():
     )
 
 
-def test_stamps_that_are_all_inexact_are_refused_with_the_rate_as_remedy():
+def test_inexact_time_stamps_are_refused():
     time = 0.01 * np.arange(1000) + np.random.default_rng(0).uniform(-3e-3, 3e-3, 1000)
     with expect_refusal(UserError, "the time increases", remedy="time: {rate: 100, unit: Hz}"):
         uniform_clock(stamps(time))
@@ -206,7 +206,7 @@ def jump(at, size, count=1000, step=1e-3):
         (np.arange(1000) * 1e-3 + 8e-5 * (np.arange(1000) == 700), r"the time 0\.70008 s deviates by 7\.99 %", 702),
     ],
 )
-def test_faults_are_refused_at_their_place(time, said, line):
+def test_clock_errors_are_refused_with_place(time, said, line):
     with pytest.raises(UserError, match=said) as caught:
         uniform_clock(stamps(time))
     if line:
@@ -214,7 +214,7 @@ def test_faults_are_refused_at_their_place(time, said, line):
     assert caught.value.remedy
 
 
-def test_a_finer_step_leaves_rows_between_and_a_coarser_one_takes_every_kth():
+def test_finer_and_coarser_filter_step():
     clock = Clock(2.0, 1e-3, 10, np.array([0, 1, 2, 4, 5, 7, 8, 9]))
     fine, taken, notes = to_step(clock, 0.25e-3)
     np.testing.assert_array_equal(taken, np.arange(8))
@@ -230,14 +230,14 @@ def test_a_finer_step_leaves_rows_between_and_a_coarser_one_takes_every_kth():
     assert (same.count, notes, len(taken)) == (10, (), 8)
 
 
-def test_six_digits_of_a_step_are_the_same_step():
+def test_step_tolerance_covers_six_digits():
     found, _, notes = to_step(Clock(0.0, 4.88281e-4, 10**6, np.arange(10**6)), 1 / 2048)
     assert found.step == 1 / 2048
     assert "0.51 ppm" in notes[0]
 
 
 @pytest.mark.parametrize("step", [0.7e-3, 1.5e-3, 1.0002e-3])
-def test_other_ratios_are_refused(step):
+def test_noninteger_step_ratio_is_refused(step):
     with pytest.raises(UserError) as caught:
         to_step(Clock(0.0, 1e-3, 1000, np.arange(1000)), step)
     assert caught.value.remedy

@@ -52,7 +52,7 @@ def expect_plain(recording):
         "time (ms),a [um/m],b [um/m]\n0,1.5e0,-2E+0\n1,+2.5,-3.\n2,3.5,-4\n",
     ],
 )
-def test_the_same_table_in_many_forms(read, content):
+def test_equivalent_csv_forms_agree(read, content):
     expect_plain(read(content))
 
 
@@ -69,7 +69,7 @@ def test_missing_samples_are_nan(read, quoted):
     np.testing.assert_array_equal(found.channels["b"], [1, np.nan, np.nan, 5])
 
 
-def test_words_for_missing_samples_are_stated(read):
+def test_missing_words_from_config(read):
     table = "time [s],a [um/m]\n0,1\n1,NA\n2,-9999\n"
     found = read(table, ["a"], form=TextFormat(missing=("NA", "-9999")))
     np.testing.assert_array_equal(found.channels["a"], [1, np.nan, np.nan])
@@ -80,13 +80,13 @@ def test_words_for_missing_samples_are_stated(read):
         read(table, ["a"])
 
 
-def test_a_comment_that_looks_like_a_row_is_a_comment(read):
+def test_comment_resembling_row_is_skipped(read):
     found = read("note,time [s],a [um/m]\nx,0,1\n# out,1,2\ny,2,3\n", ["a"])
     np.testing.assert_array_equal(found.time, [0, 2])
     assert found.place(1).endswith(":4")
 
 
-def test_names_in_a_stated_line_and_in_a_comment(read):
+def test_header_line_setting_and_comment_header(read):
     body = "0,1.5,-2\n0.001,2.5,-3\n0.002,3.5,-4\n"
     expect_plain(read("logger 7\nrate;1000\n\ntime [s],a [um/m],b [um/m]\n" + body, form=TextFormat(header_line=4)))
     expect_plain(read("# time [s],a [um/m],b [um/m]\n" + body, form=TextFormat(header_line=1)))
@@ -94,13 +94,13 @@ def test_names_in_a_stated_line_and_in_a_comment(read):
         read("# time [s],a [um/m],b [um/m]\n" + body)
 
 
-def test_a_channel_is_asked_for_with_or_without_its_unit(read):
+def test_channel_name_with_or_without_unit(read):
     found = read(PLAIN, ["a [um/m]", "b"])
     assert list(found.channels) == ["a [um/m]", "b"]
     assert found.units["a [um/m]"] == "um/m"
 
 
-def test_brackets_that_hold_no_unit_belong_to_the_name(read):
+def test_brackets_without_unit_belong_to_name(read):
     found = read("time [s],gauge (left),strain[0],strain[1]\n0,1,2,3\n1,4,5,6\n", ["gauge (left)", "strain[1]"])
     assert found.units == {"gauge (left)": None, "strain[1]": None}
     np.testing.assert_array_equal(found.channels["strain[1]"], [3, 6])
@@ -108,7 +108,7 @@ def test_brackets_that_hold_no_unit_belong_to_the_name(read):
 
 @pytest.mark.parametrize("block", [64, 100, 129, 1 << 22])
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
-def test_blocks_leave_no_seam(read, monkeypatch, block, end):
+def test_block_size_does_not_change_result(read, monkeypatch, block, end):
     monkeypatch.setattr(csv_file, "BLOCK", block)
     rng = np.random.default_rng(1)
     a = np.where(rng.random(300) < 0.1, np.nan, rng.normal(size=300))
@@ -153,7 +153,7 @@ def test_faults_are_named_with_their_line_and_a_remedy(read, fault):
         read(content)
 
 
-def test_the_unit_of_time_is_stated_or_in_the_file_and_never_two(read):
+def test_time_unit_in_config_or_file(read):
     np.testing.assert_allclose(read("time,a\n0,1\n1,2\n", ["a"], time_unit="ms").time, [0, 1e-3])
     with pytest.raises(UserError, match="the time unit is s in the config, but ms in the file"):
         read("time [ms],a\n0,1\n1,2\n", ["a"], time_unit="s")

@@ -44,7 +44,7 @@ def test_vectors_fields_of_structs_and_their_units(rig):
     assert found.units == {"top": "N", "rig.G1": "um/m", "rig.G2": None, "rig.deep.a": "mV/V"}
 
 
-def test_the_same_as_pymatreader(rig):
+def test_mat_matches_pymatreader(rig):
     from pymatreader import read_mat
 
     theirs = read_mat(rig)
@@ -57,7 +57,7 @@ def test_the_same_as_pymatreader(rig):
     np.testing.assert_array_equal(ours["all(:,2)"], theirs["all"][:, 1])
 
 
-def test_columns_and_rows_count_from_one(rig):
+def test_mat_columns_and_rows(rig):
     found = read(rig, ["all(:,3)", "all(:, 2)"], time="all(:,1)", time_unit="ms")
     np.testing.assert_allclose(found.time, T, atol=1e-15)
     np.testing.assert_array_equal(found.channels["all(:,3)"], 2 * A)
@@ -86,7 +86,7 @@ def test_one_number_is_the_interval_or_the_rate(rig):
         ("all(:,4)", r"'all\(:,4\)' does not exist: the matrix size is 400", "numbered from 1"),
     ],
 )
-def test_what_is_no_vector_is_refused(rig, name, said, remedy):
+def test_nonvector_variables_are_refused(rig, name, said, remedy):
     with expect_refusal(UserError, said, remedy=remedy):
         read(rig, [name], time="t", time_unit="s")
 
@@ -126,7 +126,7 @@ def a_table(file):
         (lambda file: file.create_dataset("a", (1, 10**12), float, chunks=(1, 1000)), "'a' has 1000000000000 samples"),
     ],
 )
-def test_what_version_73_may_hide_is_refused(tmp_path, fill, said):
+def test_invalid_version_73_variables_are_refused(tmp_path, fill, said):
     path = mat73(tmp_path / "a.mat", {"t": T})
     with h5py.File(path, "r+") as file:
         fill(file)
@@ -134,6 +134,6 @@ def test_what_version_73_may_hide_is_refused(tmp_path, fill, said):
         read(path, ["a"], time="t", time_unit="s")
 
 
-def test_lengths_that_differ(rig):
+def test_different_lengths_are_refused(rig):
     with pytest.raises(UserError, match="'dt' has 1 samples, but the clock has 400"):
         read(rig, ["top", "dt"], time="t", time_unit="s")

@@ -82,7 +82,7 @@ def unsorted(path):
 
 
 @pytest.mark.parametrize("make", [zipped, not_finalized, unsorted])
-def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
+def test_mdf_reading_leaves_no_files(tmp_path, temporary, make):
     path = make(tmp_path / ("a.zip" if make is zipped else "a.mf4"))
     there = sorted(os.listdir(tmp_path))
     content = path.read_bytes()
@@ -104,7 +104,7 @@ def test_nothing_is_left_behind_a_file_that_is_read(tmp_path, temporary, make):
         (lambda path: path.write_bytes(zipped(path).read_bytes()[:900]) and path, "cannot be read as MDF: .*zip"),
     ],
 )
-def test_an_archive_that_is_refused_leaves_nothing(tmp_path, temporary, make, message):
+def test_refused_archive_leaves_no_files(tmp_path, temporary, make, message):
     path = make(tmp_path / "a.zip")
     with pytest.raises(UserError, match=message):
         read_binary("mdf", path, ["G1"], sandboxed=False)
@@ -120,7 +120,7 @@ reader.answer_for("mdf")
 """A reader that does not come back from an open file."""
 
 
-def test_a_reader_that_is_killed_leaves_nothing(tmp_path, temporary, monkeypatch):
+def test_killed_reader_leaves_no_files(tmp_path, temporary, monkeypatch):
     monkeypatch.setattr(reader, "COMMAND", [sys.executable, "-P", "-c", HANGS])
     monkeypatch.setitem(reader.LIBRARIES, "mdf", replace(reader.LIBRARIES["mdf"], seconds=1.0))
     monkeypatch.setattr(processes, "LONGER", 1.0)

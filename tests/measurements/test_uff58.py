@@ -97,7 +97,7 @@ NONE
 
 @pytest.mark.parametrize("end", ["\n", "\r\n"])
 @pytest.mark.parametrize("name", ["101:-2", "101:-Y", "Gauge at the root"])
-def test_a_file_written_by_hand(read, name, end):
+def test_handwritten_uff58_is_read(read, name, end):
     # A number of thirteen signs touches its neighbour, and Fortran drops the E of three-digit exponents.
     content = HAND.replace("-4.00000E+100", "-4.0000E+100 ").replace("\n", end)
     found = read(content, [name])
@@ -109,7 +109,7 @@ def test_a_file_written_by_hand(read, name, end):
 @pytest.mark.parametrize("data", [2, 4])
 @pytest.mark.parametrize("even", [1, 0])
 @pytest.mark.parametrize("count", [2, 3, 6, 24, 101])
-def test_every_form_of_real_text(read, data, even, count):
+def test_all_uff58_text_formats(read, data, even, count):
     found = read(text(A[:count], data=data, even=even, time=UNEVEN[:count], step=1e-3 if even else 0.0))
     np.testing.assert_allclose(found.channels["12:3"], A[:count], rtol=1e-12 if data == 4 else 1e-5)
     np.testing.assert_allclose(found.time, 1e-3 * np.arange(count) if even else UNEVEN[:count], rtol=1e-5)
@@ -118,7 +118,7 @@ def test_every_form_of_real_text(read, data, even, count):
 @pytest.mark.parametrize("order", ["<", ">"])
 @pytest.mark.parametrize("newline", [b"", b"\n", b"\r\n"])
 @pytest.mark.parametrize(("data", "time_type"), [(2, None), (2, "f4"), (4, None), (4, "f4"), (4, "f8")])
-def test_every_form_of_real_binary(read, data, order, newline, time_type):
+def test_all_uff58_binary_formats(read, data, order, newline, time_type):
     uneven = {} if time_type is None else {"time": UNEVEN, "time_type": time_type}
     # Values that look like the end of a line and of a dataset must not end it.
     values = np.concatenate([A[2:], np.frombuffer(b"\n    -1\n    -1\n\n", "<f8")])
@@ -143,7 +143,7 @@ def test_units_from_the_label_or_from_si(read):
     assert list(read(UNITS_SI + "".join(functions), names).units.values()) == ["m/s2", "g", None, "mV/V", "N"]
 
 
-def test_the_time_is_in_seconds_unless_its_label_says_otherwise(read):
+def test_uff58_time_unit_from_label(read):
     np.testing.assert_allclose(read(text(A, time_label="ms", step=2.0)).time, 2e-3 * np.arange(101))
     np.testing.assert_allclose(read(text(A, time_label="Seconds")).time, 1e-3 * np.arange(101))
     with pytest.raises(UserError, match="the time unit is ms in the config, but s in the file"):
@@ -152,7 +152,7 @@ def test_the_time_is_in_seconds_unless_its_label_says_otherwise(read):
         read(text(A, time_label="rpm"))
 
 
-def test_functions_of_the_same_name_are_asked_for_by_their_id_lines(read):
+def test_ambiguous_functions_use_id_lines(read):
     content = text(A, id_line="left") + text(2 * A, id_line="right")
     np.testing.assert_allclose(read(content, ["right"]).channels["right"], 2 * A, rtol=1e-5)
     with pytest.raises(UserError, match="'12:3' is the name of 2 functions: 'left',"):
@@ -205,7 +205,7 @@ def test_channels_of_two_clocks_are_refused(read):
         read(TEXT, [])
 
 
-def test_functions_that_are_not_asked_for_may_be_anything(read):
+def test_unrequested_functions_are_not_checked(read):
     complex_text = (
         "    -1\n    58\n" + head(2, node=7, data=5, kind=4, abscissa=18) + "  1.00000E+00" * 4 + "\n    -1\n"
     )
@@ -216,7 +216,7 @@ def test_functions_that_are_not_asked_for_may_be_anything(read):
 
 @pytest.mark.parametrize("coded", [0, 1])
 @pytest.mark.parametrize("even", [0, 1])
-def test_what_pyuff_writes_comes_back(tmp_path, coded, even):
+def test_pyuff_roundtrip(tmp_path, coded, even):
     pyuff = pytest.importorskip("pyuff")
     t = 2 + np.arange(101) / 1024
     writer = pyuff.UFF(str(tmp_path / "test.uff"))

@@ -15,14 +15,14 @@ from ...refusals import expect_refusal, refusal_table
 from .conftest import DATA, FORMER, NEW, OLD, REAL, check_same
 
 
-def test_every_format_that_gmsh_writes_gives_the_same_mesh():
+def test_all_gmsh_formats_give_same_mesh():
     meshes = [read_gmsh(path) for path in REAL]
     assert len(meshes) == 4
     for mesh in meshes[1:]:
         check_same(mesh, meshes[0])
 
 
-def test_volumes_of_named_solids_are_those_of_the_geometry():
+def test_gmsh_volumes_match_geometry():
     mesh = read_gmsh(REAL[0])
     (block,) = mesh.blocks
     x = mesh.position[block.nodes[:, :4]]
@@ -38,7 +38,7 @@ def test_volumes_of_named_solids_are_those_of_the_geometry():
 
 
 @pytest.mark.parametrize("path", REAL, ids=lambda path: path.stem)
-def test_connectivity_is_what_meshio_reads(path):
+def test_connectivity_matches_meshio(path):
     mesh, other = read_gmsh(path), meshio.read(path)
     expected = np.concatenate([other.points[b.data] for b in other.cells if b.type == "tetra10"])
     own = mesh.position[np.concatenate([b.nodes for b in mesh.blocks])]
@@ -69,7 +69,7 @@ def test_windows_line_ends_and_blank_lines_change_nothing(read):
 
 
 @pytest.mark.parametrize("order", "<>")
-def test_binary_of_either_byte_order(read, order):
+def test_both_byte_orders_of_binary(read, order):
     def section(name, body):
         return b"$" + name + b"\n" + body + b"\n$End" + name + b"\n"
 
@@ -88,7 +88,7 @@ def test_binary_of_either_byte_order(read, order):
     assert (mesh.blocks[0].ids.tolist(), mesh.blocks[0].region.tolist()) == ([6], [9])
 
 
-def test_parameters_of_nodes_on_their_entities_are_left(read):
+def test_parametric_nodes_are_read(read):
     parametric = NEW.replace("2 1 0 3\n", "2 1 1 3\n")
     for row in ("0 0 0\n", "1 0 0\n", "0 1 0\n"):
         parametric = parametric.replace("\n" + row, "\n" + row[:-1] + " 0.5 0.25\n", 1)
@@ -136,7 +136,7 @@ def test_sections_that_are_not_imported_are_counted(read):
     check_same(read(extra), read(OLD))
 
 
-test_what_is_wrong_is_named_with_its_line = refusal_table(str.replace, [
+test_errors_have_line = refusal_table(str.replace, [
     (OLD, "7 30 4 5\n", "7 30 4 6\n", r"element 8 \(4-node tetrahedron\) refers to node 6", 21),
     (OLD, "\n4 0 0 1", "\n7 0 0 1", "node id 7 is used twice", 14),
     (OLD, "2 7 30 4 5", "2 10 30 4 7", r"element 8 \(tet4\): the same nodes as element 6 \(tet4\) at ", 21),
@@ -163,7 +163,7 @@ test_what_is_wrong_is_named_with_its_line = refusal_table(str.replace, [
         (29, 20, "20-node tetrahedron", "Mesh.ElementOrder = 2"),
     ],
 )
-def test_solids_that_are_not_supported_are_refused_with_the_way_out(read, number, nodes, name, remedy):
+def test_unsupported_solids_are_refused_with_remedy(read, number, nodes, name, remedy):
     extra = f"17 {number} 0 " + " ".join(["10"] * nodes)
     with expect_refusal(DeckError, name, remedy=remedy) as error:
         read(OLD.replace("$Elements\n3", "$Elements\n4").replace("$EndEl", extra + "\n$EndEl"))

@@ -45,7 +45,7 @@ def test_a_blank_property_id_is_the_element_id(read, tetrahedron):
         ("MAT1,1,2.1+11,1.+11,.3", 2.1e11, 0.3, 0.0, "MAT1 1: G = 1e+11 is 1.238 times E/2(1 + NU)"),
     ],
 )
-def test_two_elastic_constants_give_the_third_and_a_solid_has_e_and_nu_whatever_g_says(
+def test_mat1_completes_third_elastic_constant(
     read, tetrahedron, mat1, E, nu, rho, doubt
 ):
     mesh = read(tetrahedron.replace("MAT1,1,2.1+11,,.3,7850.", mat1))
@@ -56,7 +56,7 @@ def test_two_elastic_constants_give_the_third_and_a_solid_has_e_and_nu_whatever_
 
 
 @pytest.mark.parametrize("kind", OWN)
-def test_left_handed_solids_are_turned_round(read, kind):
+def test_left_handed_solids_are_corrected(read, kind):
     """A mirrored solid weighs the same, about the mirrored centre, and its nodes stay where they are."""
     right = read("BEGIN BULK\n" + one_element(kind))
     left = read("BEGIN BULK\n" + one_element(kind, [1, 1, -1]))
@@ -71,7 +71,7 @@ def test_left_handed_solids_are_turned_round(read, kind):
     assert note.startswith("left-handed node order corrected in 1 solid element of 1: C")
 
 
-def test_only_what_is_left_handed_is_turned_round(read, tetrahedron):
+def test_only_left_handed_solids_are_corrected(read, tetrahedron):
     mesh = read(tetrahedron + "GRID,20,,1.,1.,1.\nCTETRA,5,1,2,4,3,20\n")
     assert mesh.blocks[0].nodes[0].tolist() == [0, 1, 2, 3]
     x = mesh.position[mesh.blocks[0].nodes]
@@ -80,7 +80,7 @@ def test_only_what_is_left_handed_is_turned_round(read, tetrahedron):
 
 
 @pytest.mark.parametrize("form", ["PARAM,WTMASS,.5", "  param, wtmass, .5", "PARAM WTMASS = .5"])
-def test_wtmass_of_the_case_control_counts(read, tetrahedron, form):
+def test_wtmass_in_case_control_is_used(read, tetrahedron, form):
     deck = f"SOL 103\nCEND\n{form}\nBEGIN BULK\n{tetrahedron}CONM2,90,4,,3.\n"
     mesh = read(deck + "PARAM,WTMASS,.5\nENDDATA\n")
     assert (mesh.materials[1].density, mesh.point_masses[0].mass) == (3925.0, 1.5)
@@ -89,7 +89,7 @@ def test_wtmass_of_the_case_control_counts(read, tetrahedron, form):
         read(deck + "PARAM,WTMASS,.2\nENDDATA\n")
 
 
-test_what_is_wrong_is_named_with_file_and_line = refusal_table(TETRAHEDRON.replace, [
+test_errors_have_file_and_line = refusal_table(TETRAHEDRON.replace, [
     ("GRID,4,,0.,0.,1.", "GRID,3,,0.,0.,1.", "node id 3 is used twice .*deck.bdf:3", 4),
     ("GRID,4,,0.,0.,1.", "GRID,4,,0.,0.,one", "'one', not a number", 4),
     ("GRID,4,,0.,0.,1.", "GRDSET,,5\nGRID,4,,0.,0.,1.", "coordinate system 5 is not a CORD1 or CORD2 of the deck", 1),
@@ -113,7 +113,7 @@ test_what_is_wrong_is_named_with_file_and_line = refusal_table(TETRAHEDRON.repla
 ])
 
 
-def test_every_node_element_and_tie_knows_its_line(read, tetrahedron, tmp_path):
+def test_nodes_elements_and_ties_have_source_lines(read, tetrahedron, tmp_path):
     text = tetrahedron + "GRID,50,,5.,5.,5.\nRBE3,98,,50,123,1.,123,1,2\n+,3\nRBE2,99,50,456,4\n"
     (tmp_path / "more.bdf").write_text("$\nGRID,60,,1.,1.,1.\nCTETRA,3,1,2,3,4,60\n")
     mesh = read(text + "INCLUDE 'more.bdf'\n")
@@ -127,7 +127,7 @@ def test_every_node_element_and_tie_knows_its_line(read, tetrahedron, tmp_path):
 @pytest.mark.parametrize(
     ("lacking", "instead"), [("MAT1", ""), ("PSOLID", ""), ("MAT1", "MAT1,1"), ("MAT1", "MAT1,1,,,,7850.")]
 )
-def test_materials_may_be_left_to_the_config(tmp_path, tetrahedron, lacking, instead):
+def test_materials_may_come_from_config(tmp_path, tetrahedron, lacking, instead):
     text = "\n".join(instead if line.startswith(lacking) else line for line in tetrahedron.splitlines())
     (tmp_path / "a.bdf").write_text(text)
     mesh = read_nastran(tmp_path / "a.bdf", materials_required=False)

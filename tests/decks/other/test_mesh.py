@@ -55,7 +55,7 @@ def write(tmp_path):
 
 @pytest.mark.parametrize("name", ["part.vtu", "part.vtk"])
 @pytest.mark.parametrize("kind", SOLIDS)
-def test_vtk_wedges_point_away_from_their_far_triangle_and_others_do_not(tmp_path, name, kind):
+def test_vtk_wedge_orientation(tmp_path, name, kind):
     grid(kind, nodes_of(kind, mirrored=kind.startswith("wedge"))).save(tmp_path / name)
     mesh = read_meshio(tmp_path / name)
     check_element(mesh, kind)
@@ -63,7 +63,7 @@ def test_vtk_wedges_point_away_from_their_far_triangle_and_others_do_not(tmp_pat
 
 
 @pytest.mark.parametrize("kind", ["wedge6", "wedge15"])
-def test_wedges_of_the_other_convention_are_turned_round_and_reported(tmp_path, kind):
+def test_mirrored_wedges_are_corrected(tmp_path, kind):
     grid(kind, nodes_of(kind)).save(tmp_path / "part.vtu")
     mesh = read_meshio(tmp_path / "part.vtu")
     check_element(mesh, kind)
@@ -72,7 +72,7 @@ def test_wedges_of_the_other_convention_are_turned_round_and_reported(tmp_path, 
 
 @pytest.mark.parametrize("mirrored", [True, False], ids=["as Salome writes", "as meshio writes"])
 @pytest.mark.parametrize("kind", WRITTEN)
-def test_med_counts_every_solid_the_other_way_round(write, kind, mirrored):
+def test_med_solids_are_mirrored(write, kind, mirrored):
     x = nodes_of(kind, mirrored)
     mesh = read_meshio(write("part.med", [(SOLIDS[kind].meshio, [np.arange(len(x))])], x))
     check_element(mesh, kind)
@@ -86,7 +86,7 @@ FORMATS = {
 
 
 @pytest.mark.parametrize(("name", "kind"), [(name, kind) for name, kinds in FORMATS.items() for kind in kinds])
-def test_what_meshio_writes_comes_back(write, name, kind):
+def test_meshio_roundtrip(write, name, kind):
     x = nodes_of(kind)
     check_element(read_meshio(write(name, [(SOLIDS[kind].meshio, [np.arange(len(x))])], x)), kind)
 
@@ -113,7 +113,7 @@ def test_numbers_regions_and_sets_are_data_of_the_grid(tmp_path, name, binary, d
     assert mesh.notes == ("regions are defined by the cell data MaterialIds",)
 
 
-def test_without_data_everything_counts_from_one_and_is_one_region(write):
+def test_mesh_without_data_has_default_ids_and_region(write):
     mesh = read_meshio(write("part.vtu"))
     assert (mesh.node_ids.tolist(), mesh.blocks[0].ids.tolist()) == ([1, 2, 3, 4, 5], [1, 2])
     assert {i: r.name for i, r in mesh.regions.items()} == {1: "solids"}
@@ -122,7 +122,7 @@ def test_without_data_everything_counts_from_one_and_is_one_region(write):
     assert mesh.origin == {}
 
 
-def test_the_data_that_say_the_regions_can_be_named(write):
+def test_region_data_can_be_selected(write):
     path = write("part.vtu", cell_data={"region": [[1, 2], [0]], "layer": [[7, 8], [0]], "x": [[0.5, 1.5], [0.0]]})
     assert read_meshio(path).blocks[0].region.tolist() == [1, 2]
     assert read_meshio(path, "layer").blocks[0].region.tolist() == [7, 8]
@@ -146,7 +146,7 @@ def test_families_of_med_are_regions_and_sets_by_name(tmp_path):
     assert mesh.ignored == {}
 
 
-def test_other_files_of_an_xdmf_mesh_are_named_and_may_not_lie_elsewhere(write, tmp_path):
+def test_xdmf_data_files_must_be_in_folder(write, tmp_path):
     path = write("part.xdmf")
     assert read_meshio(path).included == (str(tmp_path / "part.h5"),)
     (tmp_path / "deep").mkdir()
@@ -186,13 +186,13 @@ def test_what_cannot_be_imported_is_refused(write, name, cells, points, message)
 
 @pytest.mark.parametrize("name", ["Polyhedron", "QuadraticPyramid", "HexagonalPrism"])
 @pytest.mark.parametrize("suffix", [".vtu", ".vtk"])
-def test_cells_that_meshio_would_drop_are_refused(tmp_path, name, suffix):
+def test_unsupported_meshio_cells_are_refused(tmp_path, name, suffix):
     getattr(pyvista.examples.cells, name)().save(tmp_path / f"part{suffix}")
     with pytest.raises(DeckError):
         read_meshio(tmp_path / f"part{suffix}")
 
 
-def test_a_file_in_pieces_is_refused_because_only_one_would_be_read(write):
+def test_vtu_with_pieces_is_refused(write):
     path = write("part.vtu")
     text = path.read_text()
     piece = text[text.index("<Piece") : text.index("</Piece>") + len("</Piece>")]
@@ -214,7 +214,7 @@ VTK = "# vtk DataFile Version 4.2\nx\nASCII\nDATASET"
         ("part.step", "ISO-10303-21;", ".step is not a known mesh file ending"),
     ],
 )
-def test_other_files_are_refused_without_a_word_from_meshio(tmp_path, capfd, name, content, message):
+def test_invalid_files_produce_no_meshio_output(tmp_path, capfd, name, content, message):
     path = tmp_path / name
     path.write_text(content)
     with pytest.raises(DeckError, match=message):
@@ -234,7 +234,7 @@ def test_voxels_are_hexahedra(tmp_path, name):
     np.testing.assert_allclose(corners[:, 6] - corners[:, 0], [[0.1, 0.2, 0.3]] * 6, atol=1e-6)
 
 
-def test_the_other_file_of_a_tetgen_mesh_may_not_lie_elsewhere(write, tmp_path):
+def test_tetgen_files_must_be_in_folder(write, tmp_path):
     path = write("part.node", CELLS[:1])
     assert read_meshio(path).included == (str(tmp_path / "part.ele"),)
     (tmp_path / "mesh").mkdir()

@@ -51,7 +51,7 @@ def written(tmp_path, *datasets, name="run.unv"):
     return path
 
 
-def test_what_pyuff_writes(tmp_path):
+def test_pyuff_modes_are_read(tmp_path):
     import pyuff
 
     path = tmp_path / "run.uff"
@@ -71,7 +71,7 @@ def test_what_pyuff_writes(tmp_path):
     assert not second.along_node_axes
 
 
-def test_datasets_of_both_kinds_among_others(tmp_path):
+def test_universal_datasets_55_and_2414(tmp_path):
     path = written(
         tmp_path,
         MESH,
@@ -92,7 +92,7 @@ def test_datasets_of_both_kinds_among_others(tmp_path):
     assert [r.label for r in found[:2]] == ["plate", "plate"]
 
 
-def test_shapes_of_a_test_may_be_accelerations(tmp_path):
+def test_universal_shapes_may_be_accelerations(tmp_path):
     found = list(read_responses(written(tmp_path, dataset55(kind=12), dataset55(analysis=1, kind=12))))
     assert [r.kind for r in found] == ["mode"]
 
@@ -110,7 +110,7 @@ def test_shapes_of_a_test_may_be_accelerations(tmp_path):
         ("text\n", "expected the start of a dataset"),
     ],
 )
-def test_what_is_refused_comes_with_line_and_remedy(tmp_path, dataset, said):
+def test_invalid_universal_files_are_refused(tmp_path, dataset, said):
     with expect_refusal(DeckError, said, remedy="") as caught:
         list(read_responses(written(tmp_path, dataset)))
     assert "run.unv:" in caught.value.where
